@@ -1,0 +1,51 @@
+"""The one exception a user can cause: a sentence with file, line, column and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+__all__ = ["InputError"]
+
+
+class InputError(ValueError):
+    """Bad input, said in one sentence.
+
+    Arguments: `problem` (what is wrong), `remedy` (what to change), and where: `path`, `line` and `column`
+    (both counted from 1) as far as they are known. `str(error)` is ready to be printed to the user.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        remedy: str = "",
+        path: Path | str | None = None,
+        line: int | None = None,
+        column: int | None = None,
+    ) -> None:
+        self.problem = problem.rstrip(".")
+        self.remedy = remedy.rstrip(".")
+        self.path = None if path is None else Path(path)
+        self.line = line
+        self.column = column
+        super().__init__(self._sentence())
+
+    def at(self, path: Path | str | None, line: int | None = None, column: int | None = None) -> InputError:
+        """The same error with its place filled in where it was still unknown."""
+        return InputError(
+            self.problem,
+            remedy=self.remedy,
+            path=self.path or path,
+            line=self.line if self.line is not None else line,
+            column=self.column if self.column is not None else column,
+        )
+
+    def _sentence(self) -> str:
+        place = "" if self.path is None else str(self.path)
+        if self.line is not None:
+            place += f"{', ' if place else ''}line {self.line}"
+        if self.column is not None:
+            place += f", column {self.column}"
+        text = f"{place}: {self.problem}" if place else self.problem
+        text = f"{text}; {self.remedy}." if self.remedy else f"{text}."
+        return " ".join(text.split())

@@ -1,0 +1,34 @@
+"""Instruments: what each one reads, what it does not know about itself. One file and one line of the table each."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from symfive.errors import InputError
+from symfive.instruments._base import Column, Instrument
+from symfive.instruments.ball_bar import BallBar
+from symfive.instruments.displacement import Displacement
+from symfive.instruments.drive_force import DriveForce
+from symfive.instruments.encoder import Encoder
+from symfive.instruments.grid_encoder import GridEncoder
+from symfive.instruments.laser import Laser
+from symfive.instruments.r_test import RTest
+from symfive.instruments.tracker import Tracker
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+
+__all__ = ["INSTRUMENTS", "Column", "Instrument", "instruments_of"]
+
+INSTRUMENTS: dict[str, Instrument] = {
+    instrument.name: instrument
+    for instrument in (BallBar(), RTest(), GridEncoder(), Displacement(), Laser(), Encoder(), DriveForce(), Tracker())
+}
+
+
+def instruments_of(run: Run) -> tuple[Instrument, ...]:
+    """The instruments of a run. Raises `InputError` for a name that is not in the table."""
+    for name in run.instrument:
+        if name not in INSTRUMENTS:
+            raise InputError(f"instrument {name!r} is unknown", remedy=f"use one of {', '.join(INSTRUMENTS)}")
+    return tuple(INSTRUMENTS[name] for name in run.instrument)

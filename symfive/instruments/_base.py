@@ -1,0 +1,77 @@
+"""The contract of an instrument: its columns, its own unknowns, its reading of a row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from symfive.errors import InputError
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+    from symfive.machine import Machine
+    from symfive.model._row import Row
+    from symfive.motion import Signal
+
+__all__ = ["ZERO_SIGMA_UM", "Column", "Instrument", "setup_parameter", "setup_vector"]
+
+Symbol = Any
+ZERO_SIGMA_UM = 1e4
+"""Prior 1σ of an instrument's unknown zero: 10 mm, far more than any sensor's range."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A reading column of a CSV: internal value (mm, rad, …) = `scale` × the number in the file."""
+
+    name: str
+    unit: str
+    scale: float
+
+
+class Instrument:
+    """Base of all instruments; a subclass is one file and one line in the table of `symfive.instruments`."""
+
+    name: ClassVar[str]
+
+    def check(self, run: Run, machine: Machine) -> None:
+        """Raise `InputError` where the run lacks what the instrument needs."""
+
+    def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
+        """Its reading columns in the order of `reading`."""
+        raise InputError(f"instrument {self.name} has no columns")
+
+    def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
+        """Its nuisances and quantities to be found, all named `setup.RUN.…` or `AXIS quantity`."""
+        return ()
+
+    def constants(self, run: Run, machine: Machine) -> Mapping[str, float]:
+        """Numbers of the run that enter the reading, by name (mm, rad)."""
+        return {}
+
+    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
+        """Signals it reads beside the axis positions."""
+        return ()
+
+    def reading(self, row: Row, run: Run) -> list[Symbol]:
+        """The readings in internal units, one per column."""
+        raise InputError(f"instrument {self.name} has no reading")
+
+
+def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: float) -> Parameter:
+    """A run's own nuisance `setup.RUN.name`."""
+    return Parameter(name=f"setup.{run.id}.{name}", unit=unit, sigma=sigma, kind="setup", run=run.id, **more)
+
+
+def setup_vector(run: Run, name: str, sigma: float) -> tuple[Parameter, ...]:
+    """Three of them, µm; none where `sigma` is 0 (the position is taken as exact)."""
+    if sigma == 0.0:
+        return ()
+    return tuple(setup_parameter(run, f"{name}.{c}", "um", sigma) for c in "xyz")
+
+
+def vector_constants(name: str, vector: tuple[float, float, float]) -> dict[str, float]:
+    """Three constants `name.x`, `name.y`, `name.z`."""
+    return {f"{name}.{c}": float(value) for c, value in zip("xyz", vector, strict=True)}

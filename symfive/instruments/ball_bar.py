@@ -1,0 +1,49 @@
+"""Double ball bar: `|d - table_ball| - length` (ISO 230-4)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from symfive.errors import InputError
+from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+    from symfive.machine import Machine
+    from symfive.model._row import Row
+
+
+class BallBar(Instrument):
+    """Change of the distance between two balls, µm; nuisances: both balls and the bar's length."""
+
+    name = "ball_bar"
+
+    def check(self, run: Run, machine: Machine) -> None:
+        if run.length is None:
+            raise InputError(f"run {run.id}: a ball bar needs its length", remedy="add length = … in mm")
+
+    def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
+        return (Column("dL_um", "um", 1e-3),)
+
+    def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
+        sigma = run.setup_sigma_um
+        length = (setup_parameter(run, "length", "um", sigma.length),) if sigma.length else ()
+        return (
+            *setup_vector(run, "table_ball", sigma.table_ball),
+            *setup_vector(run, "tool_ball", sigma.tool_ball),
+            *length,
+        )
+
+    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
+        return {
+            **vector_constants("table_ball", run.table_ball),
+            **vector_constants("tool_ball", run.tool_ball),
+            "length": float(run.length or 0.0),
+        }
+
+    def reading(self, row: Row, run: Run) -> list[Any]:
+        error = row.parameter("setup.length") if row.has("setup.length") else 0.0
+        return [ca.norm_2(row.ball - row.table_ball) - (row.constant("length") + error)]

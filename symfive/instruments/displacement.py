@@ -1,0 +1,99 @@
+"""One-dimensional displacement sensors fixed to the machine, seeing a ball, a disc's rim or its face (ISO 230-7)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from symfive.errors import InputError
+from symfive.instruments._base import Column, Instrument, setup_parameter
+from symfive.motion import Command
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+    from symfive.machine import Machine
+    from symfive.model._row import Row
+
+TARGETS = ("ball", "rim", "face")
+ZERO_SIGMA_UM = 1e5
+
+
+class Displacement(Instrument):
+    """`s_k = gain_k · direction_k · (displacement of the table at position_k) + form + zero_k`, µm.
+
+    `sensors = [{ direction = [1, 0, 0], position = [150, 0, 0], on = "machine", target = "rim", gain_sigma = 0.01 }]`.
+    The displacement is that of the table's material at the sensor: W(real)·W(nominal)⁻¹·p - p. On a rim or a face the
+    artefact's own form is a Fourier series of order `form_order` (default 2) in the table's angle under the sensor, common to
+    all sensors on the same target: the order-1 part is the eccentricity (rim) or the swash (face) of the artefact.
+    `form_axis` names the axis that turns it. Gains have the prior 1 ± `gain_sigma` (default exact).
+    """
+
+    name = "displacement"
+
+    def check(self, run: Run, machine: Machine) -> None:
+        sensors = run.options.get("sensors")
+        if not isinstance(sensors, (list, tuple)) or not sensors:
+            raise InputError(f"run {run.id}: there are no sensors", remedy="add sensors = [{ direction = …, position = … }]")
+        for sensor in sensors:
+            if not {"direction", "position"} <= set(sensor):
+                raise InputError(f"run {run.id}: a sensor lacks direction or position", remedy="give both, in mm")
+            if sensor.get("on", "machine") != "machine" or sensor.get("target", "ball") not in TARGETS:
+                raise InputError(
+                    f"run {run.id}: a sensor stands on something unknown",
+                    remedy=f'use on = "machine" and target = one of {", ".join(TARGETS)}',
+                )
+
+    def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
+        return tuple(Column(f"s{k + 1}_um", "um", 1e-3) for k in range(len(run.options["sensors"])))
+
+    def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
+        found = []
+        for k, sensor in enumerate(run.options["sensors"], start=1):
+            found.append(setup_parameter(run, f"zero.s{k}", "um", ZERO_SIGMA_UM))
+            if sensor.get("gain_sigma"):
+                found.append(setup_parameter(run, f"gain.s{k}", "1", float(sensor["gain_sigma"]), mean=1.0))
+        sigma = float(run.options.get("form_sigma_um", 100.0))
+        for target in self._targets(run):
+            for order in range(1, self._order(run) + 1):
+                found += [setup_parameter(run, f"form.{target}.{f}{order}", "um", sigma) for f in ("cos", "sin")]
+        return tuple(found)
+
+    def signals(self, run: Run, machine: Machine) -> tuple[Command, ...]:
+        return tuple(Command(name) for name in machine.axis_names)
+
+    @staticmethod
+    def _targets(run: Run) -> tuple[str, ...]:
+        seen = [s.get("target", "ball") for s in run.options["sensors"]]
+        return tuple(t for t in ("rim", "face") if t in seen)
+
+    @staticmethod
+    def _order(run: Run) -> int:
+        return int(run.options.get("form_order", 2))
+
+    def reading(self, row: Row, run: Run) -> list[Any]:
+        commanded = {name: row.signal(Command(name)) for name in row.machine.axis_names}
+        nominal, _ = row.nominal_poses(commanded)
+        actual, _ = row.poses
+        readings = []
+        for k, sensor in enumerate(run.options["sensors"], start=1):
+            point, direction = ca.DM(list(sensor["position"])), ca.DM(list(sensor["direction"]))
+            moved = actual.apply(nominal.apply_inverse(point)) - row.shift - point
+            value = ca.dot(direction / ca.norm_2(direction), moved) + self._form(row, run, sensor)
+            gain = row.parameter(f"setup.gain.s{k}") if row.has(f"setup.gain.s{k}") else 1.0
+            readings.append(gain * value + row.parameter(f"setup.zero.s{k}"))
+        return readings
+
+    def _form(self, row: Row, run: Run, sensor: Any) -> Any:
+        target = sensor.get("target", "ball")
+        turning = run.options.get("form_axis") or next((n for n in row.machine.axis_names if row.machine.axes[n].rotary), None)
+        if target == "ball" or turning is None:
+            return ca.SX(0)
+        x, y = float(sensor["position"][0]), float(sensor["position"][1])
+        angle = row.axis[turning] + ca.atan2(y, x)
+        form = ca.SX(0)
+        for order in range(1, self._order(run) + 1):
+            form += row.parameter(f"setup.form.{target}.cos{order}") * ca.cos(order * angle)
+            form += row.parameter(f"setup.form.{target}.sin{order}") * ca.sin(order * angle)
+        return form

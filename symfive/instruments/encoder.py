@@ -1,0 +1,43 @@
+"""Encoder of the drive: the position that the control itself sees, before play and gear (ISO 230-4 Annex E)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from symfive.errors import InputError
+from symfive.instruments._base import Column, Instrument
+from symfive.motion import Position
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+    from symfive.machine import Machine
+    from symfive.model._row import Row
+
+
+class Encoder(Instrument):
+    """Actual positions `X_act_mm`, `C_act_deg` of the axes in `encoder_axes` (default: every driven axis of the machine).
+
+    With `motion_from = "encoder"` in the run the recording is not fitted but taken as the motion of the axes.
+    """
+
+    name = "encoder"
+
+    def axes(self, run: Run, machine: Machine) -> tuple[str, ...]:
+        """The axes whose positions were recorded."""
+        names = run.options.get("encoder_axes") or [n for n in machine.axis_names if machine.axes[n].drive is not None]
+        return tuple(names)
+
+    def check(self, run: Run, machine: Machine) -> None:
+        names = self.axes(run, machine)
+        if not names or any(name not in machine.axes for name in names):
+            raise InputError(f"run {run.id}: the encoder's axes are not known", remedy='add encoder_axes = ["X"] to the run')
+
+    def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
+        axes = [machine.axes[name] for name in self.axes(run, machine)]
+        return tuple(Column(f"{axis.name}_act_{axis.unit}", axis.unit, axis.to_internal) for axis in axes)
+
+    def signals(self, run: Run, machine: Machine) -> tuple[Position, ...]:
+        return tuple(Position(name) for name in self.axes(run, machine))
+
+    def reading(self, row: Row, run: Run) -> list[Any]:
+        return [row.signal(Position(name)) for name in self.axes(run, row.machine)]

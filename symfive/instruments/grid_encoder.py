@@ -1,0 +1,57 @@
+"""Grid (cross-grid) encoder: the tool's position in a plane fixed to the table (ISO 230-4; Wang & Li 2016)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from symfive.errors import InputError
+from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+    from symfive.machine import Machine
+    from symfive.model._row import Row
+
+ZERO_SIGMA_UM = 1e6
+
+
+class GridEncoder(Instrument):
+    """`d` projected on `u` and `v`, µm, from an unknown zero.
+
+    Nuisances: one zero per direction, the reading head's place on the tool and, where `setup_sigma_um.plate` (µrad) is
+    given, the plate's orientation about `table_ball`; its yaw is what reads as roll of an axis when lines are joined
+    (paper 1, (9)-(10)).
+    """
+
+    name = "grid_encoder"
+
+    def check(self, run: Run, machine: Machine) -> None:
+        if run.u is None or run.v is None:
+            raise InputError(f"run {run.id}: a grid encoder needs u and v", remedy="add u = [1.0, 0.0, 0.0] and v = …")
+
+    def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
+        return (Column("du_um", "um", 1e-3), Column("dv_um", "um", 1e-3))
+
+    def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
+        sigma = run.setup_sigma_um
+        zeros = tuple(setup_parameter(run, f"zero.{c}", "um", ZERO_SIGMA_UM) for c in "uv")
+        plate = tuple(setup_parameter(run, f"plate.{c}", "urad", sigma.plate) for c in "abc") if sigma.plate else ()
+        return (*setup_vector(run, "tool_ball", sigma.tool_ball), *zeros, *plate)
+
+    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
+        return {
+            **vector_constants("table_ball", run.table_ball),
+            **vector_constants("tool_ball", run.tool_ball),
+            **vector_constants("u", run.u or (1.0, 0.0, 0.0)),
+            **vector_constants("v", run.v or (0.0, 1.0, 0.0)),
+        }
+
+    def reading(self, row: Row, run: Run) -> list[Any]:
+        ball = row.ball
+        if row.has("setup.plate.a"):
+            angles = ca.vertcat(*(row.parameter(f"setup.plate.{c}") for c in "abc"))
+            ball = ball - ca.cross(angles, ball - row.vector("table_ball"))
+        return [ca.dot(row.vector(name), ball) + row.parameter(f"setup.zero.{name}") for name in ("u", "v")]

@@ -1,0 +1,63 @@
+"""Laser tracker: position of a reflector on the tool in the instrument's own frame."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from symfive.errors import InputError
+from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.kinematics import angles
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+    from symfive.machine import Machine
+    from symfive.model._row import Row
+
+LETTERS = ("x", "y", "z", "a", "b", "c")
+
+
+class Tracker(Instrument):
+    """`R·d + t` in mm, R = Rx(a) Ry(b) Rz(c); the placement (t, R) is unknown.
+
+    The run gives the rough `placement = [x, y, z, a, b, c]` (mm, degree) about which the six unknowns are estimated with
+    1σ of `placement_sigma = [mm, degree]` (default [1000, 10]). Where several runs share one placement they name it:
+    `placement_id`.
+    """
+
+    name = "tracker"
+
+    def check(self, run: Run, machine: Machine) -> None:
+        placement = run.options.get("placement", [0.0] * 6)
+        if len(placement) != 6:
+            raise InputError(f"run {run.id}: placement has {len(placement)} numbers", remedy="write [x, y, z, a, b, c]")
+
+    def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
+        return tuple(Column(f"{c}_mm", "mm", 1.0) for c in "xyz")
+
+    def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
+        linear, angular = run.options.get("placement_sigma", (1000.0, 10.0))
+        shared = run.options.get("placement_id")
+        found = []
+        for i, letter in enumerate(LETTERS):
+            unit, sigma = ("mm", linear) if i < 3 else ("deg", angular)
+            if shared:
+                found.append(Parameter(name=f"placement.{shared}.{letter}", unit=unit, sigma=sigma, kind="setup"))
+            else:
+                found.append(setup_parameter(run, f"placement.{letter}", unit, sigma))
+        return (*setup_vector(run, "tool_ball", run.setup_sigma_um.tool_ball), *found)
+
+    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
+        placement = [float(v) for v in run.options.get("placement", [0.0] * 6)]
+        scale = [1.0, 1.0, 1.0, *[3.141592653589793 / 180.0] * 3]
+        named = {f"placement.{c}": v * s for c, v, s in zip(LETTERS, placement, scale, strict=True)}
+        return {**vector_constants("tool_ball", run.tool_ball), **named}
+
+    def reading(self, row: Row, run: Run) -> list[Any]:
+        shared = run.options.get("placement_id")
+        prefix = f"placement.{shared}." if shared else "setup.placement."
+        p = [row.constant(f"placement.{c}") + row.parameter(prefix + c) for c in LETTERS]
+        position = angles(p[3], p[4], p[5]) @ row.ball + ca.vertcat(p[0], p[1], p[2])
+        return list(ca.vertsplit(position))

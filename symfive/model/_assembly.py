@@ -1,0 +1,167 @@
+"""Putting one row's function together: commands → drives → axes → structure → chain → instrument, once, symbolically."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.effects._base import STAGES, Effect
+from symfive.instruments import Column, instruments_of
+from symfive.kinematics import basis_of, first_order
+from symfive.machine import Machine
+from symfive.model._row import Row
+from symfive.motion import Position, Signal
+from symfive.parameters import UNIT_SCALE, Parameter
+
+__all__ = ["RowFunction", "assemble", "machine_parameters"]
+
+Array = NDArray[np.float64]
+BLOCK = 4096
+
+
+def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:
+    """The errors of the baseline as parameters: location errors by name, error motions one per basis function."""
+    found = []
+    for term in machine.errors.values():
+        unit = "urad" if term.angular else "um"
+        if term.is_location:
+            found.append(Parameter(name=term.name, unit=unit, sigma=term.sigma, mean=term.mean, kind="location_error"))
+        else:
+            names = basis_of(term, machine).names
+            found += [Parameter(name=f"{term.name}.{n}", unit=unit, sigma=term.sigma, kind="error_motion") for n in names]
+    return tuple(found)
+
+
+@dataclass
+class RowFunction:
+    """The compiled function of one kind of run.
+
+    `inputs` the signals of one row (after clock and time), `shared` and `own` the names of the parameters of the whole
+    campaign and of one run (without its id), `constants` names of the run's numbers, `moving` the inputs whose slope is
+    taken. The CasADi function maps (inputs, shared, own, constants) to (readings, d/dshared, d/down, d/dmoving), all in
+    the files' units.
+    """
+
+    columns: tuple[Column, ...]
+    inputs: tuple[Signal, ...]
+    shared: tuple[str, ...]
+    own: tuple[str, ...]
+    constants: tuple[str, ...]
+    moving: tuple[int, ...]
+    value: Any
+    slopes: Any
+    _mapped: dict[tuple[str, int], Any] = field(default_factory=dict)
+
+    def evaluate(self, inputs: Array, shared: Array, own: Array, constants: Array, *, slopes: bool) -> list[Array]:
+        """Readings (N, ny) and, where asked, slopes (N, ny, ·) in shared, own and moving inputs; `inputs` (N, ni)."""
+        n, ny = len(inputs), len(self.columns)
+        widths = [1, len(shared), len(own), len(self.moving)] if slopes else [1]
+        results = [np.empty((n, width, ny)) for width in widths]
+        base = self.slopes if slopes else self.value
+        block = min(BLOCK, 1 << max(0, n - 1).bit_length())
+        key = ("slopes" if slopes else "value", block)
+        if key not in self._mapped:
+            self._mapped[key] = base.map(base.name() + f"_{block}", "serial", block, [1, 2, 3], [])
+        mapped = self._mapped[key]
+        buffer, trigger = mapped.buffer()
+        fixed = [np.ascontiguousarray(a, dtype=float) for a in (shared, own, constants)]
+        rows = np.empty((block, inputs.shape[1]))
+        outputs = [np.empty((block, width, ny)) for width in widths]
+        for i, array in enumerate([rows, *fixed]):
+            buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate(outputs):
+            buffer.set_res(i, memoryview(array))
+        for first in range(0, n, block):
+            count = min(block, n - first)
+            rows[:count] = inputs[first : first + count]
+            rows[count:] = inputs[first]
+            trigger()
+            for result, output in zip(results, outputs, strict=True):
+                result[first : first + count] = output[:count]
+        return [results[0][:, 0, :], *(r.transpose(0, 2, 1) for r in results[1:])]
+
+
+def assemble(machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool) -> RowFunction:
+    """The function of runs of this kind. `linear`: first order in the machine's errors, by differentiation."""
+    instruments = instruments_of(run)
+    columns = tuple(c for instrument in instruments for c in instrument.columns(run, machine))
+    signals: list[Signal] = [Position(name) for name in machine.axis_names]
+    for source in (*instruments, *effects):
+        wanted = source.signals() if isinstance(source, Effect) else source.signals(run, machine)
+        signals += [signal for signal in wanted if signal not in signals]
+    scale = {p.name: p.scale for p in parameters}
+    prefix = f"setup.{run.id}."
+    own = tuple("setup." + p.name.removeprefix(prefix) for p in parameters if p.run == run.id)
+    shared = tuple(p.name for p in parameters if p.run is None)
+    own_scale = [scale[prefix + name.removeprefix("setup.")] for name in own]
+    constants: dict[str, float] = {}
+    for instrument in instruments:
+        constants |= instrument.constants(run, machine)
+
+    z = ca.SX.sym("inputs", 2 + len(signals))
+    p, s, k = ca.SX.sym("shared", len(shared)), ca.SX.sym("own", len(own)), ca.SX.sym("constants", len(constants))
+    values = {name: scale[name] * p[i] for i, name in enumerate(shared)}
+    values |= {name: own_scale[i] * s[i] for i, name in enumerate(own)}
+    inputs = {signal: z[2 + i] for i, signal in enumerate(signals)}
+    row = Row(
+        machine,
+        {name: inputs[Position(name)] for name in machine.axis_names},
+        z[0], z[1], inputs, values,
+        {name: k[i] for i, name in enumerate(constants)},
+    )  # fmt: skip
+    _apply(row, machine, run, effects)
+    for instrument in instruments:
+        row.readings += instrument.reading(row, run)
+    for effect in effects:
+        if effect.stage == "reading":
+            effect.apply(row)
+    readings = ca.vertcat(*(r / c.scale for r, c in zip(row.readings, columns, strict=True)))
+    if linear:
+        errors = ca.vertcat(*(p[i] for i, name in enumerate(shared) if name in {q.name for q in machine_parameters(machine)}))
+        readings = first_order(readings, errors)
+    moving = _moving(signals, effects)
+    arguments = [z, p, s, k]
+    value = ca.Function("row", arguments, [readings], {"cse": True})
+    slopes = [ca.densify(ca.jacobian(readings, x)) for x in (p, s)]
+    slopes.append(ca.densify(ca.jacobian(readings, z[list(moving)])) if moving else ca.SX(len(columns), 0))
+    function = ca.Function("row_slopes", arguments, [readings, *slopes], {"cse": True})
+    return RowFunction(columns, tuple(signals), shared, own, tuple(constants), moving, value, function)
+
+
+def _apply(row: Row, machine: Machine, run: Run, effects: Sequence[Effect]) -> None:
+    for stage in STAGES[:2]:
+        for effect in effects:
+            if effect.stage == stage:
+                effect.apply(row)
+    for term in machine.errors.values():
+        if term.is_location:
+            row.location[term.name] = row.parameter(term.name)
+            continue
+        basis = basis_of(term, machine)
+        functions = basis.values(*(row.axis[name] for name in term.over))
+        for name, function in zip(basis.names, functions, strict=True):
+            row.add_motion(term.name, row.parameter(f"{term.name}.{name}") * function)
+    for effect in effects:
+        if effect.stage == "structure":
+            effect.apply(row)
+
+
+def _moving(signals: Sequence[Signal], effects: Sequence[Effect]) -> tuple[int, ...]:
+    """Inputs that depend on parameters: positions of axes with freed drives, signals with parameters, all if the clock is."""
+    freed = {axis for effect in effects for axis, _ in effect.frees()}
+    if "" in freed:
+        return tuple(range(2, 2 + len(signals)))
+    return tuple(
+        2 + i for i, signal in enumerate(signals) if signal.parameters or getattr(signal, "axis", None) in freed
+    )
+
+
+def unit_scale(unit: str) -> float:
+    """Internal value per file unit."""
+    return UNIT_SCALE.get(unit, 1.0)

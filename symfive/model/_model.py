@@ -1,0 +1,214 @@
+"""The model of a campaign: predicted readings and exact sensitivities with respect to every parameter, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from symfive.campaign import Campaign, Run
+from symfive.effects import baseline_effects
+from symfive.effects._base import Effect
+from symfive.errors import InputError
+from symfive.instruments import Column, instruments_of
+from symfive.model._assembly import RowFunction, assemble, machine_parameters
+from symfive.motion import GAINS, RunMotion, Series
+from symfive.parameters import Parameter
+
+__all__ = ["Linearisation", "Model"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """A run at given parameter values, in the files' units.
+
+    `prediction` (N, ny) readings; `jacobian` (N, ny, k) with respect to the parameters whose indices are `columns` (k,).
+    """
+
+    prediction: Array
+    jacobian: Array
+    columns: NDArray[np.int64]
+
+
+class Model:
+    """One symbolic model of a machine, its instruments and its effects, for all runs of a campaign.
+
+    `effects` join those that the machine file's `[model]` already holds. `linear=True` takes the errors of the chain to
+    first order (derived from the exact chain by differentiation). Parameter vectors are in the files' units, in the
+    order of `parameters`; `values` may also be given as a mapping of names.
+
+        model = Model(campaign)
+        model.parameters                     # names, units, priors
+        model.predict(model.start)["c-circle"]   # (N, ny), µm
+        model.linearise("c-circle", model.start).jacobian
+    """
+
+    def __init__(self, campaign: Campaign, effects: Iterable[Effect] = (), *, linear: bool = False) -> None:
+        self.campaign = campaign
+        self.machine = campaign.machine
+        self.linear = linear
+        self.effects: tuple[Effect, ...] = (*baseline_effects(self.machine), *effects)
+        keys = [effect.key for effect in self.effects]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise InputError(f"the effect {key} is in the model twice", remedy="remove one of them")
+        self.parameters = self._collect()
+        self.index = {p.name: i for i, p in enumerate(self.parameters)}
+        self._freed = self._collect_freed()
+        self._functions: dict[tuple[object, ...], RowFunction] = {}
+        self._inputs: dict[str, tuple[tuple[float, ...], Array, list[Series]]] = {}
+
+    def _collect(self) -> tuple[Parameter, ...]:
+        found = {p.name: p for p in machine_parameters(self.machine)}
+        for effect in self.effects:
+            found |= {p.name: p for p in effect.parameters(self.campaign)}
+        for run in self.campaign.runs:
+            for instrument in instruments_of(run):
+                instrument.check(run, self.machine)
+                found |= {p.name: p for p in instrument.parameters(run, self.machine) if p.name not in found}
+        return tuple(found.values())
+
+    def _collect_freed(self) -> dict[tuple[str, str], str]:
+        freed: dict[tuple[str, str], str] = {}
+        for effect in self.effects:
+            for place, name in effect.frees().items():
+                axis, quantity = place
+                if place in freed:
+                    raise InputError(f"two effects free {quantity} of axis {axis}", remedy="keep one of them")
+                if quantity in GAINS and self.machine.axes[axis].drive is None:
+                    raise InputError(
+                        f"{effect.key} needs the drive of axis {axis}", remedy=f"add [axes.{axis}.drive] to the machine file"
+                    )
+                freed[place] = name
+        return freed
+
+    @property
+    def start(self) -> Array:
+        """Where estimation begins: prior means (or an effect's own start), file units."""
+        return np.array([p.initial for p in self.parameters])
+
+    @property
+    def prior_mean(self) -> Array:
+        """Prior means, file units."""
+        return np.array([p.mean for p in self.parameters])
+
+    @property
+    def prior_sigma(self) -> Array:
+        """Prior standard deviations, file units."""
+        return np.array([p.sigma for p in self.parameters])
+
+    def vector(self, values: Mapping[str, float] | Sequence[float] | Array) -> Array:
+        """Parameter vector from a vector or from names; names left out stay at the start."""
+        if not isinstance(values, Mapping):
+            array = np.asarray(values, dtype=float)
+            if array.shape != (len(self.parameters),):
+                raise InputError(f"{array.size} values for {len(self.parameters)} parameters", remedy="use model.start")
+            return array
+        array = self.start
+        for name, value in values.items():
+            if name not in self.index:
+                raise InputError(f'the model has no parameter "{name}"', remedy="see model.parameters")
+            array[self.index[name]] = value
+        return array
+
+    def columns(self, run: Run | str) -> tuple[Column, ...]:
+        """The reading columns of a run."""
+        return self._function(self._run(run)).columns
+
+    def predict(self, values: Mapping[str, float] | Sequence[float] | Array) -> dict[str, Array]:
+        """Predicted readings of every run: id → (N, ny), in the columns' units."""
+        vector = self.vector(values)
+        return {run.id: self.predict_run(run, vector) for run in self.campaign.runs}
+
+    def predict_run(self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array) -> Array:
+        """Predicted readings of one run (N, ny)."""
+        run = self._run(run)
+        function, inputs, _, arguments = self._arguments(run, self.vector(values))
+        return function.evaluate(inputs, *arguments, slopes=False)[0]
+
+    def linearise(self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array) -> Linearisation:
+        """Predicted readings of one run and their exact derivatives."""
+        run = self._run(run)
+        vector = self.vector(values)
+        function, inputs, series, arguments = self._arguments(run, vector)
+        prediction, by_shared, by_own, by_input = function.evaluate(inputs, *arguments, slopes=True)
+        names = [*function.shared, *(self._full_name(run, name) for name in function.own)]
+        jacobian = np.concatenate([by_shared, by_own], axis=2)
+        place = {name: i for i, name in enumerate(names)}
+        for i, entry in enumerate(function.moving):
+            for name, slope in series[entry - 2].tangents.items():
+                scale = self.parameters[self.index[name]].scale
+                jacobian[:, :, place[name]] += by_input[:, :, i] * (scale * slope)[:, None]
+        return Linearisation(prediction, jacobian, np.array([self.index[name] for name in names], dtype=np.int64))
+
+    def readings(self, run: Run | str) -> Array:
+        """What was read in a run (N, ny). Raises `InputError` for a run without readings."""
+        run = self._run(run)
+        if not run.measured:
+            raise InputError(f"run {run.id} has no readings", remedy="measure or simulate the plan first")
+        return np.stack([run.readings[c.name] for c in self.columns(run)], axis=1)
+
+    def noise(self, run: Run | str) -> Array:
+        """Declared 1σ of the white noise of each column (ny,)."""
+        run = self._run(run)
+        return np.array([
+            run.noise(instrument.name) for instrument in instruments_of(run) for _ in instrument.columns(run, self.machine)
+        ])  # fmt: skip
+
+    def _run(self, run: Run | str) -> Run:
+        return self.campaign.run(run) if isinstance(run, str) else run
+
+    def _full_name(self, run: Run, name: str) -> str:
+        return f"setup.{run.id}.{name.removeprefix('setup.')}"
+
+    def _function(self, run: Run) -> RowFunction:
+        effects = tuple(effect for effect in self.effects if effect.applies(run))
+        own = tuple(p.name.removeprefix(f"setup.{run.id}.") for p in self.parameters if p.run == run.id)
+        key = (run.instrument, run.dynamic, repr(sorted(run.options.items(), key=lambda i: i[0])), own, effects)
+        if key not in self._functions:
+            self._functions[key] = assemble(self.machine, run, effects, self.parameters, self.linear)
+        return self._functions[key]
+
+    def _arguments(self, run: Run, vector: Array) -> tuple[RowFunction, Array, list[Series], tuple[Array, Array, Array]]:
+        function = self._function(run)
+        constants: dict[str, float] = {}
+        for instrument in instruments_of(run):
+            constants |= instrument.constants(run, self.machine)
+        shared = vector[[self.index[name] for name in function.shared]]
+        own = vector[[self.index[self._full_name(run, name)] for name in function.own]]
+        inputs, series = self._signals(run, function, vector)
+        return function, inputs, series, (shared, own, np.array([constants[name] for name in function.constants]))
+
+    def _signals(self, run: Run, function: RowFunction, vector: Array) -> tuple[Array, list[Series]]:
+        """Inputs (N, 2 + signals) of a run; kept until a parameter that moves them changes."""
+        active = sorted({*self._freed.values(), *(n for s in function.inputs for n in s.parameters)})
+        stamp = tuple(float(vector[self.index[name]]) for name in active)
+        cached = self._inputs.get(run.id)
+        if cached is not None and cached[0] == stamp and len(cached[2]) == len(function.inputs):
+            return cached[1], cached[2]
+        values = {name: float(vector[i]) * self.parameters[i].scale for name, i in self.index.items() if name in active}
+        motion = RunMotion(run, self.machine, self._freed, values)
+        series = [signal.series(motion) for signal in function.inputs]
+        delay = self._freed.get(("", "delay"))
+        if delay is not None and run.dynamic:
+            series = [_delayed(run.time, s, values[delay], delay) for s in series]
+        inputs = np.stack([motion.clock, run.time, *(s.value for s in series)], axis=1)
+        self._inputs[run.id] = (stamp, inputs, series)
+        return inputs, series
+
+
+def _delayed(time: Array, series: Series, delay: float, name: str) -> Series:
+    """The series as it was `delay` seconds earlier; before the first row it stood still."""
+    earlier = np.maximum(time - delay, time[0])
+    if series.steps or len(time) < 4:
+        shifted = {n: np.interp(earlier, time, t) for n, t in series.tangents.items()}
+        return Series(np.interp(earlier, time, series.value), shifted, steps=True)
+    spline = CubicSpline(time, series.value)
+    shifted = {n: CubicSpline(time, t)(earlier) for n, t in series.tangents.items()}
+    shifted[name] = np.where(time - delay >= time[0], -spline(earlier, 1), 0.0)
+    return Series(spline(earlier), shifted)

@@ -1,0 +1,20 @@
+"""Motion of the axes along a run: drives, positions behind them, and signals with memory."""
+
+from symfive.motion._drives import GAINS, drive_response, linear_recurrence
+from symfive.motion._motion import AxisMotion, RunMotion, Series
+from symfive.motion._signals import (
+    Acceleration,
+    Command,
+    Direction,
+    Play,
+    Position,
+    Resonance,
+    ReversalDistance,
+    Signal,
+    Velocity,
+)
+
+__all__ = [
+    "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position", "Resonance", "ReversalDistance",
+    "RunMotion", "Series", "Signal", "Velocity", "drive_response", "linear_recurrence",
+]  # fmt: skip

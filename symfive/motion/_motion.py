@@ -1,0 +1,114 @@
+"""Motion of the axes during one run: commanded, after the drives, with velocities, accelerations and tangents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from symfive.motion._drives import GAINS, drive_response
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+    from symfive.machine import Axis, Machine
+
+__all__ = ["AxisMotion", "RunMotion", "Series"]
+
+Array = NDArray[np.float64]
+SMOOTHING_S = 0.03
+
+
+@dataclass(frozen=True)
+class Series:
+    """A quantity along a run: `value` (N,) and its derivatives (N,) by parameter name, in internal units.
+
+    `steps` marks a quantity that jumps (a direction of motion), which must not be interpolated smoothly.
+    """
+
+    value: Array
+    tangents: Mapping[str, Array] = field(default_factory=dict)
+    steps: bool = False
+
+
+@dataclass(frozen=True)
+class AxisMotion:
+    """One axis along a run (mm or rad, per s, per s²): the command and what the drive made of it."""
+
+    command: Array
+    position: Series
+    velocity: Series
+    acceleration: Series
+
+
+class RunMotion:
+    """The motion of every axis in a run, given the parameters (internal units, by name).
+
+    `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place.
+    """
+
+    def __init__(self, run: Run, machine: Machine, freed: Mapping[tuple[str, str], str], values: Mapping[str, float]) -> None:
+        self.run = run
+        self.machine = machine
+        self._freed = freed
+        self.values = values
+        self._axes: dict[str, AxisMotion] = {}
+
+    @cached_property
+    def clock(self) -> Array:
+        """Time on the campaign's clock, s (N,)."""
+        return self.run.start_s + self.run.time
+
+    @cached_property
+    def interval(self) -> float:
+        """The row interval of a dynamic run, s: the median, so that missing rows do not count."""
+        return float(np.median(np.diff(self.run.time))) if self.run.rows > 1 else 1.0
+
+    def axis(self, name: str) -> AxisMotion:
+        """The motion of one axis."""
+        if name not in self._axes:
+            self._axes[name] = self._move(self.machine.axes[name])
+        return self._axes[name]
+
+    def _move(self, axis: Axis) -> AxisMotion:
+        command = np.asarray(self.run.commands[axis.name]) * axis.to_internal
+        rest = Series(np.zeros_like(command))
+        if not self.run.dynamic:
+            return AxisMotion(command, Series(command), rest, rest)
+        if self.run.options.get("motion_from") == "encoder":
+            return self._recorded(axis, command)
+        constant = bool(np.all(command == command[0]))
+        if axis.drive is None or constant:
+            velocity = np.zeros_like(command) if constant else np.gradient(command, self.run.time)
+            acceleration = np.zeros_like(command) if constant else np.gradient(velocity, self.run.time)
+            return AxisMotion(command, Series(command), Series(velocity), Series(acceleration))
+        return self._driven(axis, command)
+
+    def _recorded(self, axis: Axis, command: Array) -> AxisMotion:
+        """Motion as the encoder recorded it, smoothed by a local cubic over `smoothing_s` (Savitzky & Golay 1964)."""
+        measured = np.asarray(self.run.readings[f"{axis.name}_act_{axis.unit}"]) * axis.to_internal
+        span = float(self.run.options.get("smoothing_s", SMOOTHING_S))
+        window = min(2 * int(round(span / self.interval / 2)) + 1, (len(measured) - 1) // 2 * 2 + 1)
+        if window < 5:
+            derivatives = [measured, np.gradient(measured, self.run.time)]
+            derivatives.append(np.gradient(derivatives[1], self.run.time))
+        else:
+            derivatives = [savgol_filter(measured, window, 3, deriv=k, delta=self.interval) for k in range(3)]
+        return AxisMotion(command, *(Series(values) for values in derivatives))
+
+    def _driven(self, axis: Axis, command: Array) -> AxisMotion:
+        wanted = {quantity: self._freed[axis.name, quantity] for quantity in GAINS if (axis.name, quantity) in self._freed}
+        gains = {quantity: getattr(axis.drive, quantity) for quantity in GAINS[:5]}
+        gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
+        steps = np.round((self.run.time - self.run.time[0]) / self.interval).astype(int)
+        grid = np.arange(steps[-1] + 1)
+        filled = command if len(grid) == len(steps) else np.interp(grid, steps, command)
+        motion = drive_response(filled, self.interval, gains, tuple(wanted))[steps if len(grid) != len(steps) else slice(None)]
+        parts = [
+            Series(motion[:, k, 0], {name: motion[:, k, 1 + i] for i, name in enumerate(wanted.values())}) for k in range(3)
+        ]
+        return AxisMotion(command, *parts)

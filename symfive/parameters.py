@@ -1,0 +1,47 @@
+"""A parameter of the model: its name, unit, prior and bounds, as plain data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["UNIT_SCALE", "Parameter"]
+
+UNIT_SCALE = {
+    "um": 1e-3, "urad": 1e-6, "mm": 1.0, "deg": math.pi / 180.0, "rad": 1.0, "s": 1.0, "ms": 1e-3, "ppm": 1e-6,
+}  # fmt: skip
+"""Internal value (mm, rad, s) = scale × value in the file unit; units not listed are the same inside."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One unknown. `sigma` and `mean` describe its Gaussian prior in `unit`; `lower` and `upper` are hard bounds.
+
+    `kind` is `location_error`, `error_motion`, `setup`, `drive`, `instrument` or `effect`; `run` the run it belongs to
+    (None: the whole campaign); `start` where estimation begins if not at the prior mean.
+    """
+
+    name: str
+    unit: str
+    sigma: float
+    mean: float = 0.0
+    lower: float = -math.inf
+    upper: float = math.inf
+    kind: str = "effect"
+    run: str | None = None
+    start: float | None = None
+
+    @property
+    def scale(self) -> float:
+        """Internal value = scale × value in `unit`."""
+        return UNIT_SCALE.get(self.unit, 1.0)
+
+    @property
+    def initial(self) -> float:
+        """Where estimation begins."""
+        return self.mean if self.start is None else self.start
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it has a hard bound."""
+        return math.isfinite(self.lower) or math.isfinite(self.upper)
