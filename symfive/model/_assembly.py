@@ -19,7 +19,7 @@ from symfive.model._row import Row
 from symfive.motion import Position, Signal
 from symfive.parameters import UNIT_SCALE, Parameter
 
-__all__ = ["RowFunction", "assemble", "machine_parameters"]
+__all__ = ["RowFunction", "assemble", "machine_parameters", "sensed_columns"]
 
 Array = NDArray[np.float64]
 BLOCK = 4096
@@ -115,6 +115,8 @@ def assemble(machine: Machine, run: Run, effects: Sequence[Effect], parameters: 
         z[0], z[1], inputs, values,
         {name: k[i] for i, name in enumerate(constants)},
     )  # fmt: skip
+    row.columns, row.sensed = columns, sensed_columns(run, machine)
+    row.sources = tuple(i.name for i in instruments for _ in i.columns(run, machine))
     _apply(row, machine, run, effects)
     for instrument in instruments:
         row.readings += instrument.reading(row, run)
@@ -132,6 +134,12 @@ def assemble(machine: Machine, run: Run, effects: Sequence[Effect], parameters: 
     slopes.append(ca.densify(ca.jacobian(readings, z[list(moving)])) if moving else ca.SX(len(columns), 0))
     function = ca.Function("row_slopes", arguments, [readings, *slopes], {"cse": True})
     return RowFunction(columns, tuple(signals), shared, own, tuple(constants), moving, value, function)
+
+
+def sensed_columns(run: Run, machine: Machine) -> tuple[int, ...]:
+    """Indices of the reading columns that the control does not record itself."""
+    flags = [not i.on_control for i in instruments_of(run) for _ in i.columns(run, machine)]
+    return tuple(k for k, outside in enumerate(flags) if outside)
 
 
 def _apply(row: Row, machine: Machine, run: Run, effects: Sequence[Effect]) -> None:

@@ -14,8 +14,8 @@ from symfive.effects import baseline_effects
 from symfive.effects._base import Effect
 from symfive.errors import InputError
 from symfive.instruments import Column, instruments_of
-from symfive.model._assembly import RowFunction, assemble, machine_parameters
-from symfive.motion import GAINS, RunMotion, Series
+from symfive.model._assembly import RowFunction, assemble, machine_parameters, sensed_columns
+from symfive.motion import GAINS, OnControlClock, RunMotion, Series
 from symfive.parameters import Parameter
 
 __all__ = ["Linearisation", "Model"]
@@ -52,7 +52,9 @@ class Model:
         self.campaign = campaign
         self.machine = campaign.machine
         self.linear = linear
-        self.effects: tuple[Effect, ...] = (*baseline_effects(self.machine), *effects)
+        self.effects: tuple[Effect, ...] = tuple(
+            effect.prepare(campaign) for effect in (*baseline_effects(self.machine), *effects)
+        )
         keys = [effect.key for effect in self.effects]
         for key in keys:
             if keys.count(key) > 1:
@@ -61,6 +63,7 @@ class Model:
         self.index = {p.name: i for i, p in enumerate(self.parameters)}
         self._freed = self._collect_freed()
         self._functions: dict[tuple[object, ...], RowFunction] = {}
+        self._motions: dict[str, RunMotion] = {}
         self._inputs: dict[str, tuple[tuple[float, ...], Array, list[Series]]] = {}
 
     def _collect(self) -> tuple[Parameter, ...]:
@@ -128,8 +131,10 @@ class Model:
     def predict_run(self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array) -> Array:
         """Predicted readings of one run (N, ny)."""
         run = self._run(run)
-        function, inputs, _, arguments = self._arguments(run, self.vector(values))
-        return function.evaluate(inputs, *arguments, slopes=False)[0]
+        vector = self.vector(values)
+        function, inputs, _, arguments = self._arguments(run, vector)
+        prediction = function.evaluate(inputs, *arguments, slopes=False)[0]
+        return self._recorded(run, prediction[:, :, None], vector)[0][:, :, 0]
 
     def linearise(self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array) -> Linearisation:
         """Predicted readings of one run and their exact derivatives."""
@@ -144,7 +149,28 @@ class Model:
             for name, slope in series[entry - 2].tangents.items():
                 scale = self.parameters[self.index[name]].scale
                 jacobian[:, :, place[name]] += by_input[:, :, i] * (scale * slope)[:, None]
+        together = np.concatenate([prediction[:, :, None], jacobian], axis=2)
+        together, own = self._recorded(run, together, vector)
+        prediction, jacobian = together[:, :, 0], together[:, :, 1:]
+        for name, slopes in own.items():
+            jacobian[:, :, place[name]] += self.parameters[self.index[name]].scale * slopes
         return Linearisation(prediction, jacobian, np.array([self.index[name] for name in names], dtype=np.int64))
+
+    def _recorded(self, run: Run, readings: Array, vector: Array) -> tuple[Array, dict[str, Array]]:
+        """Readings (N, ny, m) after what their recorder does to them, and its parameters' slopes (N, ny)."""
+        slopes: dict[str, Array] = {}
+        for effect in self.effects:
+            if effect.stage == "recording" and effect.applies(run):
+                values = {
+                    p.name: p.scale * float(vector[self.index[p.name]]) for p in effect.parameters(self.campaign)
+                }
+                columns = sensed_columns(run, self.machine)
+                earlier = list(slopes)
+                stacked = np.concatenate([readings, *(slopes[name][:, :, None] for name in earlier)], axis=2)
+                filtered, own = effect.record(run, columns, stacked, values)
+                readings = filtered[:, :, : readings.shape[2]]
+                slopes = {name: filtered[:, :, readings.shape[2] + i] for i, name in enumerate(earlier)} | own
+        return readings, slopes
 
     def readings(self, run: Run | str) -> Array:
         """What was read in a run (N, ny). Raises `InputError` for a run without readings."""
@@ -191,24 +217,29 @@ class Model:
         cached = self._inputs.get(run.id)
         if cached is not None and cached[0] == stamp and len(cached[2]) == len(function.inputs):
             return cached[1], cached[2]
-        values = {name: float(vector[i]) * self.parameters[i].scale for name, i in self.index.items() if name in active}
-        motion = RunMotion(run, self.machine, self._freed, values)
+        values = {name: float(vector[self.index[name]]) * self.parameters[self.index[name]].scale for name in active}
+        previous = self._motions.get(run.id)
+        motion = RunMotion(run, self.machine, self._freed, values, previous)
+        self._motions[run.id] = motion
         series = [signal.series(motion) for signal in function.inputs]
         delay = self._freed.get(("", "delay"))
         if delay is not None and run.dynamic:
-            series = [_delayed(run.time, s, values[delay], delay) for s in series]
+            series = [
+                s if isinstance(signal, OnControlClock) else _delayed(run.time, s, values[delay], delay)
+                for s, signal in zip(series, function.inputs, strict=True)
+            ]
         inputs = np.stack([motion.clock, run.time, *(s.value for s in series)], axis=1)
         self._inputs[run.id] = (stamp, inputs, series)
         return inputs, series
 
 
 def _delayed(time: Array, series: Series, delay: float, name: str) -> Series:
-    """The series as it was `delay` seconds earlier; before the first row it stood still."""
-    earlier = np.maximum(time - delay, time[0])
+    """The series as it was `delay` seconds earlier; before the first row and after the last one it stood still."""
+    earlier = np.clip(time - delay, time[0], time[-1])
     if series.steps or len(time) < 4:
         shifted = {n: np.interp(earlier, time, t) for n, t in series.tangents.items()}
         return Series(np.interp(earlier, time, series.value), shifted, steps=True)
     spline = CubicSpline(time, series.value)
     shifted = {n: CubicSpline(time, t)(earlier) for n, t in series.tangents.items()}
-    shifted[name] = np.where(time - delay >= time[0], -spline(earlier, 1), 0.0)
+    shifted[name] = np.where(earlier == time - delay, -spline(earlier, 1), 0.0)
     return Series(spline(earlier), shifted)

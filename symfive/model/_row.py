@@ -8,8 +8,9 @@ from typing import Any
 
 import casadi as ca
 
-from symfive.machine import Machine
+from symfive.instruments import Column
 from symfive.kinematics import Pose, ball_in_workpiece, chain_poses
+from symfive.machine import Machine
 from symfive.motion import Signal
 
 __all__ = ["Row"]
@@ -24,7 +25,8 @@ class Row:
     by ISO 230-1 name; structural effects add to them with `add_motion`. `shift` displacement of the tool in the
     machine frame; `table_ball` (workpiece frame) and `tool_ball` (tool frame) with their set-up errors. `ball` is the
     tool ball in the workpiece frame. It is computed when first asked for, which an instrument does after all effects
-    on axes and structure have been applied; `readings` are what the instrument read, changed by reading effects.
+    on axes and structure have been applied; `readings` are what the instruments read, changed by reading effects:
+    `columns` what they are, `sources` whose they are and `sensed` the indices of those that the control does not record.
     """
 
     def __init__(
@@ -45,6 +47,9 @@ class Row:
         self.motion: dict[str, Symbol] = {}
         self.shift = ca.SX(3, 1)
         self.readings: list[Symbol] = []
+        self.columns: tuple[Column, ...] = ()
+        self.sources: tuple[str, ...] = ()
+        self.sensed: tuple[int, ...] = ()
         self._signals = signals
         self._parameters = parameters
         self._constants = constants

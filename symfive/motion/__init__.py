@@ -6,15 +6,19 @@ from symfive.motion._signals import (
     Acceleration,
     Command,
     Direction,
+    OnControlClock,
     Play,
     Position,
+    PreSliding,
     Resonance,
     ReversalDistance,
+    ReversalTime,
     Signal,
     Velocity,
 )
 
 __all__ = [
-    "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position", "Resonance", "ReversalDistance",
-    "RunMotion", "Series", "Signal", "Velocity", "drive_response", "linear_recurrence",
+    "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding",
+    "Resonance", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity", "drive_response",
+    "linear_recurrence",
 ]  # fmt: skip

@@ -2,12 +2,12 @@
 
     v_ref = position_gain·(c - x) + feedforward·dc/dt
     u     = velocity_gain·(v_ref - v + (1/integral_time)·∫(v_ref - v)dt) - viscous·v
-    dx/dt = v,   dv/dt = u - coulomb·sgn(v)
+    dx/dt = v,   dv/dt = u - F(v)·sgn(v),   F(v) = coulomb + stiction·exp(-(v/stribeck_speed)²)
 
 The command is linear between rows, so with state (x, v, ∫) the step over one row is `exp` of a 5×5 matrix (first-order
 hold, no discretisation error). The matrix exponential is a CasADi expression of the gains: its derivatives are exact.
-Without friction the recursion is solved for all rows at once by recursive doubling; with friction a set-valued Coulomb
-force, constant over a substep of at most 1 ms, brings the axis to rest whenever it can hold it there (P. Lötstedt 1982).
+Without friction the recursion is solved for all rows at once by recursive doubling; with friction a set-valued force,
+constant over a substep of at most 1 ms, brings the axis to rest whenever it can hold it there (P. Lötstedt 1982).
 """
 
 from __future__ import annotations
@@ -23,10 +23,15 @@ from numpy.typing import NDArray
 __all__ = ["GAINS", "drive_response", "linear_recurrence"]
 
 Array = NDArray[np.float64]
-GAINS = ("position_gain", "velocity_gain", "integral_time", "viscous", "feedforward", "coulomb")
-"""The quantities of a drive that can be parameters, in order; `coulomb` is mm/s² or rad/s²."""
+LOOP = ("position_gain", "velocity_gain", "integral_time", "viscous", "feedforward")
+"""The quantities of a drive that the machine file states, in order."""
+FRICTION = ("coulomb", "stiction", "stribeck_speed")
+"""Friction while sliding, what it has more at rest (mm/s² or rad/s²), the speed at which that fades (mm/s or rad/s)."""
+GAINS = (*LOOP, *FRICTION)
+"""The quantities of a drive that can be parameters."""
 
 SUBSTEP_S = 1e-3
+BLOCK = 1024
 _SQUARINGS = 14
 _TERMS = 8
 
@@ -34,7 +39,8 @@ _TERMS = 8
 @lru_cache(maxsize=1)
 def _loop() -> tuple[Any, Any, Any]:
     """(gains 5, dx/dt matrix 3×5 acting on (x, v, ∫, c, dc/dt)) as symbols."""
-    kp, kv, ti, viscous, ff = gains = ca.SX.sym("gains", 5)[0], *ca.SX.sym("g", 4).elements()
+    gains: list[Any] = [ca.SX.sym(name) for name in LOOP]
+    kp, kv, ti, viscous, ff = gains
     reference = ca.horzcat(-kp, 0, 0, kp, ff)
     error = reference - ca.horzcat(0, 1, 0, 0, 0)
     force = kv * (error + ca.horzcat(0, 0, 1 / ti, 0, 0)) - ca.horzcat(0, viscous, 0, 0, 0)
@@ -99,12 +105,13 @@ def drive_response(command: Array, dt: float, gains: Mapping[str, float], wanted
     reference = float(command[0])
     relative = np.asarray(command, dtype=float) - reference
     slope = np.append(np.diff(relative) / dt, 0.0)
-    vector = np.array([gains[name] for name in GAINS[:5]])
-    coulomb = float(gains.get("coulomb", 0.0))
-    if coulomb == 0.0 and "coulomb" not in wanted:
-        states = _linear(relative, slope, dt, vector, wanted)
+    vector = np.array([gains[name] for name in LOOP])
+    friction = np.array([float(gains.get(name, 0.0)) for name in FRICTION])
+    rubs = bool(friction[:2].any()) or any(name in FRICTION for name in wanted)
+    if rubs:
+        states = _with_friction(relative, slope, dt, vector, friction, wanted)
     else:
-        states = _with_friction(relative, slope, dt, vector, coulomb, wanted)
+        states = _linear(relative, slope, dt, vector, wanted)
     motion = np.empty((len(command), 3, 1 + len(wanted)))
     motion[:, 0:2] = states[:, 0:2]
     value, by_state, by_gain = (
@@ -113,17 +120,34 @@ def drive_response(command: Array, dt: float, gains: Mapping[str, float], wanted
     by_state, by_gain = by_state.reshape(-1, 3), by_gain.reshape(-1, 5)
     motion[:, 2, 0] = value[0]
     for i, name in enumerate(wanted):
-        direct = by_gain[:, GAINS.index(name)] if name != "coulomb" else 0.0
+        direct = by_gain[:, LOOP.index(name)] if name in LOOP else 0.0
         motion[:, 2, 1 + i] = np.einsum("kj,kj->k", by_state, states[:, :, 1 + i]) + direct
+    if rubs:
+        _add_friction(motion, friction, wanted)
     motion[:, 0, 0] += reference
     return motion
 
 
+def _add_friction(motion: Array, friction: Array, wanted: tuple[str, ...]) -> None:
+    """Take the friction force off the acceleration: all of it while sliding, what it takes to stay while at rest."""
+    velocity, pull = motion[:, 1, 0], motion[:, 2, 0].copy()
+    resting = np.abs(velocity) < 1e-12
+    levels = _friction_level().map(len(pull))(velocity[None], friction)
+    level, by_velocity, by_friction = (np.asarray(part) for part in levels)
+    holds = resting & (np.abs(pull) <= level[0])
+    sign = np.sign(np.where(resting, pull, velocity))
+    motion[:, 2, 0] = np.where(holds, 0.0, pull - level[0] * sign)
+    by_friction = by_friction.reshape(-1, 3)
+    for i, name in enumerate(wanted):
+        slope = by_velocity[0] * motion[:, 1, 1 + i]
+        if name in FRICTION:
+            slope = slope + by_friction[:, FRICTION.index(name)]
+        motion[:, 2, 1 + i] = np.where(holds, 0.0, motion[:, 2, 1 + i] - slope * sign)
+
+
 def _step_matrices(h: float, vector: Array, wanted: tuple[str, ...]) -> tuple[Array, list[Array]]:
     step, slope = (np.asarray(part) for part in _discretisation()(vector, h))
-    slopes = [
-        slope[:, GAINS.index(name)].reshape(3, 6, order="F") if name != "coulomb" else np.zeros((3, 6)) for name in wanted
-    ]
+    slopes = [slope[:, LOOP.index(name)].reshape(3, 6, order="F") for name in wanted if name in LOOP]
     return step, slopes
 
 
@@ -141,39 +165,75 @@ def _linear(relative: Array, slope: Array, dt: float, vector: Array, wanted: tup
     return np.concatenate([value, linear_recurrence(step[:, :3], source)], axis=2)
 
 
-def _with_friction(
-    relative: Array, slope: Array, dt: float, vector: Array, coulomb: float, wanted: tuple[str, ...]
-) -> Array:
-    substeps = max(1, int(np.ceil(dt / SUBSTEP_S - 1e-9)))
-    h = dt / substeps
-    step, slopes = _step_matrices(h, vector, wanted)
-    count = len(wanted)
-    state, tangent = ca.SX.sym("s", 3), ca.SX.sym("t", 3, count)
-    command, rate = ca.SX.sym("c"), ca.SX.sym("dc")
+@lru_cache(maxsize=1)
+def _friction_level() -> Any:
+    """(v, friction 3) → F(v), its slope in v and in the friction's quantities (Stribeck's curve)."""
+    v: Any = ca.SX.sym("v")
+    friction: list[Any] = [ca.SX.sym(name) for name in FRICTION]
+    coulomb, stiction, speed = friction
+    fading = ca.exp(-((v / ca.fmax(speed, 1e-9)) ** 2))
+    value = coulomb + stiction * fading
+    by_speed = stiction * fading * 2 * v**2 / ca.fmax(speed, 1e-9) ** 3
+    by_velocity = -stiction * fading * 2 * v / ca.fmax(speed, 1e-9) ** 2
+    return ca.Function("level", [v, ca.vertcat(*friction)], [value, by_velocity, ca.horzcat(1, fading, by_speed)])
+
+
+@lru_cache(maxsize=32)
+def _friction_rows(substeps: int, wanted: tuple[str, ...]) -> Any:
+    """A block of rows with friction: (state and tangents, c, dc/dt, constants) → the states after each row.
+
+    The constants, one column a row: the step matrix, its slopes in the wanted loop gains, the friction, the substep.
+    """
+    loop = [name for name in wanted if name in LOOP]
+    state, tangent = ca.SX.sym("s", 3), ca.SX.sym("t", 3, len(wanted))
+    command, rate, h = ca.SX.sym("c"), ca.SX.sym("dc"), ca.SX.sym("h")
+    step, changes = ca.SX.sym("step", 3, 6), [ca.SX.sym(f"step_{name}", 3, 6) for name in loop]
+    friction = ca.SX.sym("friction", 3)
     s, t, c = state, tangent, command
     for _ in range(substeps):
+        level, by_velocity, by_friction = _friction_level()(s[1], friction)
         drive = ca.vertcat(s, c, rate)
-        free = ca.DM(step[:, :5]) @ drive
-        free_t = ca.DM(step[:, :3]) @ t
-        for i, change in enumerate(slopes):
-            free_t[:, i] += ca.DM(change[:, :5]) @ drive
-        reach = float(step[1, 5])
-        force = ca.fmin(ca.fmax(-free[1] / reach, -coulomb), coulomb)
-        sticks = ca.fabs(free[1]) < coulomb * reach
-        force_t = ca.SX.zeros(1, count)
+        free, free_t = step[:, :5] @ drive, step[:, :3] @ t
+        reach = step[1, 5]
+        force = ca.fmin(ca.fmax(-free[1] / reach, -level), level)
+        sticks = ca.fabs(free[1]) < level * reach
+        force_t = ca.SX.zeros(1, len(wanted))
         for i, name in enumerate(wanted):
-            reach_t = float(slopes[i][1, 5])
-            slides = -ca.sign(free[1]) if name == "coulomb" else 0.0
-            force_t[i] = ca.if_else(sticks, -free_t[1, i] / reach + free[1] * reach_t / reach**2, slides)
-            free_t[:, i] += force * ca.DM(slopes[i][:, 5])
-        s = free + force * ca.DM(step[:, 5])
-        t = free_t + ca.DM(step[:, 5]) @ force_t
+            level_t: Any = by_velocity * t[1, i]
+            reach_t: Any = 0.0
+            if name in LOOP:
+                change = changes[loop.index(name)]
+                free_t[:, i] += change[:, :5] @ drive
+                reach_t = change[1, 5]
+            else:
+                level_t += by_friction[FRICTION.index(name)]
+            holding = -free_t[1, i] / reach + free[1] * reach_t / reach**2
+            force_t[i] = ca.if_else(sticks, holding, -ca.sign(free[1]) * level_t)
+            if name in LOOP:
+                free_t[:, i] += force * change[:, 5]
+        s, t = free + force * step[:, 5], free_t + step[:, 5] @ force_t
+        s[1] = ca.if_else(sticks, 0, s[1])
         c = c + rate * h
     packed = ca.vertcat(state, ca.vec(tangent))
-    row = ca.Function("row", [packed, command, rate], [ca.vertcat(s, ca.vec(t))])
-    n = len(relative) - 1
-    states = np.zeros((n + 1, 3, 1 + count))
-    if n:
-        out = np.asarray(row.mapaccum(n)(ca.DM.zeros(packed.shape), relative[None, :-1], slope[None, :-1]))
-        states[1:] = out.T.reshape(n, 1 + count, 3).transpose(0, 2, 1)
-    return states
+    constants = ca.vertcat(*(ca.vec(matrix) for matrix in (step, *changes)), friction, h)
+    row = ca.Function("row", [packed, command, rate, constants], [ca.vertcat(s, ca.vec(t))], {"cse": True})
+    return row.mapaccum(BLOCK)
+
+
+def _with_friction(
+    relative: Array, slope: Array, dt: float, vector: Array, friction: Array, wanted: tuple[str, ...]
+) -> Array:
+    substeps = max(1, int(np.ceil(dt / SUBSTEP_S - 1e-9)))
+    step, slopes = _step_matrices(dt / substeps, vector, wanted)
+    rows = _friction_rows(substeps, wanted)
+    constants = np.concatenate([*(m.ravel(order="F") for m in (step, *slopes)), friction, [dt / substeps]])
+    repeated = np.repeat(constants[:, None], BLOCK, axis=1)
+    count = 1 + len(wanted)
+    states = np.zeros((len(relative), 3 * count))
+    for first in range(0, len(relative) - 1, BLOCK):
+        n = min(BLOCK, len(relative) - 1 - first)
+        inputs = np.zeros((2, BLOCK))
+        inputs[:, :n] = relative[first : first + n], slope[first : first + n]
+        out = np.asarray(rows(states[first], inputs[:1], inputs[1:], repeated))
+        states[first + 1 : first + 1 + n] = out.T[:n]
+    return states.reshape(-1, count, 3).transpose(0, 2, 1)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from symfive.motion._drives import GAINS, drive_response
+from symfive.motion._drives import GAINS, LOOP, drive_response
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
@@ -48,15 +48,26 @@ class AxisMotion:
 class RunMotion:
     """The motion of every axis in a run, given the parameters (internal units, by name).
 
-    `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place.
+    `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place. Axes whose drives have
+    the same gains as in `previous` are taken over from it.
     """
 
-    def __init__(self, run: Run, machine: Machine, freed: Mapping[tuple[str, str], str], values: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        run: Run,
+        machine: Machine,
+        freed: Mapping[tuple[str, str], str],
+        values: Mapping[str, float],
+        previous: RunMotion | None = None,
+    ) -> None:
         self.run = run
         self.machine = machine
         self._freed = freed
         self.values = values
         self._axes: dict[str, AxisMotion] = {}
+        if previous is not None:
+            changed = {axis for (axis, _), name in freed.items() if values[name] != previous.values[name]}
+            self._axes = {name: motion for name, motion in previous._axes.items() if name not in changed}
 
     @cached_property
     def clock(self) -> Array:
@@ -100,15 +111,35 @@ class RunMotion:
             derivatives = [savgol_filter(measured, window, 3, deriv=k, delta=self.interval) for k in range(3)]
         return AxisMotion(command, *(Series(values) for values in derivatives))
 
+    @cached_property
+    def _steps(self) -> NDArray[np.int64]:
+        """The number of the interval at which each row was recorded (a missing row leaves a gap)."""
+        return np.asarray(np.round((self.run.time - self.run.time[0]) / self.interval), dtype=np.int64)
+
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
-        wanted = {quantity: self._freed[axis.name, quantity] for quantity in GAINS if (axis.name, quantity) in self._freed}
-        gains = {quantity: getattr(axis.drive, quantity) for quantity in GAINS[:5]}
-        gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        steps = np.round((self.run.time - self.run.time[0]) / self.interval).astype(int)
-        grid = np.arange(steps[-1] + 1)
-        filled = command if len(grid) == len(steps) else np.interp(grid, steps, command)
-        motion = drive_response(filled, self.interval, gains, tuple(wanted))[steps if len(grid) != len(steps) else slice(None)]
-        parts = [
-            Series(motion[:, k, 0], {name: motion[:, k, 1 + i] for i, name in enumerate(wanted.values())}) for k in range(3)
-        ]
+        motion, names = self._response(axis, command, 1)
+        motion = motion[self._steps]
+        parts = [Series(motion[:, k, 0], {n: motion[:, k, 1 + i] for i, n in enumerate(names)}) for k in range(3)]
         return AxisMotion(command, *parts)
+
+    def _response(self, axis: Axis, command: Array, factor: int) -> tuple[Array, tuple[str, ...]]:
+        """The drive's motion at `factor` instants per interval, without gaps, and the parameters of its derivatives."""
+        wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
+        gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
+        gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
+        grid = np.arange(self._steps[-1] * factor + 1) / factor
+        filled = command if len(grid) == len(command) else np.interp(grid, self._steps, command)
+        return drive_response(filled, self.interval / factor, gains, tuple(wanted)), tuple(wanted.values())
+
+    def fine_acceleration(self, name: str, interval: float) -> tuple[Series, NDArray[np.int64], float]:
+        """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows, interval)."""
+        factor = max(1, int(np.ceil(self.interval / interval - 1e-9)))
+        axis, motion = self.machine.axes[name], self.axis(name)
+        rows, fine = self._steps * factor, np.arange(self._steps[-1] * factor + 1)
+        driven = axis.drive is not None and self.run.options.get("motion_from") != "encoder"
+        if driven and np.any(motion.command != motion.command[0]):
+            response, names = self._response(axis, motion.command, factor)
+            series = Series(response[:, 2, 0], {n: response[:, 2, 1 + i] for i, n in enumerate(names)})
+        else:
+            series = Series(np.interp(fine, rows, motion.acceleration.value))
+        return series, rows, self.interval / factor

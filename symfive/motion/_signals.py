@@ -8,16 +8,19 @@ else is written symbolically in the row.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm, expm_frechet
 
 from symfive.motion._drives import linear_recurrence
 from symfive.motion._motion import RunMotion, Series
 
 __all__ = [
-    "Acceleration", "Command", "Direction", "Play", "Position", "Resonance", "ReversalDistance", "Signal", "Velocity",
+    "Acceleration", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding", "Resonance",
+    "ReversalDistance", "ReversalTime", "Signal", "Velocity",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -86,6 +89,27 @@ def _approach(positions: Array) -> Array:
     return np.concatenate([filled[:1], filled])
 
 
+@dataclass(frozen=True)
+class OnControlClock:
+    """A signal as the control itself records it: an instrument's delay does not touch it."""
+
+    signal: Signal
+
+    @property
+    def axis(self) -> str | None:
+        """The axis it belongs to, if any."""
+        return getattr(self.signal, "axis", None)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Those of the signal."""
+        return self.signal.parameters
+
+    def series(self, motion: RunMotion) -> Series:
+        """Those of the signal."""
+        return self.signal.series(motion)
+
+
 class Direction(_OfAxis):
     """Direction of the last motion, -1 or +1 (0: the axis never moves)."""
 
@@ -105,6 +129,52 @@ class ReversalDistance(_OfAxis):
         origin = np.maximum.accumulate(origin)
         far = 1e6  # before the first reversal the axis counts as far from one
         return Series(np.where(origin < 0, far, np.abs(position - position[np.maximum(origin, 0)])), steps=True)
+
+
+class ReversalTime(_OfAxis):
+    """Time since the last reversal, s; before the first one it counts as long ago."""
+
+    def series(self, motion: RunMotion) -> Series:
+        direction = _approach(motion.axis(self.axis).position.value)
+        turned = np.flatnonzero(np.diff(direction) != 0.0)
+        since = np.full(len(direction), 1e6)
+        for k in turned:
+            since[k:] = motion.run.time[k:] - motion.run.time[k]
+        return Series(since, steps=True)
+
+
+@dataclass(frozen=True)
+class PreSliding:
+    """State w of a contact with pre-sliding: dw = (s - w)·|dq|/distance (P. R. Dahl 1968), -1…+1.
+
+    After a reversal out of full slip w = s·(1 - 2·exp(-ξ/distance)), ξ the distance since it. `distance` names a
+    parameter. It starts in full slip in the direction of the first motion.
+    """
+
+    axis: str
+    distance: str
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (self.distance,)
+
+    def series(self, motion: RunMotion) -> Series:
+        position = motion.axis(self.axis).position
+        direction, distance = _approach(position.value), max(abs(motion.values[self.distance]), 1e-12)
+        ends = [*np.flatnonzero(np.diff(direction) != 0.0).tolist(), len(direction) - 1]
+        names = (self.distance, *position.tangents)
+        state, slopes = direction.copy(), {name: np.zeros(len(direction)) for name in names}
+        for first, last in pairwise(ends):
+            part, sign = slice(first + 1, last + 1), direction[first + 1]
+            xi = sign * (position.value[part] - position.value[first])
+            open_ = (state[first] - sign) * np.exp(-xi / distance)
+            state[part] = sign + open_
+            for name in names:
+                moved = -xi / distance if name == self.distance else 0.0
+                if name in position.tangents:
+                    moved = moved + sign * (position.tangents[name][part] - position.tangents[name][first])
+                slopes[name][part] = slopes[name][first] * np.exp(-xi / distance) - open_ * moved / distance
+        return Series(state, slopes, steps=True)
 
 
 @dataclass(frozen=True)
@@ -154,11 +224,15 @@ def _play_states(positions: list[float], start: float, half: float) -> Array:
     return states
 
 
+FINE_S = 2e-3
+
+
 @dataclass(frozen=True)
 class Resonance:
-    """Relative displacement per unit of a mass on a spring carried by the axis: ÿ + 2ζω ẏ + ω² y = -a(t), mm per mm/s².
+    """Relative displacement of a mass on a spring carried by the axis: ÿ + 2ζω ẏ + ω² y = -a(t), in the axis' unit.
 
-    `frequency` (Hz) and `damping` (ζ) name parameters. The acceleration is linear between rows (first-order hold).
+    `frequency` (Hz) and `damping` (ζ) name parameters. The acceleration is taken every 2 ms (loops answer within a few)
+    and is linear in between (first-order hold).
     """
 
     axis: str
@@ -170,27 +244,31 @@ class Resonance:
         return (self.frequency, self.damping)
 
     def series(self, motion: RunMotion) -> Series:
-        frequency, damping = motion.values[self.frequency], motion.values[self.damping]
-        acceleration = motion.axis(self.axis).acceleration
-        value = self._response(motion, acceleration.value, frequency, damping)
-        tangents = {name: self._response(motion, slope, frequency, damping) for name, slope in acceleration.tangents.items()}
-        for name, step in ((self.frequency, (1e-4 * max(frequency, 1e-3), 0.0)), (self.damping, (0.0, 1e-5))):
-            up = self._response(motion, acceleration.value, frequency + step[0], damping + step[1])
-            down = self._response(motion, acceleration.value, frequency - step[0], damping - step[1])
-            tangents[name] = (up - down) / (2.0 * sum(step))
-        return Series(value, tangents)
-
-    @staticmethod
-    def _response(motion: RunMotion, acceleration: Array, frequency: float, damping: float) -> Array:
-        from scipy.linalg import expm
-
-        h, omega = motion.interval, 2.0 * np.pi * frequency
+        omega, damping = 2.0 * np.pi * motion.values[self.frequency], motion.values[self.damping]
+        acceleration, rows, h = motion.fine_acceleration(self.axis, FINE_S)
         matrix = np.zeros((4, 4))
-        matrix[0, 1] = 1.0
-        matrix[1, :3] = [-(omega**2), -2.0 * damping * omega, -1.0]
-        matrix[2, 3] = 1.0
-        step = expm(matrix * h)
-        slope = np.append(np.diff(acceleration) / h, 0.0)
-        forcing = np.zeros((len(acceleration), 2, 1))
-        forcing[1:, :, 0] = np.stack([acceleration[:-1], slope[:-1]], axis=1) @ step[:2, 2:].T
-        return np.asarray(linear_recurrence(step[:2, :2], forcing)[:, 0, 0])
+        matrix[0, 1] = matrix[2, 3] = h
+        matrix[1, :3] = h * np.array([-(omega**2), -2.0 * damping * omega, -1.0])
+        step = expm(matrix)
+
+        def follow(step: Array, value: Array, source: Array | None = None) -> Array:
+            """States (N, 2) driven by the accelerations through `step[:2, 2:]`, plus a source."""
+            slope = np.append(np.diff(value) / h, 0.0) * h
+            forcing = np.zeros((len(value), 2, 1))
+            forcing[1:, :, 0] = np.stack([value[:-1], slope[:-1]], axis=1) @ step[:2, 2:].T
+            if source is not None:
+                forcing[1:, :, 0] += source[:-1]
+            return np.asarray(linear_recurrence(transition, forcing)[:, :, 0])
+
+        transition = step[:2, :2]
+        states = follow(step, acceleration.value)
+        tangents = {name: follow(step, slope)[rows, 0] for name, slope in acceleration.tangents.items()}
+        for name, change in (
+            (self.frequency, 2.0 * np.pi * np.array([-2.0 * omega, -2.0 * damping, 0.0, 0.0])),
+            (self.damping, np.array([0.0, -2.0 * omega, 0.0, 0.0])),
+        ):
+            direction = np.zeros((4, 4))
+            direction[1] = h * change
+            moved = expm_frechet(matrix, direction, compute_expm=False)
+            tangents[name] = follow(moved, acceleration.value, states @ moved[:2, :2].T)[rows, 0]
+        return Series(states[rows, 0], tangents)

@@ -1,0 +1,101 @@
+"""What the data cannot tell apart, decided by noise and prior alone, and said by name.
+
+In units of the prior (x = θ/σ_prior) the data's information has eigenvalues λ. A direction with λ < 1 has learnt less
+from the data than was known before: its posterior variance is more than half its prior variance. The number of the
+others is the rank; no numerical tolerance enters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.parameters import Parameter
+
+__all__ = ["Confounding", "confounded_combinations", "data_rank"]
+
+Array = NDArray[np.float64]
+SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Confounding:
+    """Parameters of which the data fix fewer combinations than there are.
+
+    `names` and `coefficients` (per 1σ of the prior) span a combination about which the data say nothing that the prior did
+    not: moving all of them together by these amounts leaves the readings as they are, within the noise.
+    """
+
+    names: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    information: float
+
+    @property
+    def words(self) -> str:
+        """The combination in one sentence."""
+        if len(self.names) == 1:
+            return f"{self.names[0]} is not seen by these data"
+        first, *others = self.names
+        shown = others if len(others) <= 6 else [*others[:5], f"{len(others) - 5} more"]
+        return f"{first} cannot be told apart from {', '.join(shown[:-1])}{' and ' if len(shown) > 1 else ''}{shown[-1]}"
+
+
+def _scaled_eigen(matrix: Array, sigma: Array) -> tuple[Array, Array]:
+    values, vectors = np.linalg.eigh(matrix * np.outer(sigma, sigma))
+    return np.maximum(values, 0.0), vectors
+
+
+def data_rank(matrix: Array, sigma: Array) -> int:
+    """Number of directions of the parameter space in which the data outweigh the prior."""
+    return int(np.sum(_scaled_eigen(matrix, sigma)[0] >= 1.0))
+
+
+def confounded_combinations(matrix: Array, parameters: Sequence[Parameter]) -> tuple[Confounding, ...]:
+    """The undetermined directions as combinations with few names.
+
+    The subspace λ < 1 is brought to reduced row-echelon form, the machine's and the effects' parameters as pivots
+    first, so that each combination is led by one of them as far as possible. `matrix` (k, k) is the data's information.
+    """
+    sigma = np.array([p.sigma for p in parameters])
+    values, vectors = _scaled_eigen(matrix, sigma)
+    weak = values < 1.0
+    if not weak.any():
+        return ()
+    basis = vectors[:, weak].T
+    machine_first = np.array([p.kind != "setup" for p in parameters])
+    found = []
+    for row in _echelon(basis, machine_first):
+        share = row**2 / np.sum(row**2)
+        order = np.argsort(~machine_first * 10.0 - share)
+        kept = [int(i) for i in order if share[i] >= SHARE / max(1, np.sum(share > 1e-12) / 4)]
+        names = tuple(parameters[i].name for i in kept)
+        unit = row / np.linalg.norm(row)
+        information = float(unit @ (matrix * np.outer(sigma, sigma)) @ unit)
+        found.append(Confounding(names, tuple(float(row[i]) for i in kept), information))
+    return tuple(sorted(found, key=lambda c: (not any(_is_machine(n, parameters) for n in c.names), c.names)))
+
+
+def _is_machine(name: str, parameters: Sequence[Parameter]) -> bool:
+    return any(p.name == name and p.kind != "setup" for p in parameters)
+
+
+def _echelon(basis: Array, preferred: NDArray[np.bool_]) -> Array:
+    """Reduced row-echelon form with complete pivoting, `preferred` columns first as long as they carry enough."""
+    rows = basis.copy()
+    free = np.ones(rows.shape[1], dtype=bool)
+    for i in range(len(rows)):
+        size = np.abs(rows[i:]) * free
+        best = size * preferred
+        if best.max() < 0.3 * size.max():
+            best = size
+        at, pivot = np.unravel_index(int(np.argmax(best)), best.shape)
+        rows[[i, i + at]] = rows[[i + at, i]]
+        rows[i] /= rows[i, pivot]
+        for k in range(len(rows)):
+            if k != i:
+                rows[k] -= rows[k, pivot] * rows[i]
+        free[pivot] = False
+    return rows

@@ -1,0 +1,138 @@
+"""`identify`: from a campaign with readings to parameters with honest uncertainties."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.identify._confounding import confounded_combinations, data_rank
+from symfive.identify._ipopt import solve_with_ipopt
+from symfive.identify._noise import Block, Noise
+from symfive.identify._problem import Problem
+from symfive.identify._result import Identification
+from symfive.identify._solve import solve
+from symfive.model import Model
+
+__all__ = ["identify", "summarise"]
+
+Array = NDArray[np.float64]
+
+
+def _silent(message: str) -> None:
+    pass
+
+
+def identify(
+    campaign: Campaign | Model,
+    *,
+    effects: Iterable[Effect] = (),
+    free: Iterable[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    noise: str = "estimate",
+    solver: str = "gauss_newton",
+    loss: str = "square",
+    start: Mapping[str, float] | None = None,
+    progress: Callable[[str], None] = _silent,
+) -> Identification:
+    """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
+
+    `campaign` with readings (or its `Model`); `effects` join the baseline. `free` names the only parameters that may
+    move, `fixed` holds some at given values (file units). `noise`: `estimate` finds the white part (never below the
+    declared one), a coloured part and outliers; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
+    (bounds by an interior point); `loss`: `square` or `huber` (IPOPT). `start` where to begin.
+
+    Raises `InputError` where there are no readings. Source of the estimator: Gaussian prior and noise (A. Tarantola
+    2005, ch. 3), restricted likelihood for the noise.
+    """
+    model = campaign if isinstance(campaign, Model) else Model(campaign, effects)
+    _check_choice("noise", noise, ("estimate", "declared"))
+    _check_choice("solver", solver, ("gauss_newton", "ipopt"))
+    _check_choice("loss", loss, ("square", "huber"))
+    values = model.vector(dict(start or {}))
+    movable = np.ones(len(model.parameters), dtype=bool)
+    if free is not None:
+        chosen = [model.index[name] for name in model.index if name in set(free)]
+        movable[:] = False
+        movable[chosen] = True
+    for name, value in (fixed or {}).items():
+        values[_place(model, name)] = value
+        movable[_place(model, name)] = False
+    problem = Problem.of(model, movable)
+    progress(f"{model.campaign.rows} rows, {int(movable.sum())} parameters")
+    values, converged = solve(problem, values, noise=noise, progress=progress)
+    notes = []
+    at_bound = [p.name for p, v in zip(model.parameters, values, strict=True) if v in (p.lower, p.upper)]
+    if solver == "ipopt" or loss != "square" or at_bound:
+        progress("refining with IPOPT")
+        values, converged, note = solve_with_ipopt(problem, values, loss)
+        notes += [note] if note else []
+    if not converged:
+        notes.append("the fit did not converge; the values are the best found and their uncertainties may be wrong")
+    return summarise(problem, values, converged, tuple(notes))
+
+
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise InputError(f'{name} = "{value}" is unknown', remedy=f"use one of {', '.join(choices)}")
+
+
+def _place(model: Model, name: str) -> int:
+    if name not in model.index:
+        raise InputError(f'the model has no parameter "{name}"', remedy="see model.parameters")
+    return model.index[name]
+
+
+def summarise(problem: Problem, values: Array, converged: bool, notes: tuple[str, ...] = (), method: str = "joint") -> Identification:
+    """Covariance, rank, confounded combinations and residual statistics at the solution."""
+    model = problem.model
+    blocks = problem.blocks(values)
+    information = problem.information(blocks)
+    free = np.flatnonzero(problem.free)
+    inner = np.ix_(free, free)
+    covariance = np.zeros_like(information.matrix)
+    covariance[inner] = np.linalg.inv(information.matrix[inner] + np.diag(problem.prior_precision[free]))
+    spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
+    declared = _square_over_declared(blocks, problem.noises)
+    dof = max(information.count - spent, 1.0)
+    if information.count <= spent:
+        notes = (*notes, "there are no more readings than parameters: the fit cannot be judged")
+    active = [model.parameters[i] for i in free]
+    sigma = np.array([p.sigma for p in active])
+    return Identification(
+        model=model,
+        values=values,
+        covariance=covariance,
+        converged=converged,
+        rank=data_rank(information.matrix[inner], sigma),
+        confounded=confounded_combinations(information.matrix[inner], active),
+        outliers=tuple(problem.outliers),
+        noises=dict(problem.noises),
+        residuals={run.id: model.readings(run) - model.predict_run(run, values) for run in model.campaign.runs},
+        rms=_rms(problem, blocks),
+        chi2_dof=declared / dof,
+        chi2_dof_whitened=information.square / dof,
+        dof=dof,
+        notes=notes,
+        method=method,
+    )
+
+
+def _square_over_declared(blocks: Mapping[tuple[str, str], Block], noises: Mapping[tuple[str, str], Noise]) -> float:
+    return float(sum(np.sum(b.residual[~b.left_out] ** 2) / noises[key].declared ** 2 for key, b in blocks.items()))
+
+
+def _rms(problem: Problem, blocks: Mapping[tuple[str, str], Block]) -> dict[str, float]:
+    """Root mean square of the kept residuals by unit of reading."""
+    sums: dict[str, list[float]] = {}
+    for (run, _), block in blocks.items():
+        units = {column.unit for column in problem.model.columns(run)}
+        unit = units.pop() if len(units) == 1 else "mixed"
+        entry = sums.setdefault(unit, [0.0, 0.0])
+        entry[0] += float(np.sum(block.residual[~block.left_out] ** 2))
+        entry[1] += block.kept
+    return {unit: float(np.sqrt(square / max(count, 1.0))) for unit, (square, count) in sums.items()}

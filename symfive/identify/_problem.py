@@ -1,0 +1,155 @@
+"""The estimation problem of a campaign: whitened residuals, information and gradient, run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from symfive.identify._noise import Block, Noise, estimate_noise, whiten
+from symfive.instruments import instruments_of
+from symfive.model import Model
+
+__all__ = ["Information", "Outlier", "Problem"]
+
+Array = NDArray[np.float64]
+OUTLIER_LEVEL = 0.01
+LONGEST_OUTLIER = 3
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A reading that the noise cannot explain: run, row (from 0), column, residual in the column's unit, in σ."""
+
+    run: str
+    row: int
+    column: str
+    residual: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Information:
+    """Of the data, without the priors: `matrix` (k, k), `gradient` (k,) towards the readings, `square` Σ of whitened
+    residuals squared, `count` readings that entered."""
+
+    matrix: Array
+    gradient: Array
+    square: float
+    count: int
+
+
+@dataclass
+class Problem:
+    """Readings, priors and noise of a model. `free` marks the parameters that may move; `noises` by (run, instrument)."""
+
+    model: Model
+    free: NDArray[np.bool_]
+    noises: dict[tuple[str, str], Noise] = field(default_factory=dict)
+    left_out: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    outliers: list[Outlier] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, model: Model, free: NDArray[np.bool_] | None = None, noises: Mapping[tuple[str, str], Noise] | None = None) -> Problem:
+        """The problem with declared white noise and no outliers."""
+        problem = cls(model, np.ones(len(model.parameters), dtype=bool) if free is None else free)
+        for run in model.campaign.runs:
+            for instrument in instruments_of(run):
+                declared = run.noise(instrument.name)
+                problem.noises[run.id, instrument.name] = Noise(declared, declared=declared)
+            problem.left_out[run.id] = np.zeros((run.rows, len(model.columns(run))), dtype=bool)
+        problem.noises.update(noises or {})
+        return problem
+
+    @property
+    def prior_precision(self) -> Array:
+        """Diagonal of the prior's information (k,)."""
+        return np.asarray(self.model.prior_sigma**-2.0)
+
+    def blocks(self, values: Array, *, readings: bool = True) -> dict[tuple[str, str], Block]:
+        """Residuals and sensitivities of every run and instrument at `values`."""
+        found: dict[tuple[str, str], Block] = {}
+        for run in self.model.campaign.runs:
+            line = self.model.linearise(run, values)
+            residual = self.model.readings(run) - line.prediction if readings else np.zeros_like(line.prediction)
+            used = self.free[line.columns]
+            jacobian, columns = line.jacobian[:, :, used], line.columns[used]
+            interval = float(np.median(np.diff(run.time))) if run.rows > 1 else 1.0
+            first = 0
+            for instrument in instruments_of(run):
+                count = len(instrument.columns(run, self.model.machine))
+                part = slice(first, first + count)
+                first += count
+                if instrument.name == "encoder" and run.options.get("motion_from") == "encoder":
+                    continue
+                found[run.id, instrument.name] = Block(
+                    residual[:, part], jacobian[:, part], columns, interval, self.left_out[run.id][:, part]
+                )
+        return found
+
+    def information(self, blocks: Mapping[tuple[str, str], Block]) -> Information:
+        """Sum over the blocks, each whitened by its own noise."""
+        size = len(self.model.parameters)
+        gram = np.zeros((size + 1, size + 1))
+        count = 0
+        for key, block in blocks.items():
+            white, _ = whiten(block.stacked(), self.noises[key], block.interval)
+            flat = white.reshape(-1, white.shape[2])
+            where = np.append(block.columns, size)
+            gram[np.ix_(where, where)] += flat.T @ flat
+            count += block.kept
+        return Information(gram[:size, :size], gram[:size, size], float(gram[size, size]), count)
+
+    def estimate_noises(self, blocks: Mapping[tuple[str, str], Block]) -> None:
+        """Noise per instrument and sampling, shared by all runs that declare the same."""
+        groups: dict[tuple[str, bool, float], list[tuple[str, str]]] = {}
+        for run, instrument in blocks:
+            data = self.model.campaign.run(run)
+            groups.setdefault((instrument, data.dynamic, self.noises[run, instrument].declared), []).append((run, instrument))
+        for (_, _, declared), keys in groups.items():
+            others = {key: block for key, block in blocks.items() if key not in keys}
+            precision = np.diag(self.prior_precision) + self.information(others).matrix
+            noise = estimate_noise([blocks[key] for key in keys], declared, precision)
+            for key in keys:
+                self.noises[key] = noise
+
+    def flag_outliers(self, blocks: Mapping[tuple[str, str], Block]) -> bool:
+        """Mark isolated readings beyond what noise gives once in 1/OUTLIER_LEVEL campaigns; True where the set changed.
+
+        More than a few neighbouring rows are no outlier but a mismatch, and stay.
+        """
+        total = sum(block.residual.size for block in blocks.values())
+        limit = float(norm.isf(0.5 * OUTLIER_LEVEL / max(total, 1)))
+        fresh: dict[str, NDArray[np.bool_]] = {run: np.zeros_like(mask) for run, mask in self.left_out.items()}
+        found: list[Outlier] = []
+        place: dict[str, int] = {}
+        for (run, name), block in blocks.items():
+            first = place.get(run, 0)
+            place[run] = first + block.residual.shape[1]
+            table, _ = whiten(block.residual, self.noises[run, name], block.interval)
+            for j in range(block.residual.shape[1]):
+                for rows in _isolated(np.flatnonzero(np.abs(table[:, j]) > limit)):
+                    worst = max(rows, key=lambda r: abs(block.residual[r, j]))
+                    fresh[run][worst, first + j] = True
+                    column = self.model.columns(run)[first + j].name
+                    sigmas = float(table[worst, j])
+                    found.append(Outlier(run, int(worst), column, float(block.residual[worst, j]), sigmas))
+        changed = any(not np.array_equal(fresh[run], self.left_out[run]) for run in fresh)
+        for run, mask in fresh.items():
+            self.left_out[run] = mask
+        self.outliers = found
+        return changed
+
+
+def _isolated(rows: NDArray[np.int64]) -> list[list[int]]:
+    """Groups of neighbouring rows short enough to be an outlier (an outlier also disturbs the innovation after it)."""
+    groups: list[list[int]] = []
+    for row in rows.tolist():
+        if groups and row - groups[-1][-1] <= 1:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    return [group for group in groups if len(group) <= LONGEST_OUTLIER]

@@ -1,0 +1,201 @@
+"""The result of an identification: every value with its uncertainty, and what stays confounded, by name."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from symfive.errors import InputError
+from symfive.identify._confounding import Confounding
+from symfive.identify._noise import Noise
+from symfive.identify._problem import Outlier
+from symfive.kinematics import basis_of
+from symfive.model import Model
+from symfive.parameters import Parameter
+
+__all__ = ["SCHEMA", "Identification", "MotionCurve"]
+
+SCHEMA = "symfive.identification/1"
+Array = NDArray[np.float64]
+CURVE_POINTS = 37
+
+
+@dataclass(frozen=True)
+class MotionCurve:
+    """An identified error motion over its axes: `at` axis → (N,) mm or degree, `value` and `std` (N,) µm or µrad."""
+
+    name: str
+    unit: str
+    at: Mapping[str, Array]
+    value: Array
+    std: Array
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Estimated parameters of a model with covariance, fit quality, outliers and confounded combinations.
+
+    `values`, `std` (k,) in the order and units of `model.parameters`; `covariance` (k, k); `rank` directions in which
+    the data outweigh the prior; `rms_um` root mean square of the residuals that were kept, per unit of reading;
+    `chi2_dof` their mean square over the *declared* noise per degree of freedom; `residuals` run → (N, ny).
+    """
+
+    model: Model
+    values: Array
+    covariance: Array
+    converged: bool
+    rank: int
+    confounded: tuple[Confounding, ...]
+    outliers: tuple[Outlier, ...]
+    noises: Mapping[tuple[str, str], Noise]
+    residuals: Mapping[str, Array]
+    rms: Mapping[str, float]
+    chi2_dof: float
+    chi2_dof_whitened: float
+    dof: float
+    notes: tuple[str, ...] = ()
+    method: str = "joint"
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters, in the order of `values`."""
+        return self.model.parameters
+
+    @property
+    def std(self) -> Array:
+        """Posterior standard deviations (k,), file units."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def __getitem__(self, name: str) -> float:
+        """The value of a parameter in its file unit."""
+        return float(self.values[self._place(name)])
+
+    def uncertainty(self, name: str) -> float:
+        """Its posterior standard deviation."""
+        return float(self.std[self._place(name)])
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """The central interval that holds the true value with probability `level` (Student's t for few readings)."""
+        i = self._place(name)
+        factor = student.isf((1 - level) / 2, self.dof) if 1.0 < self.dof < 1e4 else norm.isf((1 - level) / 2)
+        return float(self.values[i] - factor * self.std[i]), float(self.values[i] + factor * self.std[i])
+
+    def _place(self, name: str) -> int:
+        if name not in self.model.index:
+            raise InputError(f'there is no parameter "{name}"', remedy="see result.parameters")
+        return self.model.index[name]
+
+    @property
+    def rms_um(self) -> float:
+        """Root mean square of all residuals, in µm where readings are in µm."""
+        return self.rms.get("um", next(iter(self.rms.values()), 0.0))
+
+    def error_motion(self, name: str, points: int = CURVE_POINTS) -> MotionCurve:
+        """The identified error motion over the travel, with the 1σ of each point from the joint covariance."""
+        term = self.model.machine.errors[name]
+        basis = basis_of(term, self.model.machine)
+        axes = [self.model.machine.axes[axis] for axis in term.over]
+        count = points if len(axes) == 1 else max(9, int(points ** (1.0 / len(axes)) * 2))
+        grids = np.meshgrid(*(self._reach(axis.name, count) for axis in axes), indexing="ij")
+        flat = [grid.ravel() for grid in grids]
+        matrix = basis.matrix(*(f * axis.to_internal for f, axis in zip(flat, axes, strict=True)))
+        where = [self.model.index[f"{name}.{n}"] for n in basis.names]
+        value = matrix @ self.values[where]
+        std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, self.covariance[np.ix_(where, where)], matrix), 0.0))
+        unit = "urad" if term.angular else "um"
+        return MotionCurve(name, unit, dict(zip(term.over, flat, strict=True)), value, std)
+
+    def _reach(self, axis: str, count: int) -> Array:
+        """The part of the travel that the campaign used (of a turning axis at most one turn)."""
+        used = np.concatenate([run.commands[axis] for run in self.model.campaign.runs])
+        low, high = float(used.min()), float(used.max())
+        if high - low < 1e-9:
+            low, high = self.model.machine.axes[axis].travel
+        if self.model.machine.axes[axis].rotary and high - low > 360.0:
+            low, high = 0.0, 360.0
+        return np.linspace(low, high, count)
+
+    def to_data(self) -> dict[str, Any]:
+        """`identification.json` (conventions, section 6)."""
+        machine = self.model.machine
+        motions = {term.name: self.error_motion(term.name) for term in machine.error_motions}
+        setup: dict[str, dict[str, Any]] = {run.id: {} for run in self.model.campaign.runs}
+        shared = {}
+        for i, p in enumerate(self.parameters):
+            entry = {"value": float(self.values[i]), "std": float(self.std[i]), "unit": p.unit}
+            if p.run is None:
+                shared[p.name] = entry
+            else:
+                setup[p.run][p.name.removeprefix(f"setup.{p.run}.")] = entry
+        return {
+            "schema": SCHEMA,
+            "method": self.method,
+            "converged": self.converged,
+            "parameters": shared,
+            "error_motions": {
+                name: {
+                    "at": {axis: _rounded(at) for axis, at in curve.at.items()},
+                    "value": _rounded(curve.value),
+                    "std": _rounded(curve.std),
+                    "unit": curve.unit,
+                }
+                for name, curve in motions.items()
+            },
+            "setup": setup,
+            "rank": self.rank,
+            "confounded": [list(c.names) for c in self.confounded if self._concerns_machine(c)],
+            "confounded_setup": [list(c.names) for c in self.confounded if not self._concerns_machine(c)],
+            "says": [c.words for c in self.confounded if self._concerns_machine(c)],
+            "rms_um": float(self.rms_um),
+            "rms": {unit: float(v) for unit, v in self.rms.items()},
+            "chi2_dof": float(self.chi2_dof),
+            "chi2_dof_whitened": float(self.chi2_dof_whitened),
+            "noise": {
+                f"{run}.{instrument}": {
+                    "declared": n.declared, "white": n.white, "coloured": n.coloured, "time_constant_s": n.time_constant,
+                }
+                for (run, instrument), n in self.noises.items()
+            },
+            "outliers": [
+                {"run": o.run, "row": o.row + 2, "column": o.column, "residual": o.residual, "sigmas": o.sigmas}
+                for o in self.outliers
+            ],
+            "notes": list(self.notes),
+            **dict(self.extra),
+        }  # fmt: skip
+
+    def _concerns_machine(self, combination: Confounding) -> bool:
+        return any(self.parameters[self.model.index[name]].kind != "setup" for name in combination.names)
+
+    def table(self, setup: bool = False) -> list[tuple[str, float, float, str, float]]:
+        """Rows (name, value, std, unit, prior 1σ), set-up parameters only if asked for."""
+        rows = zip(self.parameters, self.values, self.std, strict=True)
+        return [(p.name, float(v), float(s), p.unit, p.sigma) for p, v, s in rows if setup or p.run is None]
+
+    def __str__(self) -> str:
+        width = max([len(name) for name, *_ in self.table()] + [9])
+        lines = [f"{'parameter':<{width}} {'value':>12} {'std':>10} {'unit':<8}"]
+        lines += [f"{name:<{width}} {v:12.4g} {s:10.3g} {unit:<8}" for name, v, s, unit, _ in self.table()]
+        lines.append(f"rms {self.rms_um:.3g}, chi²/dof {self.chi2_dof:.3f} to the declared noise, rank {self.rank}")
+        lines += [c.words for c in self.confounded if self._concerns_machine(c)]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        head = "<tr><th>parameter</th><th>value</th><th>1σ</th><th>unit</th></tr>"
+        body = "".join(
+            f"<tr><td>{html.escape(n)}</td><td>{v:.4g}</td><td>{s:.2g}</td><td>{html.escape(u)}</td></tr>"
+            for n, v, s, u, _ in self.table()
+        )
+        return f"<table>{head}{body}</table><p>chi²/dof {self.chi2_dof:.3f}, rank {self.rank}</p>"
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(f"{v:.9g}") for v in values]

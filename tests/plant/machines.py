@@ -1,0 +1,103 @@
+"""Ready machines as dictionaries of machine.toml: the ones of the shared campaigns and a few other
+topologies.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+Machine = dict[str, Any]
+
+SYNCHRONOUS = {
+    "X": {
+        "position_gain": 40.0,
+        "velocity_gain": 300.0,
+        "integral_time": 0.05,
+        "viscous": 8.0,
+        "feedforward": 0.0,
+    },
+    "C": {
+        "position_gain": 40.0,
+        "velocity_gain": 260.0,
+        "integral_time": 0.05,
+        "viscous": 8.0,
+        "feedforward": 0.0,
+    },
+}
+"""Drives of shared/campaigns/dynamic-none."""
+PLANAR = {
+    "X": {
+        "position_gain": 45.0,
+        "velocity_gain": 280.0,
+        "integral_time": 0.06,
+        "viscous": 6.0,
+        "feedforward": 0.0,
+    },
+    "Y": {
+        "position_gain": 45.0,
+        "velocity_gain": 260.0,
+        "integral_time": 0.06,
+        "viscous": 6.0,
+        "feedforward": 0.0,
+    },
+}
+"""Drives of shared/campaigns/planar-none."""
+
+LIMITS = {
+    "linear": {"travel": [-400.0, 400.0], "max_feed": 20000.0, "max_acceleration": 4000.0},
+    "tilt": {"travel": [-120.0, 120.0], "max_feed": 13000.0, "max_acceleration": 60000.0},
+    "turn": {"travel": [-3600.0, 3600.0], "max_feed": 13000.0, "max_acceleration": 60000.0},
+}
+
+
+def machine(
+    structure: str,
+    errors: dict[str, Any],
+    *,
+    drives: dict[str, dict[str, float]] | None = None,
+    origins: dict[str, list[float]] | None = None,
+    directions: dict[str, list[float]] | None = None,
+) -> Machine:
+    """Machine of any letters; C turns without end, A and B tilt; axes in the shared campaigns' order (bed
+    outward).
+    """
+    words = structure.split()
+    bed = words.index("b")
+    names = [w.rstrip("'") for w in words[1:bed][::-1] + words[bed + 1 : -1]]
+    axes: dict[str, Any] = {}
+    for name in names:
+        table: dict[str, Any] = {}
+        if name in "ABC":
+            table["origin"] = list((origins or {}).get(name, [0.0, 0.0, 0.0]))
+        if name in (directions or {}):
+            table["direction"] = list(directions[name])
+        table |= LIMITS["turn" if name == "C" else "tilt" if name in "AB" else "linear"]
+        if name in (drives or {}):
+            table["drive"] = dict(drives[name])
+        axes[name] = table
+    return {
+        "schema": "symfive.machine/1",
+        "name": "plant",
+        "structure": structure,
+        "axes": axes,
+        "errors": errors,
+    }
+
+
+def dynamic_table() -> Machine:
+    """shared/campaigns/dynamic-none: tilting table A C, Y under it, X and C with drives."""
+    sigma = {"EX0C": 30.0, "EY0C": 30.0, "EA0C": 50.0, "EB0C": 50.0}
+    return machine("w C' A' Y' b X Z t", {k: {"sigma": v} for k, v in sigma.items()}, drives=SYNCHRONOUS)
+
+
+def planar_table() -> Machine:
+    """shared/campaigns/planar-none: the same structure, X and Y with drives, baseline squareness and EXX."""
+    errors = {"EC0X": {"sigma": 40.0}, "EXX": {"basis": "polynomial", "order": 1, "sigma": 5.0}}
+    return machine("w C' A' Y' b X Z t", errors, drives=PLANAR)
+
+
+def static_table() -> Machine:
+    """shared/campaigns/static-none: tilting table B C, the B axis 50 mm below the origin."""
+    errors = {f"E{c}0B": {"sigma": s} for c, s in (("X", 40.0), ("Z", 40.0), ("A", 80.0), ("C", 80.0))}
+    errors |= {f"E{c}0C": {"sigma": s} for c, s in (("X", 40.0), ("Y", 40.0), ("A", 80.0), ("B", 80.0))}
+    return machine("w C' B' Y' b X Z t", errors, origins={"B": [0.0, 0.0, -50.0]})
