@@ -26,7 +26,8 @@ class Row:
     machine frame; `table_ball` (workpiece frame) and `tool_ball` (tool frame) with their set-up errors. `ball` is the
     tool ball in the workpiece frame. It is computed when first asked for, which an instrument does after all effects
     on axes and structure have been applied; `readings` are what the instruments read, changed by reading effects:
-    `columns` what they are, `sources` whose they are and `sensed` the indices of those that the control does not record.
+    `columns` what they are, `sources` whose they are and `sensed` the indices of those that the control does not
+    record.
     """
 
     def __init__(

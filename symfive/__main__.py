@@ -1,0 +1,5 @@
+"""`python -m symfive`."""
+
+from symfive.cli import main
+
+main()

@@ -1,0 +1,205 @@
+"""The command line: every verb of the Python API, with clear errors and exit codes (conventions, section 6)."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from symfive import __version__
+from symfive.campaign import Campaign, read_campaign, write_campaign_files
+from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.files import output_folder, write_json
+from symfive.identify import assess as assess_campaign
+from symfive.identify import fitted_model
+from symfive.identify import identify as identify_campaign
+from symfive.identify import predict as predict_campaign
+from symfive.model import effects_from_data, read_json, read_model, write_model
+from symfive.simulate import simulate as simulate_plan
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="symfive",
+    help="One symbolic model of five-axis machine tools: plan, measure, identify, diagnose, predict, generate code.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+CampaignPath = Annotated[Path, typer.Argument(help="A campaign's folder, or its campaign.toml.", show_default=False)]
+OutputPath = Annotated[Path, typer.Option("-o", "--output", help="The folder for the results.", show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors and the result.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"symfive {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+) -> None:
+    pass
+
+
+class _Progress:
+    """Plain lines on standard error, from two seconds on."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._begin = time.monotonic()
+
+    def __call__(self, message: str) -> None:
+        elapsed = time.monotonic() - self._begin
+        if not self._quiet and elapsed > 2.0:
+            typer.echo(f"{elapsed:5.1f} s  {message}", err=True)
+
+
+def _read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
+    campaign = read_campaign(path)
+    if not quiet:
+        for note in campaign.notes:
+            typer.echo(f"note: {note}", err=True)
+    if measured and not campaign.measured:
+        empty = next(run.id for run in campaign.runs if not run.measured)
+        raise InputError(f"run {empty} has no readings", path=path, remedy="measure or simulate the plan first")
+    return campaign
+
+
+def _tell(data: dict[str, Any], text: str, as_json: bool) -> None:
+    typer.echo(json.dumps(data, indent=1) if as_json else text)
+
+
+@app.command(epilog="Example: symfive assess designs/plans/r-test-grid")
+def assess(campaign: CampaignPath, as_json: Json = False, quiet: Quiet = False) -> None:
+    """What a plan or campaign can tell: expected 1σ, rank, combinations that cannot be told apart."""
+    result = assess_campaign(_read(campaign, quiet))
+    _tell(result.to_data(), str(result), as_json)
+
+
+def _truth(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
+    """Values and effects of a truth file: `truth.json`, `model.json` or `identification.json`."""
+    if path is None:
+        return {}, ()
+    data = read_json(path)
+    parameters = data.get("parameters") if isinstance(data, dict) else None
+    if not isinstance(parameters, dict):
+        raise InputError("the truth has no parameters", path=path, remedy='write { "parameters": { "EX0C": 12.0 } }')
+    values = {}
+    for name, entry in parameters.items():
+        value = entry.get("value") if isinstance(entry, dict) else entry
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise InputError(f"the value of {name} is not a finite number", path=path, remedy="write a number")
+        values[str(name)] = float(value)
+    return values, effects_from_data(data.get("effects", []), path)
+
+
+@app.command(epilog="Example: symfive simulate plan/ -o measured/ --seed 7")
+def simulate(
+    campaign: CampaignPath,
+    output: OutputPath,
+    truth: Annotated[Path | None, typer.Option(help="True parameter values (JSON); the others are drawn.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of machine and noise.")] = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Measure a plan in simulation: the campaign with readings and truth.json."""
+    values, effects = _truth(truth)
+    result = simulate_plan(_read(campaign, quiet), truth=values, effects=effects, seed=seed)
+    with output_folder(output) as folder:
+        write_campaign_files(result.campaign, folder)
+        write_json(folder / "truth.json", result.to_data())
+    if not quiet:
+        typer.echo(f"{result.campaign.rows} rows of {len(result.campaign.runs)} runs in {output}", err=True)
+
+
+@app.command(epilog="Example: symfive identify measured/ -o results/")
+def identify(
+    campaign: CampaignPath,
+    output: OutputPath,
+    also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
+    noise: Annotated[str, typer.Option(help="estimate, or declared (believe the data sheet).")] = "estimate",
+    loss: Annotated[str, typer.Option(help="square, or huber (by IPOPT).")] = "square",
+    figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Identify the machine's errors: identification.json, model.json, identification.html and figures."""
+    progress = _Progress(quiet)
+    data = _read(campaign, quiet, measured=True)
+    for number, path in enumerate(also or [], start=2):
+        data = data.joined(_read(path, quiet, measured=True), prefix=f"c{number}-")
+    result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
+    with output_folder(output) as folder:
+        write_json(folder / "identification.json", result.to_data())
+        write_model(fitted_model(result), folder / "model.json")
+        if figures:
+            from symfive.report import identification_report, save_figures
+
+            progress("drawing the figures")
+            save_figures(result, folder / "figures")
+            identification_report(result, folder)
+    if not quiet:
+        for note in result.notes:
+            typer.echo(f"note: {note}", err=True)
+    _tell(result.to_data(), str(result), as_json)
+
+
+@app.command(epilog="Example: symfive predict results/model.json heldout/ -o predicted/")
+def predict(
+    model: Annotated[Path, typer.Argument(help="A fitted model.json (or its folder).", show_default=False)],
+    campaign: CampaignPath,
+    output: OutputPath,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Predict the readings of a plan or campaign; a run's own set-up is fitted where it has readings."""
+    result = predict_campaign(read_model(model), _read(campaign, quiet))
+    with output_folder(output) as folder:
+        write_campaign_files(result.campaign, folder)
+        summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "setup": {k: dict(v) for k, v in result.setup.items()}}
+        write_json(folder / "prediction.json", summary)
+    lines = [f"{run}: rms of measured minus predicted {rms:.4g} (unit of its readings)" for run, rms in result.rms.items()]
+    _tell(summary, "\n".join(lines) or "no run has readings: nothing to compare with", as_json)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit code (0 done, 2 bad input, 130 interrupted)."""
+    code = _guarded(lambda: app(arguments, standalone_mode=True))
+    if arguments is None:
+        sys.exit(code)
+    return code
+
+
+def _guarded(run: Callable[[], Any]) -> int:
+    try:
+        run()
+    except SystemExit as end:
+        return int(end.code or 0) if not isinstance(end.code, str) else 2
+    except InputError as error:
+        typer.echo(f"symfive: {error}", err=True)
+        return 2
+    except np.linalg.LinAlgError as error:
+        typer.echo(f"symfive: the equations cannot be solved ({error}); check priors and noise in the files.", err=True)
+        return 2
+    except MemoryError:
+        typer.echo("symfive: the recording does not fit into memory; split the campaign.", err=True)
+        return 2
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        typer.echo(f"symfive: {place}{error.strerror or error}; check the disk and your rights.", err=True)
+        return 2
+    except KeyboardInterrupt:
+        typer.echo("symfive: interrupted; nothing was written.", err=True)
+        return 130
+    return 0

@@ -1,0 +1,135 @@
+"""`model.json`: a fitted machine with its effects, values and covariance, to be used again."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.effects import Effect, make_effect
+from symfive.errors import InputError
+from symfive.files import read_text, write_json
+from symfive.machine import Machine, machine_from_data, machine_to_data
+
+__all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
+
+SCHEMA = "symfive.model/1"
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A machine, the effects beyond its baseline, and the values of all parameters that are not one run's own.
+
+    `values` and `std` by name in the files' units; `covariance` (k, k) in the order of `names`.
+    """
+
+    machine: Machine
+    effects: tuple[Effect, ...]
+    values: Mapping[str, float]
+    std: Mapping[str, float]
+    units: Mapping[str, str]
+    names: tuple[str, ...]
+    covariance: NDArray[np.float64]
+
+
+def effect_to_data(effect: Effect) -> dict[str, Any]:
+    """An effect as a table: its id, axis and the options that differ from their defaults."""
+    table: dict[str, Any] = {"effect": effect.id}
+    for f in fields(effect):
+        value = getattr(effect, f.name)
+        if value != f.default:
+            table[f.name] = list(value) if isinstance(value, tuple) else value
+    return table
+
+
+def effects_from_data(entries: Any, source: Path | str) -> tuple[Effect, ...]:
+    """Effects from such tables."""
+    if not isinstance(entries, list):
+        raise InputError("effects is not a list", path=source, remedy='write [{ "effect": "backlash", "axis": "C" }]')
+    found = []
+    for entry in entries:
+        if not isinstance(entry, Mapping) or not isinstance(entry.get("effect"), str):
+            raise InputError("an effect has no id", path=source, remedy='write { "effect": "backlash", "axis": "C" }')
+        options = {k: _tuple(v) for k, v in entry.items() if k not in ("effect", "axis")}
+        try:
+            found.append(make_effect(entry["effect"], entry.get("axis"), **options))
+        except (InputError, TypeError, ValueError) as error:
+            problem = error.problem if isinstance(error, InputError) else str(error)
+            raise InputError(problem, path=source, remedy=getattr(error, "remedy", "")) from None
+    return tuple(found)
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(_tuple(v) for v in value) if isinstance(value, list) else value
+
+
+def write_model(model: FittedModel, path: Path) -> None:
+    """Write `model.json`, whole or not at all."""
+    data = {
+        "schema": SCHEMA,
+        "machine": machine_to_data(model.machine),
+        "effects": [effect_to_data(effect) for effect in model.effects],
+        "parameters": {
+            name: {"value": model.values[name], "std": model.std[name], "unit": model.units[name]} for name in model.names
+        },
+        "covariance": {"names": list(model.names), "matrix": model.covariance.tolist()},
+    }
+    write_json(path, data)
+
+
+def read_json(path: Path) -> Any:
+    """A JSON file; what is not JSON ends in an `InputError` with line and column."""
+    try:
+        return json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"not valid JSON: {error.msg}", path=path, line=error.lineno, column=error.colno, remedy="correct it there"
+        ) from None
+    except RecursionError:
+        raise InputError("the JSON is nested too deeply", path=path, remedy="this is not a file of symfive") from None
+
+
+def read_model(path: Path | str) -> FittedModel:
+    """Read `model.json`. Raises `InputError`."""
+    path = Path(path)
+    if path.is_dir():
+        path = path / "model.json"
+    data = read_json(path)
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        raise InputError(f'this is not a model: its schema is not "{SCHEMA}"', path=path, remedy="run symfive identify to make one")
+    try:
+        machine = machine_from_data(data["machine"], str(path))
+        entries = {str(name): _entry(name, e, path) for name, e in data["parameters"].items()}
+        names = tuple(map(str, data["covariance"]["names"]))
+        covariance = np.array(data["covariance"]["matrix"], dtype=float).reshape(len(names), len(names))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"the model is incomplete ({error})", path=path, remedy="run symfive identify again") from None
+    return FittedModel(
+        machine=machine,
+        effects=effects_from_data(data.get("effects", []), path),
+        values={name: e[0] for name, e in entries.items()},
+        std={name: e[1] for name, e in entries.items()},
+        units={name: e[2] for name, e in entries.items()},
+        names=names,
+        covariance=covariance,
+    )
+
+
+def _entry(name: str, entry: Any, path: Path) -> tuple[float, float, str]:
+    value, std = float(entry["value"]), float(entry["std"])
+    if not (math.isfinite(value) and math.isfinite(std)):
+        raise InputError(f"parameter {name} is not a finite number", path=path, remedy="run symfive identify again")
+    return value, std, str(entry["unit"])
+
+
+def shared_names(names: Iterable[str]) -> tuple[str, ...]:
+    """The names that do not belong to one run."""
+    return tuple(name for name in names if not name.startswith("setup."))

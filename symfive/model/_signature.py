@@ -1,0 +1,39 @@
+"""The signature of an effect: how it changes the readings of a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.model._model import Model
+
+__all__ = ["signature"]
+
+
+def signature(
+    effect: Effect, campaign: Campaign, size: Mapping[str, float] | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """Change of the readings when the effect joins the model, all else at rest: run id → (N, ny), in the
+    columns' units.
+
+    `size` gives its parameters by their names without the effect's `key` (file units), `{"width": 41.0}`;
+    what it leaves out, and all where it is None, is of usual size (`Effect.typical`). Raises `InputError` for
+    a name that the effect lacks and where it cannot join the campaign.
+    """
+    model = Model(campaign, (effect,))
+    joined = model.effects[-1]
+    values = joined.typical(campaign)
+    for name, value in (size or {}).items():
+        if f"{joined.key}.{name}" not in values:
+            known = ", ".join(n.removeprefix(joined.key + ".") for n in values)
+            raise InputError(f'{joined.key} has no parameter "{name}"', remedy=f"use one of {known}")
+        values[f"{joined.key}.{name}"] = value
+    without = {p.name: p.mean for p in joined.parameters(campaign)}
+    rest = dict(zip(model.index, model.prior_mean, strict=True))
+    with_it, base = model.predict(rest | values), model.predict(rest | without)
+    return {run.id: with_it[run.id] - base[run.id] for run in campaign.runs}
