@@ -1,0 +1,71 @@
+"""Converters of public recordings to campaigns: one small module per kind of recording, one line of the
+table.
+
+The recordings are never part of symfive. They are looked for in the folder that the environment variable
+`SYMFIVE_DATA` names, by default `../shared/data` beside the repository; their sources and licences stand in
+its README.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from symfive.campaign import Campaign
+from symfive.convert.ecmc_iso230 import ecmc_iso230
+from symfive.convert.emps import emps
+from symfive.convert.ess_radial_load import ess_radial_load
+from symfive.convert.ess_wobbling import ess_wobbling
+from symfive.convert.ess_xyz import ess_xyz
+from symfive.convert.irb120_tracker import irb120_tracker
+from symfive.convert.jjxray_slit import jjxray_slit
+from symfive.convert.mukca import mukca
+from symfive.errors import InputError
+
+__all__ = ["CONVERTERS", "VARIABLE", "convert", "data_folder"]
+
+VARIABLE = "SYMFIVE_DATA"
+
+CONVERTERS: dict[str, Callable[[Path], Campaign]] = {
+    "ecmc-iso230": ecmc_iso230,
+    "emps": emps,
+    "ess-rotary/radial-load": ess_radial_load,
+    "ess-rotary/wobbling": ess_wobbling,
+    "ess-xyz": ess_xyz,
+    "irb120-tracker": irb120_tracker,
+    "jjxray-slit": jjxray_slit,
+    "mukca/panda_1": mukca,
+    "mukca/panda_3": mukca,
+}
+"""Name (the recording's folder below the data folder) → function of that folder."""
+
+
+def data_folder() -> Path:
+    """The folder of the recordings. Raises `InputError` where there is none."""
+    named = os.environ.get(VARIABLE)
+    folder = Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
+    if not folder.is_dir():
+        raise InputError(
+            f"the folder of the recordings, {folder}, is not there",
+            remedy=f"set {VARIABLE} to the folder that holds them; they are not part of symfive",
+        )
+    return folder
+
+
+def convert(name: str, data: Path | str | None = None) -> Campaign:
+    """The recording `name` as a campaign, read from the folder `data/name` (default: below `data_folder()`).
+
+    Raises `InputError` for a name that is not in `CONVERTERS` and for files that are missing or of another
+    layout.
+    """
+    if name not in CONVERTERS:
+        raise InputError(f'there is no converter for "{name}"', remedy=f"use one of {', '.join(CONVERTERS)}")
+    folder = (data_folder() if data is None else Path(data)) / name
+    if not folder.is_dir():
+        raise InputError(
+            f'the folder of the recording "{name}" is not there',
+            path=folder,
+            remedy=f"set {VARIABLE} or pass its parent folder",
+        )
+    return CONVERTERS[name](folder)

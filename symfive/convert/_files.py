@@ -1,0 +1,180 @@
+"""What the converters share: finding files, number tables, logs of EPICS channels, sampling times of late
+arrivals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from symfive.errors import InputError
+from symfive.files import read_text
+from symfive.machine import ErrorTerm
+
+__all__ = [
+    "Channel",
+    "Log",
+    "array",
+    "files",
+    "location_errors",
+    "positive_name",
+    "read_log",
+    "sampling_times",
+    "table",
+]
+
+Array = NDArray[np.float64]
+STEADY = 20.0  # resolutions a sample: from there on a lost sample shows in the value
+_NO_VALUE = ("***", "<undefined>")
+
+
+def files(folder: Path, pattern: str) -> list[Path]:
+    """The files of that pattern in name order; at least one, else `InputError`."""
+    found = sorted(folder.glob(pattern))
+    if not found:
+        raise InputError(
+            f"there is no file {pattern} in the folder",
+            path=folder,
+            remedy="check that the recording is complete",
+        )
+    return found
+
+
+def table(path: Path, columns: int, delimiter: str | None = None) -> Array:
+    """A table of numbers without header: (rows, columns)."""
+    lines = [(k, line) for k, line in enumerate(read_text(path).splitlines(), start=1) if line.strip()]
+    rows = []
+    for number, line in lines:
+        cells = line.split(delimiter)
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            raise InputError("the row holds text where a number belongs", path=path, line=number) from None
+        if len(row) != columns or not np.isfinite(row).all():
+            raise InputError(f"the row does not hold {columns} finite numbers", path=path, line=number)
+        rows.append(row)
+    if not rows:
+        raise InputError("the file holds no numbers", path=path)
+    return np.array(rows)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of a log: `time` (N,) s on the log's clock (UTC epoch), `value` (N,), in order of time."""
+
+    time: Array
+    value: Array
+
+    def at(self, time: Array) -> Array:
+        """Linear interpolation; constant beyond the ends."""
+        return np.interp(time, self.time, self.value)
+
+    def last_before(self, time: float) -> float:
+        """The value that held at a time (the first one before any)."""
+        return float(self.value[max(0, int(np.searchsorted(self.time, time, side="right")) - 1)])
+
+    def mean(self, begin: float, end: float) -> float:
+        """Mean of the values from `begin` to `end`; interpolated at `end` where there are none."""
+        inside = (self.time >= begin) & (self.time <= end)
+        return float(self.value[inside].mean()) if inside.any() else float(self.at(np.array([end]))[0])
+
+
+@dataclass(frozen=True)
+class Log:
+    """The channels of one log file by full name; `skipped` lines of channels that had no value."""
+
+    path: Path
+    channels: dict[str, Channel]
+    skipped: int
+
+    def find(self, ending: str) -> Channel:
+        """The one channel whose name ends so. Raises `InputError` where there is none."""
+        found = self.names(ending)
+        if not found:
+            raise InputError(
+                f"there is no channel …{ending} in the log", path=self.path, remedy="check the recording"
+            )
+        return self.channels[found[0]]
+
+    def names(self, ending: str) -> list[str]:
+        """Names of the channels with that ending."""
+        return sorted(name for name in self.channels if name.endswith(ending))
+
+
+def read_log(path: Path) -> Log:
+    """A log of EPICS `camonitor`: lines "channel date time value [alarm …]", channels asynchronous."""
+    times: dict[str, list[float]] = {}
+    values: dict[str, list[float]] = {}
+    skipped = 0
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        cells = line.split()
+        if not cells or any(mark in line for mark in _NO_VALUE):
+            skipped += bool(cells)
+            continue
+        try:
+            instant = datetime.fromisoformat(f"{cells[1]} {cells[2]}").replace(tzinfo=UTC).timestamp()
+            value = float(cells[3])
+        except (ValueError, IndexError):
+            raise InputError(
+                "the line does not read channel, date, time, value",
+                path=path,
+                line=number,
+                remedy="the log may be cut off there",
+            ) from None
+        times.setdefault(cells[0], []).append(instant)
+        values.setdefault(cells[0], []).append(value)
+    if not times:
+        raise InputError("the log holds no channel", path=path)
+    channels = {}
+    for name, instants in times.items():
+        order = np.argsort(np.array(instants), kind="stable")
+        channels[name] = Channel(np.array(instants)[order], np.array(values[name])[order])
+    return Log(path, channels, skipped)
+
+
+def sampling_times(channel: Channel, period: float, resolution: float) -> Array:
+    """When the values of a channel, of that `resolution`, were sampled, s (N,): they arrive late and in
+    bursts.
+
+    The source samples every `period` seconds and stamps on arrival, so arrival = sampling + delay with delay
+    ≥ 0 and often near its minimum. Lost samples show as steps of the running minimum of the delays that
+    follow; where the value moves steadily, the size of a step places the loss exactly. The smallest delay
+    remains as an unknown constant.
+    """
+    count = np.arange(len(channel.time))
+    late = channel.time - period * count
+    floor = np.minimum.accumulate(late[::-1])[::-1]
+    lost = np.maximum.accumulate(np.round((floor - floor[0]) / period))
+    ticks = np.maximum(np.diff(count + lost), 1.0)
+    step = np.diff(channel.value)
+    usual = median_filter(step, size=51, mode="nearest")
+    steady = np.abs(usual) > STEADY * resolution
+    ratio = np.round(step / np.where(steady, usual, 1.0))
+    ticks = np.where(steady, np.maximum(ratio, 1.0), ticks)
+    index = np.concatenate([[0.0], np.cumsum(ticks)])
+    late = channel.time - period * index
+    return np.asarray(period * index + np.quantile(late, 0.02))
+
+
+def array(value: object) -> Array:
+    """A flat array of a file's entry."""
+    return np.asarray(value, dtype=float).ravel()
+
+
+def positive_name(stem: str) -> str:
+    """A file's stem as the id of a run."""
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in stem).strip("-._") or "run"
+
+
+def location_errors(axes: list[str], linear_um: float, angular_urad: float) -> dict[str, ErrorTerm]:
+    """All six location errors of rotary axes with the same priors (1σ)."""
+    terms = {}
+    for axis in axes:
+        for letter in "XYZABC":
+            name = f"E{letter}0{axis}"
+            terms[name] = ErrorTerm(name=name, sigma=linear_um if letter in "XYZ" else angular_urad)
+    return terms

@@ -1,0 +1,31 @@
+"""One linear axis, ISO 230-2: 5 positions, 5 cycles, 2 directions (paulscherrerinstitute/ecmccfg)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from symfive.campaign import Campaign
+from symfive.convert._files import files, positive_name
+from symfive.convert._iso230 import iso230_run
+from symfive.machine import ErrorTerm, Machine, Structure, make_axis
+
+__all__ = ["ecmc_iso230"]
+
+MARGIN_MM = 5.0  # beyond the outermost positions: the travel is not recorded
+
+
+def ecmc_iso230(folder: Path) -> Campaign:
+    """Every `*_ISO230.dat` as a static run `laser` of the axis X, µm; the scripts' fit of scale is undone."""
+    runs = tuple(
+        iso230_run(path, positive_name(path.name.split(".")[0]), "X", ("X",), noise_um=0.2)
+        for path in files(folder, "*_ISO230.dat")
+    )
+    low = min(float(run.commands["X"].min()) for run in runs)
+    high = max(float(run.commands["X"].max()) for run in runs)
+    machine = Machine(
+        name="ecmc linear axis",
+        structure=Structure.parse("w b X t"),
+        axes={"X": make_axis("X", travel=(low - MARGIN_MM, high + MARGIN_MM))},
+        errors={"EXX": ErrorTerm(name="EXX", sigma=200.0, basis=("polynomial",), order=(1,))},
+    )
+    return Campaign(machine=machine, runs=runs, name="ecmc-iso230")

@@ -1,0 +1,143 @@
+"""Six rotary axes in series, 1000 poses: joint angles and laser tracker positions of three reflectors on the
+tool and three on the base.
+
+K. Kamali 2018, icelinker/Robot-Calibration-LaserTracker. Nominal chain: shoulder 290 mm high, upper arm 270
+mm, elbow offset 70 mm, forearm 302 mm, wrist to flange 72 mm.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.convert._chain import forward
+from symfive.convert._files import Array, files, location_errors, table
+from symfive.errors import InputError
+from symfive.machine import Machine, Structure, make_axis
+
+__all__ = ["irb120_tracker"]
+
+AXES = {  # direction, a point on the axis in mm, all axes at zero
+    "J1": ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
+    "J2": ((0.0, 1.0, 0.0), (0.0, 0.0, 290.0)),
+    "J3": ((0.0, 1.0, 0.0), (0.0, 0.0, 560.0)),
+    "J4": ((1.0, 0.0, 0.0), (0.0, 0.0, 630.0)),
+    "J5": ((0.0, 1.0, 0.0), (302.0, 0.0, 630.0)),
+    "J6": ((1.0, 0.0, 0.0), (374.0, 0.0, 630.0)),
+}
+NOISE_MM = 0.02
+READ_BACK_DEG = 1e-3
+FAR_MM = 5.0  # no base reflector moves that far: the beam was on something else
+SECONDS = 1.0  # between poses: not recorded
+LINEAR_UM, ANGULAR_URAD = 2000.0, 5000.0
+
+
+def irb120_tracker(folder: Path) -> Campaign:
+    """Static runs with instrument `tracker`, one a reflector, all with the placement `station`; one run
+    `read-back`.
+
+    Commands are the commanded angles (`generated_joints`); the run `read-back` holds the angles that the
+    control read back (`measured_joints`) with instrument `encoder`. Rows are one second apart since times
+    were not recorded. Where the tracker lost a reflector it wrote zeros or, on the base, another place; those
+    rows are left out, as the notes say. Reflector positions on the tool and the placement are starting values
+    of a linear least-squares fit with the nominal chain.
+    """
+    machine = Machine(
+        name="ABB IRB 120",
+        structure=Structure.parse("w b J1 J2 J3 J4 J5 J6 t"),
+        axes={
+            name: make_axis(name, kind="rotary", direction=direction, origin=origin, travel=(-400.0, 400.0))
+            for name, (direction, origin) in AXES.items()
+        },
+        errors=location_errors(list(AXES), LINEAR_UM, ANGULAR_URAD),
+    )
+    joints = table(folder / "generated_joints.txt", len(AXES))
+    actual = table(folder / "measured_joints.txt", len(AXES))
+    tool = [table(path, 3) for path in files(folder, "measured_SMR_*.txt")]
+    base = [table(path, 3) for path in sorted(folder.glob("measured_base_*.txt"))]
+    for readings in (*tool, *base, actual):
+        if len(readings) != len(joints):
+            raise InputError(f"{len(readings)} readings stand against {len(joints)} joint rows", path=folder)
+    turn, shift, reflectors = _placement(joints, tool)
+    placement = [*shift, *np.degrees(_angles(turn))]
+    common = {"placement": [round(float(v), 3) for v in placement], "placement_id": "station"}
+    runs, notes = [], []
+    for k, readings in enumerate((*tool, *base)):
+        on_tool = k < len(tool)
+        name = f"tool-{k + 1}" if on_tool else f"base-{k + 1 - len(tool)}"
+        seen = np.any(readings != 0.0, axis=1)
+        if not seen.all():
+            notes.append(f"{name}: {int((~seen).sum())} rows of zeros (no reading) are left out")
+        if not on_tool:
+            far = seen & (np.linalg.norm(readings - np.median(readings[seen], axis=0), axis=1) > FAR_MM)
+            if far.any():
+                notes.append(
+                    f"{name}: {int(far.sum())} rows more than {FAR_MM:g} mm from the reflector are left out"
+                )
+            seen = seen & ~far
+        fixed = np.median(turn.T @ (readings[seen] - shift).T, axis=1)
+        point = _point(reflectors[k] if on_tool else fixed)
+        runs.append(
+            Run(
+                id=name,
+                instrument=("tracker",),
+                sampling="static",
+                time=SECONDS * np.flatnonzero(seen).astype(float),
+                commands={axis: joints[seen, i] for i, axis in enumerate(AXES)},
+                readings={f"{c}_mm": readings[seen, i] for i, c in enumerate("xyz")},
+                tool_ball=point if on_tool else (0.0, 0.0, 0.0),
+                table_ball=(0.0, 0.0, 0.0) if on_tool else point,
+                noise_um=NOISE_MM,
+                setup_sigma_um=SetupSigma(table_ball=5000.0, tool_ball=5000.0),
+                options={**common, **({} if on_tool else {"reflector_on": "workpiece"})},
+            )
+        )
+    runs.append(
+        Run(
+            id="read-back",
+            instrument=("encoder",),
+            sampling="static",
+            time=SECONDS * np.arange(float(len(joints))),
+            commands={axis: joints[:, i] for i, axis in enumerate(AXES)},
+            readings={f"{axis}_act_deg": actual[:, i] for i, axis in enumerate(AXES)},
+            noise_um=READ_BACK_DEG,
+            options={"encoder_axes": list(AXES)},
+        )
+    )
+    return Campaign(machine=machine, runs=tuple(runs), name="irb120-tracker", notes=tuple(notes))
+
+
+def _placement(joints: Array, readings: list[Array]) -> tuple[Array, Array, Array]:
+    """Rotation (3, 3), shift (3,) of machine to tracker and the reflectors (n, 3) in the tool frame.
+
+    `Rᵀp - Rᵀt = T(q)·x` is linear in Rᵀ, Rᵀt and the reflectors x. Rᵀ is then projected on the rotations (W.
+    Kabsch 1976) and the rest solved again.
+    """
+    rotation, position = forward(AXES, joints)
+    n, count = len(joints), len(readings)
+    free = np.zeros((count, n, 3, 12 + 3 * count))
+    for k, p in enumerate(readings):
+        for row in range(3):
+            free[k, :, row, 3 * row : 3 * row + 3] = p
+        free[k, :, range(3), range(9, 12)] = -1.0
+        free[k, :, :, 12 + 3 * k : 15 + 3 * k] = -rotation
+    right = np.broadcast_to(position, (count, n, 3)).reshape(-1)
+    matrix = free.reshape(count * n * 3, -1)
+    solution = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    u, _, v = np.linalg.svd(solution[:9].reshape(3, 3))
+    inverse = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    rest = np.linalg.lstsq(matrix[:, 9:], right - matrix[:, :9] @ inverse.reshape(-1), rcond=None)[0]
+    return inverse.T, inverse.T @ rest[:3], rest[3:].reshape(count, 3)
+
+
+def _point(vector: Array) -> tuple[float, float, float]:
+    x, y, z = (round(float(v), 3) for v in vector)
+    return x, y, z
+
+
+def _angles(turn: Array) -> Array:
+    """(a, b, c) rad of Rx(a) Ry(b) Rz(c)."""
+    return np.asarray(Rotation.from_matrix(turn).as_euler("XYZ"))

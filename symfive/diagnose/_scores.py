@@ -1,0 +1,153 @@
+"""Score tests of the whole catalogue from exact tangents, orthogonal to everything that is fitted.
+
+With the whitened residual r, the Jacobian J of all fitted parameters (priors P) and the tangents G of one effect,
+
+    A = JᵀJ + P⁻¹,   H = GᵀG - GᵀJ A⁻¹ JᵀG,   s = Gᵀr - GᵀJ A⁻¹ Jᵀr,   Δ = sᵀ (H + Q⁻¹)⁻¹ s
+
+is the drop of the cost if the effect joins (C. R. Rao 1948; orthogonalised: J. Neyman 1959), without a refit.
+H/GᵀG is the share of the effect that the campaign can see at all; what is missing is swallowed by J.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from symfive.effects import Effect
+from symfive.identify import Identification, Problem
+from symfive.identify._noise import whiten
+from symfive.model import Model
+
+__all__ = ["Board", "Extra", "Score", "score_catalogue"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Score:
+    """One effect against the residual. `drop` of the cost, effective `dof`, `log_p` natural log of its p-value before any
+    correction, `visible` share (0..1) of its energy that the fit leaves, `size` in σ of a typical effect, `step` the
+    parameters the score suggests (file units, by name)."""
+
+    effect: Effect
+    drop: float
+    dof: float
+    log_p: float
+    visible: float
+    size: float
+    step: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Extra:
+    """Nuisance columns without a name of their own: run → (N, ny, m) per unit, with prior 1σ (m,)."""
+
+    columns: Mapping[str, Array]
+    sigma: Array
+
+
+@dataclass
+class Board:
+    """The whitened system of one fit: Gram matrix of [fitted | extra | candidates | residual], and who is where."""
+
+    result: Identification
+    model: Model
+    gram: Array
+    base: NDArray[np.int64]
+    prior: Array
+    effects: Sequence[Effect]
+    tangents: dict[str, Array] = field(default_factory=dict)
+    residual_index: int = -1
+
+    def columns_of(self, effect: Effect) -> NDArray[np.int64]:
+        """Columns of an effect's parameters."""
+        names = [p.name for p in effect.parameters(self.model.campaign)]
+        return np.array([self.model.index[n] for n in names], dtype=np.int64)
+
+    def score(self, effect: Effect) -> Score:
+        """The score test of one effect."""
+        parameters = effect.parameters(self.model.campaign)
+        columns = self.columns_of(effect)
+        h, s, full = self.reduced(columns)
+        sigma = np.array([p.sigma for p in parameters])
+        scaled_h, scaled_s = h * np.outer(sigma, sigma), s * sigma
+        solution = np.linalg.solve(scaled_h + np.eye(len(sigma)), scaled_s)
+        drop = float(scaled_s @ solution)
+        seen = np.linalg.eigvalsh(scaled_h)
+        dof = float(np.sum(np.maximum(seen, 0.0) / (1.0 + np.maximum(seen, 0.0))))
+        energy = float(np.trace(full * np.outer(sigma, sigma)))
+        left = float(np.trace(scaled_h))
+        step = {p.name: float(x) for p, x in zip(parameters, solution * sigma, strict=True)}
+        log_p = float(chi2.logsf(drop, max(dof, 0.5)))
+        return Score(effect, drop, dof, log_p, max(left, 0.0) / energy if energy > 0 else 0.0, float(np.sqrt(max(left, 0.0))), step)
+
+    def reduced(self, columns: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+        """(H, s, GᵀG) of some columns."""
+        a = self.gram[np.ix_(self.base, self.base)] + np.diag(self.prior)
+        cross = self.gram[np.ix_(self.base, columns)]
+        full = self.gram[np.ix_(columns, columns)]
+        solved = np.linalg.solve(a, np.column_stack([cross, self.gram[self.base, self.residual_index]]))
+        return full - cross.T @ solved[:, :-1], self.gram[columns, self.residual_index] - cross.T @ solved[:, -1], full
+
+    def cosine(self, first: Effect, second: Effect) -> float:
+        """Largest canonical correlation of two effects' visible parts: 1 means that they cannot be told apart."""
+        one, two = self.columns_of(first), self.columns_of(second)
+        h, _, _ = self.reduced(np.concatenate([one, two]))
+        k = len(one)
+        return _canonical(h[:k, :k], h[k:, k:], h[:k, k:])
+
+
+def _canonical(a: Array, b: Array, cross: Array) -> float:
+    def root(matrix: Array) -> Array:
+        values, vectors = np.linalg.eigh(matrix)
+        keep = values > 1e-9 * max(values.max(), 1e-300)
+        return np.asarray(vectors[:, keep] / np.sqrt(values[keep]))
+
+    left, right = root(a), root(b)
+    if not left.size or not right.size:
+        return 0.0
+    return float(np.linalg.svd(left.T @ cross @ right, compute_uv=False).max(initial=0.0))
+
+
+def score_catalogue(
+    result: Identification, effects: Sequence[Effect], extra: Extra | None = None, probes: Sequence[Effect] = ()
+) -> Board:
+    """Tangents of all `effects` (and `probes`) in one linearisation, whitened and gathered. `extra` joins the fit."""
+    fitted = result.model
+    model = Model(fitted.campaign, [*_added(fitted), *effects, *probes])
+    values = model.vector({p.name: float(v) for p, v in zip(fitted.parameters, result.values, strict=True)})
+    size, more = len(model.parameters), 0 if extra is None else len(extra.sigma)
+    gram = np.zeros((size + more + 1, size + more + 1))
+    problem = Problem.of(fitted, noises=result.noises)
+    for outlier in result.outliers:
+        names = [c.name for c in fitted.columns(outlier.run)]
+        problem.left_out[outlier.run][outlier.row, names.index(outlier.column)] = True
+    tangents: dict[str, Array] = {}
+    probe_columns = [model.index[p.name] for probe in probes for p in probe.parameters(model.campaign)]
+    for key, block in problem.blocks(result.values).items():
+        run = key[0]
+        line = model.linearise(run, values)
+        jacobian = line.jacobian
+        if probe_columns:
+            place = {int(c): i for i, c in enumerate(line.columns)}
+            tangents[run] = np.stack([jacobian[:, :, place[c]] for c in probe_columns], axis=2)
+        parts = [jacobian, *([extra.columns[run]] if extra is not None else []), block.residual[:, :, None]]
+        table = np.where(block.left_out[:, :, None], 0.0, np.concatenate(parts, axis=2))
+        white, _ = whiten(table, result.noises[key], block.interval)
+        flat = white.reshape(-1, white.shape[2])
+        where = np.concatenate([line.columns, np.arange(size, size + more + 1)])
+        gram[np.ix_(where, where)] += flat.T @ flat
+    base = np.array([model.index[p.name] for p in fitted.parameters] + list(range(size, size + more)), dtype=np.int64)
+    prior = np.concatenate([fitted.prior_sigma**-2.0, np.array([]) if extra is None else extra.sigma**-2.0])
+    return Board(result, model, gram, base, prior, effects, tangents, size + more)
+
+
+def _added(model: Model) -> list[Effect]:
+    from symfive.effects import baseline_effects
+
+    held = {effect.key for effect in baseline_effects(model.machine)}
+    return [effect for effect in model.effects if effect.key not in held]

@@ -1,0 +1,239 @@
+"""Forward, swap and backward search for the physics that was left out, each step judged by exact refits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.diagnose._catalogue import catalogue
+from symfive.diagnose._remainder import remainder
+from symfive.diagnose._scan import probes, scan
+from symfive.diagnose._scores import Board, Score, score_catalogue
+from symfive.diagnose._variants import variants
+from symfive.effects import Effect
+from symfive.identify import Identification, Problem, identify
+from symfive.identify._solve import gauss_newton
+from symfive.model import Model
+
+__all__ = ["Member", "Rival", "Search", "Trial", "search"]
+
+Array = NDArray[np.float64]
+MAX_EFFECTS = 5
+TRIALS = 6
+MATERIAL = 0.15
+"""An effect counts only if what the fit cannot absorb of it has at least this rms in units of the noise: less changes the
+residual's rms by under 1 % (0.15²/2)."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An exact refit with one more effect: its log evidence against the fit without it, under the same noise."""
+
+    effect: Effect
+    evidence: float
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect that could stand in the place of a member, and its log evidence below the member's."""
+
+    effect: Effect
+    behind: float
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect found. `log_p` of its score before it joined, corrected for all places looked at."""
+
+    effect: Effect
+    log_p: float
+    rivals: tuple[Rival, ...] = ()
+
+
+@dataclass
+class Search:
+    """What the search found: the fit before and after, the members, the first board (for the observability table)."""
+
+    before: Identification
+    after: Identification
+    members: list[Member] = field(default_factory=list)
+    board: Board | None = None
+    log_p: float = 0.0
+    looks: int = 0
+
+
+def search(
+    campaign: Campaign,
+    *,
+    level: float = 0.01,
+    exclude: Sequence[str] = (),
+    progress: Callable[[str], None] = lambda message: None,
+) -> Search:
+    """Find effects until nothing significant and material is left. `level`: false alarms over the whole catalogue.
+
+    `exclude` takes effects (by id) out of the catalogue, as a control.
+    """
+    progress("fitting the baseline")
+    before = identify(campaign)
+    state = Search(before, before)
+    for number in range(MAX_EFFECTS):
+        progress(f"scoring the catalogue, {len(state.members)} effects found")
+        board, scores, looks = _scores(state.after, exclude)
+        if number == 0:
+            state.board, state.looks = board, looks
+            state.log_p = min(0.0, min((s.log_p for s in scores), default=0.0) + np.log(max(looks, 1)))
+        best = _best(state.after, scores, looks, level, progress)
+        if best is None:
+            break
+        trial, log_p, rivals = best
+        refit = _shaped(campaign, state.after, trial)
+        state.members.append(Member(refit.model.effects[-1], log_p, rivals))
+        state.after = refit
+        progress(f"found {trial.effect.key}")
+        _prune(campaign, state)
+    return state
+
+
+def _scores(result: Identification, exclude: Sequence[str]) -> tuple[Board, list[Score], int]:
+    campaign = result.model.campaign
+    held = result.model.effects
+    extra = remainder(result)
+    plain = [e for e in catalogue(campaign, held) if e.id not in exclude]
+    board = score_catalogue(result, plain, extra, probes(campaign))
+    scores = [board.score(e) for e in plain]
+    taken = {e.key for e in held}
+    found = [f for f in scan(board) if f.effect.id not in exclude and f.effect.key not in taken]
+    unique = {f.effect.key: f for f in reversed(found)}
+    if unique:
+        second = score_catalogue(result, [f.effect for f in unique.values()], extra)
+        for f in unique.values():
+            score = second.score(f.effect)
+            scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks))))
+    seen = [s for s in scores if s.dof > 0.5]
+    return board, sorted(seen, key=lambda s: s.log_p), max(1, len(seen))
+
+
+def _best(
+    result: Identification, scores: Sequence[Score], looks: int, level: float, progress: Callable[[str], None]
+) -> tuple[Trial, float, tuple[Rival, ...]] | None:
+    """The effect with the greatest evidence among those that are significant and material, by exact refits."""
+    limit = float(np.log(level / looks))
+    count = sum(int(np.size(r)) for r in result.residuals.values())
+    material = [s for s in scores if s.log_p < limit and s.drop > MATERIAL**2 * count * _floor(result)]
+    if not material:
+        return None
+    ordered = sorted(material, key=lambda s: -s.drop)[:TRIALS]
+    trials = []
+    for s in ordered:
+        progress(f"trying {s.effect.key}")
+        trial = _try(result, s)
+        if trial is not None:
+            trials.append(trial)
+    if not trials:
+        return None
+    trials.sort(key=lambda t: -t.evidence)
+    best = trials[0]
+    log_p = next(s.log_p for s in scores if s.effect.key == best.effect.key) + float(np.log(looks))
+    rivals = tuple(Rival(t.effect, best.evidence - t.evidence) for t in trials[1:])
+    return best, min(log_p, 0.0), rivals
+
+
+def _floor(result: Identification) -> float:
+    """Declared over found noise power: a drop is counted in units of the noise found, materiality in the white one."""
+    ratios = [n.white**2 / n.total**2 for n in result.noises.values()]
+    return float(np.mean(ratios))
+
+
+def _try(result: Identification, score: Score) -> Trial | None:
+    """An exact refit with the effect, under the noise of the present fit."""
+    campaign = result.model.campaign
+    effects = (*_own(result), score.effect)
+    model = Model(campaign, effects)
+    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+    start |= {name: value for name, value in _start(model, score).items()}
+    problem = _problem(model, result)
+    try:
+        values, _ = gauss_newton(problem, model.vector(start), 1e-2)
+        evidence = _evidence(problem, values) - _evidence(_problem(result.model, result), result.values)
+    except np.linalg.LinAlgError:
+        return None
+    named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+    return Trial(score.effect, evidence, named)
+
+
+def _start(model: Model, score: Score) -> dict[str, float]:
+    """Where the refit begins: the score's own step, from the prior mean, inside the bounds."""
+    start = {}
+    for name, step in score.step.items():
+        p = model.parameters[model.index[name]]
+        value = p.mean + step
+        if p.start is not None and p.start != p.mean and step == 0.0:
+            value = p.start
+        start[name] = float(np.clip(value, p.lower if np.isfinite(p.lower) else value, p.upper if np.isfinite(p.upper) else value))
+    return start
+
+
+def _own(result: Identification) -> tuple[Effect, ...]:
+    from symfive.diagnose._scores import _added
+
+    return tuple(_added(result.model))
+
+
+def _problem(model: Model, result: Identification) -> Problem:
+    problem = Problem.of(model, noises=result.noises)
+    for outlier in result.outliers:
+        names = [c.name for c in model.columns(outlier.run)]
+        problem.left_out[outlier.run][outlier.row, names.index(outlier.column)] = True
+    return problem
+
+
+def _evidence(problem: Problem, values: Array) -> float:
+    """Log marginal likelihood by Laplace, up to what does not depend on the model: -½ cost - ½ log det(1 + H σ²)."""
+    information = problem.information(problem.blocks(values))
+    sigma = problem.model.prior_sigma
+    departure = (values - problem.model.prior_mean) / sigma
+    scaled = information.matrix * np.outer(sigma, sigma) + np.eye(len(sigma))
+    return -0.5 * (information.square + float(departure @ departure)) - 0.5 * float(np.linalg.slogdet(scaled)[1])
+
+
+def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identification:
+    """Full fit with the effect in the best of its own shapes, noise found anew.
+
+    The plain shape keeps its place unless another one's evidence is better under the same noise.
+    """
+    plain = identify(Model(campaign, (*_own(result), trial.effect)), start=trial.values)
+    best, best_evidence = plain, _evidence(_problem(plain.model, plain), plain.values)
+    for other in variants(trial.effect):
+        try:
+            prepared = other.prepare(campaign)
+            model = Model(campaign, (*_own(result), prepared))
+            start = {n: v for n, v in trial.values.items() if n in model.index}
+            problem = _problem(model, plain)
+            values, _ = gauss_newton(problem, model.vector(start), 1e-2)
+            evidence = _evidence(problem, values)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        if evidence > best_evidence + 3.0:
+            named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+            best, best_evidence = identify(model, start=named), evidence
+    return best
+
+
+def _prune(campaign: Campaign, state: Search) -> None:
+    """Drop an earlier effect that the later ones have made needless."""
+    for member in state.members[:-1]:
+        kept = tuple(e for e in _own(state.after) if e.key != member.effect.key)
+        model = Model(campaign, kept)
+        start = {p.name: float(v) for p, v in zip(state.after.parameters, state.after.values, strict=True) if p.name in model.index}
+        problem = _problem(model, state.after)
+        values, _ = gauss_newton(problem, model.vector(start), 1e-2)
+        full = _evidence(_problem(state.after.model, state.after), state.after.values)
+        if full - _evidence(problem, values) < 3.0:
+            named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+            state.after = identify(model, start=named)
+            state.members = [m for m in state.members if m.effect.key != member.effect.key]

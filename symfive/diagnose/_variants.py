@@ -1,0 +1,29 @@
+"""The shapes that a family of effects can take beside its plain one, from the options of its own class."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from symfive.effects import Effect
+
+__all__ = ["variants"]
+
+SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
+    "backlash": ({"shape": "pre_sliding"}, {"shape": "wind_up"}),
+    "friction": ({"shape": "stribeck"},),
+    "lateral_play": ({"shape": "pre_sliding"},),
+    "thermal_drift": ({"shape": "mixture"}, {"shape": "linear"}),
+    "setup_shift": ({"shape": "creep"},),
+    "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),
+    "gravity_sag": ({"parts": ("sin",)}, {"parts": ("one_minus_cos",)}),
+}
+"""Options that change an effect's shape and not what it is."""
+
+
+def variants(effect: Effect) -> Iterator[Effect]:
+    """The other shapes of an effect."""
+    for options in SHAPES.get(effect.id, ()):
+        if all(getattr(effect, name) != value for name, value in options.items()):
+            yield replace(effect, **options)

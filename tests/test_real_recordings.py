@@ -1,0 +1,97 @@
+"""The recordings of others, where they are (`SYMFIVE_DATA`): converted, written, read back, fitted by the baseline."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symfive.campaign import read_campaign, write_campaign
+from symfive.convert import CONVERTERS, convert, data_folder
+from symfive.convert._chain import axes_of_modified_dh, forward
+from symfive.convert.mukca import AXES, PANDA_A, PANDA_ALPHA, PANDA_D
+from symfive.errors import InputError
+from symfive.model import Model
+
+FLANGE_TO_HAND_MM = 210.4  # the controller's end-effector frame lies this far along z of frame 7
+
+
+def recordings(name: str) -> Path:
+    """The recording's folder, or a visible skip."""
+    try:
+        folder = data_folder() / name
+    except InputError as error:
+        pytest.skip(str(error))
+    if not folder.is_dir():
+        pytest.skip(f"the recording {name} is not in {folder.parent}")
+    return folder
+
+
+def least_squares(model: Model, run_id: str, column: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values, their standard deviations and residuals of a column that is linear in all parameters."""
+    run = model.campaign.run(run_id)
+    table = model.linearise(run, model.start)
+    matrix, reading = table.jacobian[:, column, :], model.readings(run)[:, column]
+    values = np.linalg.lstsq(matrix, reading, rcond=None)[0]
+    residual = reading - matrix @ values
+    variance = residual @ residual / (len(reading) - len(values))
+    return values, np.sqrt(variance * np.diag(np.linalg.inv(matrix.T @ matrix))), residual
+
+
+@pytest.mark.parametrize("name", CONVERTERS)
+def test_conversion_is_quick_and_survives_the_disk(name: str, tmp_path: Path) -> None:
+    recordings(name)
+    begin = time.perf_counter()
+    campaign = convert(name)
+    assert time.perf_counter() - begin < 5.0
+    assert campaign.measured
+    write_campaign(campaign, tmp_path / "campaign")
+    again = read_campaign(tmp_path / "campaign")
+    for run in campaign.runs:
+        for column, values in run.readings.items():
+            assert np.array_equal(again.run(run.id).readings[column], values)
+        assert np.array_equal(again.run(run.id).time, run.time)
+    model = Model(campaign)
+    for run_id, prediction in model.predict(model.start).items():
+        assert np.isfinite(prediction).all(), run_id
+
+
+def test_emps_least_squares_agrees_with_the_published_model() -> None:
+    """Mass 95.11 kg, viscous 203.5 N s/m, Coulomb 20.39 N, offset -3.16 N (A. Janot, M. Gautier & M. Brunot 2019)."""
+    recordings("emps")
+    values, std, residual = least_squares(Model(convert("emps")), "DATA_EMPS", 1)
+    assert np.all(np.abs(values - np.array([95.11, 203.5, 20.39, -3.16])) < 2.0 * std)
+    assert np.all(std < [0.2, 2.0, 0.2, 0.1])
+    assert 2.0 < residual.std() < 2.4  # N: what the four terms leave
+
+
+def test_x_stops_agree_with_the_file_of_the_test_script() -> None:
+    """The .dat file and the raw log are two ways to the same test: same order, same direction, same deviations."""
+    recordings("ess-xyz")
+    campaign = convert("ess-xyz")
+    script, stops = campaign.run("b02_x_target_x"), campaign.run("b02_x_230_2-stops")
+    inner = np.abs(stops.commands["X"]) < 20.2  # without the overruns
+    assert stops.commands["X"][inner] == pytest.approx(script.commands["X"], abs=1e-3)
+    difference = stops.readings["X_dev_um"][inner] - script.readings["X_dev_um"]
+    assert difference.std() < 1.0
+
+
+def test_panda_chain_is_the_controllers_own() -> None:
+    """The chain against the controller's poses: to 1e-6 m where joints and pose were taken at one instant."""
+    folder = recordings("mukca")
+    _, turn, place = axes_of_modified_dh(PANDA_A, PANDA_D, PANDA_ALPHA)
+    distances = []
+    for path in sorted(folder.glob("*/*/hole_[0-9].csv")):
+        angles = np.degrees(np.loadtxt(path, delimiter=","))
+        poses = np.loadtxt(path.with_name(f"{path.stem}_pose.csv"), delimiter=",")
+        if len(poses) != len(angles):  # one file pair is not row by row
+            continue
+        rotation, position = forward(AXES, angles)
+        hand = rotation @ (place + turn @ np.array([0.0, 0.0, FLANGE_TO_HAND_MM])) + position
+        distances.append(np.linalg.norm(hand - 1e3 * poses[:, :3], axis=1))
+    distance = np.concatenate(distances)
+    assert distance.min() < 2e-3
+    assert np.median(distance) < 0.025  # mm
+
