@@ -5,20 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from types import MappingProxyType
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.campaign._options import check_options
 from symfive.errors import InputError
+from symfive.files import shown
 from symfive.machine import Machine
+from symfive.machine._checks import finite, freeze, is_number, numbers, one_of
 
 __all__ = ["Campaign", "Run", "SetupSigma"]
 
 Vector = tuple[float, float, float]
 Array = NDArray[np.float64]
+_RESERVED = ("campaign.toml", "machine.toml")
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ +-]*\Z")
 
 
@@ -26,6 +29,19 @@ def _frozen_array(values: Any) -> Array:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
+
+
+def _inside(owner: str, name: object) -> str:
+    """The name of a file that stays below the campaign's folder."""
+    if not isinstance(name, str) or not name.strip() or any(ord(c) < 32 for c in name) or len(name) > 200:
+        raise InputError(f"{owner}: file {shown(name)} is not a file name", remedy='write file = "….csv"')
+    parts = PureWindowsPath(name)  # knows both kinds of separators
+    if parts.anchor or ".." in parts.parts:
+        problem = f"{owner}: file {shown(name)} lies outside the campaign"
+        raise InputError(problem, remedy="put the CSV into the campaign's folder")
+    if name.casefold() in _RESERVED:
+        raise InputError(f"{owner}: file {shown(name)} is not a CSV", remedy='write file = "….csv"')
+    return name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,19 +55,22 @@ class SetupSigma:
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "extra", freeze(self.extra))
         for name in ("table_ball", "tool_ball", "length", "plate"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < 1e9:
-                raise InputError(f"setup_sigma_um.{name} = {value!r} is not a standard deviation", remedy="write µm, at least 0")
+            if not is_number(value) or not 0.0 <= value < 1e9:
+                problem = f"setup_sigma_um: {name} = {shown(value)} is not a standard deviation"
+                raise InputError(problem, remedy="write µm (plate: µrad), at least 0")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
     """One test: what stood where, what was commanded and, once measured, what was read.
 
-    `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit, empty in a
-    plan. `table_ball` and `tool_ball` mm in the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a
-    grid encoder's plane; `noise_um` 1σ of one reading, one number or one per instrument.
+    `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
+    empty in a plan. `table_ball` and `tool_ball` mm in the workpiece and the tool frame; `length` mm; `u`,
+    `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one reading, one number or one per
+    instrument.
     """
 
     id: str
@@ -72,31 +91,52 @@ class Run:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        freeze = object.__setattr__
-        freeze(self, "time", _frozen_array(self.time))
-        freeze(self, "commands", MappingProxyType({k: _frozen_array(v) for k, v in self.commands.items()}))
-        freeze(self, "readings", MappingProxyType({k: _frozen_array(v) for k, v in self.readings.items()}))
-        freeze(self, "options", MappingProxyType(dict(self.options)))
-        if not isinstance(self.id, str) or not _ID.match(self.id) or ".." in self.id:
-            raise InputError(f"run id {self.id!r} is not a plain name", remedy="use letters, digits, - and _")
-        if not self.file:
-            freeze(self, "file", f"{self.id}.csv")
-        if self.sampling not in ("static", "dynamic"):
-            raise InputError(f'sampling "{self.sampling}" is unknown', remedy='write "static" or "dynamic"')
-        if self.time.size == 0:
-            raise InputError(f"run {self.id} has no rows", remedy="record at least one row or remove the run")
+        put = object.__setattr__
+        if not isinstance(self.id, str) or not _ID.match(self.id) or ".." in self.id or len(self.id) > 100:
+            raise InputError(f"run id {shown(self.id)} is not a plain name", remedy="use letters, digits, - and _")
+        owner = f"run {self.id}"
+        put(self, "file", _inside(owner, self.file or f"{self.id}.csv"))
+        put(self, "time", _frozen_array(self.time))
+        put(self, "commands", freeze({k: _frozen_array(v) for k, v in self.commands.items()}))
+        put(self, "readings", freeze({k: _frozen_array(v) for k, v in self.readings.items()}))
+        put(self, "options", freeze(self.options))
+        one_of(owner, "sampling", self.sampling, ("static", "dynamic"))
+        names = [name for name in self.instrument if isinstance(name, str)]
+        if not names or len(set(names)) != len(self.instrument):
+            problem = f"{owner}: instrument {shown(list(self.instrument))} is not a list of different names"
+            raise InputError(problem, remedy='write instrument = "ball_bar"')
+        check_options(owner, self.options)
+        if self.time.size == 0 or self.time.ndim != 1:
+            raise InputError(f"{owner} has no rows", remedy="record at least one row or remove the run")
         for name, values in {**self.commands, **self.readings}.items():
             if values.shape != self.time.shape:
-                raise InputError(f"run {self.id}: {name} has {values.size} rows, t_s has {self.time.size}")
-        for name in ("table_ball", "tool_ball", "u", "v"):
+                problem = f"{owner}: {name} has {values.size} rows, t_s has {self.time.size}"
+                raise InputError(problem, remedy="give every column the same number of rows")
+        self._check_geometry(owner)
+
+    def _check_geometry(self, owner: str) -> None:
+        for name in ("table_ball", "tool_ball"):
+            numbers(owner, name, getattr(self, name), 3, example=f"{name} = [x, y, z] in mm")
+        for name in ("u", "v"):
             vector = getattr(self, name)
-            if vector is not None and (len(vector) != 3 or not np.all(np.isfinite(np.asarray(vector, dtype=float)))):
-                raise InputError(f"run {self.id}: {name} is not three finite numbers", remedy="write [x, y, z] in mm")
-        if self.length is not None and not 0.0 < self.length < 1e6:
-            raise InputError(f"run {self.id}: length = {self.length!r} is not a length", remedy="write mm above 0")
-        noises = [self.noise_um] if isinstance(self.noise_um, (int, float)) else list(self.noise_um.values())
-        if not noises or any(isinstance(n, bool) or not 0.0 < n < 1e12 for n in noises):
-            raise InputError(f"run {self.id}: noise_um = {self.noise_um!r} is not a positive number", remedy="write µm (1σ)")
+            if vector is None:
+                continue
+            numbers(owner, name, vector, 3, example=f"{name} = [x, y, z]")
+            if abs(np.hypot(np.hypot(vector[0], vector[1]), vector[2]) - 1.0) > 1e-3:
+                raise InputError(
+                    f"{owner}: {name} = {list(vector)} is not a unit vector", remedy="give it the length 1"
+                )
+        if self.length is not None and not (is_number(self.length) and 0.0 < self.length < 1e6):
+            raise InputError(f"{owner}: length = {shown(self.length)} is not a length", remedy="write mm above 0")
+        finite(owner, start_s=self.start_s)
+        many = isinstance(self.noise_um, Mapping)
+        for noise in self.noise_um.values() if isinstance(self.noise_um, Mapping) else (self.noise_um,):
+            if not is_number(noise) or not 0.0 < noise < 1e12:
+                problem = f"{owner}: noise_um = {shown(noise)} is not a standard deviation"
+                raise InputError(problem, remedy="write µm (1σ) above 0")
+        if many and not set(self.noise_um) <= set(self.instrument):  # type: ignore[arg-type]
+            problem = f"{owner}: noise_um speaks of an instrument that the run lacks"
+            raise InputError(problem, remedy=f"use {', '.join(map(str, self.instrument))}")
 
     @property
     def rows(self) -> int:
@@ -119,6 +159,11 @@ class Run:
             return float(self.noise_um)
         return float(self.noise_um.get(instrument, 1.0))
 
+    @property
+    def duration(self) -> float:
+        """Time from the first row to the last, s."""
+        return float(self.time[-1] - self.time[0])
+
     def with_readings(self, readings: Mapping[str, Array]) -> Run:
         """The same run with other readings."""
         return replace(self, readings=readings)
@@ -128,7 +173,8 @@ class Run:
 class Campaign:
     """A machine and its runs. A campaign without readings is a measurement plan.
 
-    `notes` are remarks of the reader (unknown keys kept, rows that are odd but legal); `comments` of the file.
+    `notes` are remarks of the reader (unknown keys kept, rows that are odd but legal); `comments` those of
+    the file and `text` the file itself, so that writing it keeps its layout.
     """
 
     machine: Machine
@@ -139,16 +185,27 @@ class Campaign:
     notes: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
     path: Path | None = None
+    text: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "extra", MappingProxyType(dict(self.extra)))
+        object.__setattr__(self, "extra", freeze(self.extra))
+        if not isinstance(self.name, str):
+            raise InputError(f"name = {shown(self.name)} is not text", remedy='write name = "…"')
         if not self.runs:
             raise InputError("the campaign has no runs", remedy="add a [[run]] block")
-        seen: set[str] = set()
+        ids: set[str] = set()
+        files: set[str] = set()
         for run in self.runs:
-            if run.id in seen:
+            if run.id in ids:
                 raise InputError(f'two runs have the id "{run.id}"', remedy="give every run its own id")
-            seen.add(run.id)
+            if run.file.casefold() in files:
+                raise InputError(f'two runs have the file "{run.file}"', remedy="give every run its own CSV")
+            ids.add(run.id)
+            files.add(run.file.casefold())
+            if set(run.commands) != set(self.machine.axis_names):
+                odd = sorted(set(run.commands) ^ set(self.machine.axis_names))
+                problem = f"run {run.id}: the commands and the machine's axes differ in {', '.join(odd)}"
+                raise InputError(problem, remedy=f"command each of {', '.join(self.machine.axis_names)}")
 
     @property
     def measured(self) -> bool:

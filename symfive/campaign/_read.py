@@ -2,74 +2,85 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from dataclasses import fields
-from pathlib import Path, PurePosixPath
+from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from symfive.campaign._csv import read_columns, write_columns
 from symfive.campaign._data import Campaign, Run, SetupSigma
+from symfive.campaign._options import OPTIONS
 from symfive.errors import InputError
-from symfive.files import TomlFile, output_folder, read_toml, toml_text, write_text
+from symfive.files import output_folder, shown, write_text
 from symfive.instruments import instruments_of
 from symfive.machine import Machine, read_machine, unknown_keys, write_machine
+from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
 
 __all__ = ["SCHEMA", "read_campaign", "write_campaign"]
 
 SCHEMA = "symfive.campaign/1"
-_FIELDS = {f.name for f in fields(Run)} - {"options", "time", "commands", "readings"}
-_KNOWN_OPTIONS = (
-    "axis", "encoder_axes", "force_terms", "form_axis", "form_order", "form_sigma_um", "motion_from", "placement",
-    "placement_id", "placement_sigma", "sensors", "smoothing_s", "v_rest",
-)  # fmt: skip
+_FIELDS = {f.name for f in fields(Run)} - {"options", "time", "commands", "readings", "instrument", "setup_sigma_um"}
 
 
 def read_campaign(path: Path | str) -> Campaign:
     """Read a campaign or plan from its folder (or its `campaign.toml`). Raises `InputError`."""
     path = Path(path)
-    file = read_toml(path / "campaign.toml" if not path.is_file() else path)
+    file = read_toml(path / "campaign.toml" if os.path.isdir(path) else path)
+    folder = file.path.parent
     data = file.data
-    if data.get("schema") != SCHEMA:
-        raise file.error(f"schema is {data.get('schema')!r}", "schema", remedy=f'the first line must be schema = "{SCHEMA}"')
-    machine_file = _inside(file, data.get("machine", "machine.toml"), "machine")
-    machine = read_machine(file.path.parent / machine_file)
-    blocks = data.get("run", [])
-    if not isinstance(blocks, list) or not blocks:
-        raise file.error("the campaign has no runs", remedy="add a [[run]] block")
-    runs = []
-    notes = [f'key "{key}" of {machine_file} is unknown to symfive; it is kept' for key in unknown_keys(machine)]
-    for number, block in enumerate(blocks):
-        run = _run(file, number, block, machine)
-        runs.append(run)
-        notes += [
-            f'key "{key}" of run {run.id} is unknown to symfive; it is kept'
-            for key in run.options
-            if key not in _KNOWN_OPTIONS
-        ]
-        if "setup_sigma_um" not in block and {"ball_bar", "r_test", "grid_encoder"} & set(run.instrument):
-            notes.append(f"run {run.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
+    _check_schema(file)
+    machine_file = data.get("machine", "machine.toml")
+    if not isinstance(machine_file, str) or not machine_file or "\0" in machine_file:
+        problem = f"machine = {shown(machine_file)} is not a file name"
+        raise file.error(problem, "machine", remedy='write machine = "machine.toml"')
+    machine = read_machine(folder / machine_file)
+    drafts = _drafts(file, machine)
     extra = {key: value for key, value in data.items() if key not in ("schema", "machine", "run", "name")}
+    notes = [f'key "{key}" of {machine_file} is unknown to symfive; it is kept' for key in unknown_keys(machine)]
     notes += [f'key "{key}" of campaign.toml is unknown to symfive; it is kept' for key in extra]
-    try:
+    for draft, block in zip(drafts, data["run"], strict=True):
+        notes += _run_notes(draft, block)
+
+    def build(runs: tuple[Run, ...]) -> Campaign:
         return Campaign(
-            machine=machine, runs=tuple(runs), name=str(data.get("name", file.path.parent.resolve().name)),
-            machine_file=machine_file, comments=file.comments, notes=tuple(notes), extra=extra, path=file.path.parent,
+            machine=machine, runs=runs, name=data.get("name", folder.resolve().name), machine_file=machine_file,
+            comments=file.comments, notes=tuple(notes), extra=extra, path=folder, text=file.text,
         )  # fmt: skip
+
+    try:
+        build(tuple(replace(draft, commands=dict.fromkeys(machine.axis_names, np.zeros(1))) for draft in drafts))
     except InputError as error:
-        raise error.at(file.path, file.line("run")) from None
+        raise error.at(file.path, file.line("run" if "run" in error.problem else "name")) from None
+    return build(tuple(_with_columns(folder, draft, machine) for draft in drafts))
 
 
-def _inside(file: TomlFile, name: Any, *keys: str | int) -> str:
-    """A file name that stays below the campaign's folder or beside it as the machine file may."""
-    if not isinstance(name, str) or not name or "\0" in name:
-        raise file.error(f"{name!r} is not a file name", *keys, remedy="write a name in quotes")
-    parts = PurePosixPath(name.replace("\\", "/"))
-    if keys[0] == "run" and (parts.is_absolute() or ".." in parts.parts):
-        raise file.error(f'file "{name}" lies outside the campaign', *keys, remedy="put the CSV into the campaign's folder")
-    return name
+def _check_schema(file: TomlFile) -> None:
+    schema = file.data.get("schema")
+    if schema != SCHEMA:
+        remedy = f'the first line must be schema = "{SCHEMA}"'
+        raise file.error(f"schema is {shown(schema)}", "schema", remedy=remedy)
 
 
-def _run(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
+def _run_notes(run: Run, block: Mapping[str, Any]) -> list[str]:
+    unknown = [key for key in run.options if key not in OPTIONS]
+    notes = [f'key "{key}" of run {run.id} is unknown to symfive; it is kept' for key in unknown]
+    if "setup_sigma_um" not in block and {"ball_bar", "r_test", "grid_encoder"} & set(run.instrument):
+        notes.append(f"run {run.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
+    return notes
+
+
+def _drafts(file: TomlFile, machine: Machine) -> tuple[Run, ...]:
+    """The runs without the contents of their CSV: one row at time 0."""
+    blocks = file.data.get("run", [])
+    if not isinstance(blocks, list) or not blocks:
+        raise file.error("the campaign has no runs", "run", remedy="add a [[run]] block")
+    return tuple(_draft(file, number, block, machine) for number, block in enumerate(blocks))
+
+
+def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
     place: tuple[str | int, ...] = ("run", number)
     if not isinstance(block, Mapping):
         raise file.error("a run is not a table", *place, remedy="write [[run]]")
@@ -77,33 +88,44 @@ def _run(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
     for key in ("id", "instrument", "sampling"):
         if key not in table:
             raise file.error(f"the run has no {key}", *place, remedy=f"add {key} = …")
-    names = table["instrument"]
-    names = tuple(names) if isinstance(names, list) else (names,)
-    table["file"] = _inside(file, table.get("file", f"{table['id']}.csv"), *place, "file")
-    sigma = table.get("setup_sigma_um", {})
+    names = table.pop("instrument")
+    sigma = table.pop("setup_sigma_um", {})
     if not isinstance(sigma, Mapping):
-        raise file.error("setup_sigma_um is not a table", *place, "setup_sigma_um", remedy="write { table_ball = 20.0, … }")
-    known = {f.name for f in fields(SetupSigma)} - {"extra"}
-    try:
-        table["setup_sigma_um"] = SetupSigma(
-            **{k: v for k, v in sigma.items() if k in known}, extra={k: v for k, v in sigma.items() if k not in known}
+        raise file.error(
+            "setup_sigma_um is not a table", *place, "setup_sigma_um", remedy="write { table_ball = 20.0 }"
         )
-        options = {key: value for key, value in table.items() if key not in _FIELDS}
-        direct = {key: _tuple(value) for key, value in table.items() if key in _FIELDS and key != "instrument"}
-        draft = Run(instrument=names, time=[0.0], commands={}, options=options, **direct)  # type: ignore[arg-type]
+    known = {f.name for f in fields(SetupSigma)} - {"extra"}
+    more = {key: value for key, value in sigma.items() if key not in known}
+    try:
+        draft = Run(
+            instrument=tuple(names) if isinstance(names, list) else (names,),
+            setup_sigma_um=SetupSigma(**{key: value for key, value in sigma.items() if key in known}, extra=more),
+            time=np.zeros(1), commands={},
+            options={key: value for key, value in table.items() if key not in _FIELDS},
+            **{key: _tuple(value) for key, value in table.items() if key in _FIELDS},
+        )  # fmt: skip
         for instrument in instruments_of(draft):
             instrument.check(draft, machine)
-        columns = tuple(c.name for instrument in instruments_of(draft) for c in instrument.columns(draft, machine))
+            instrument.columns(draft, machine)
+            instrument.parameters(draft, machine)
+            instrument.constants(draft, machine)
     except InputError as error:
-        raise error.at(file.path, file.line(*place, _culprit(error, table))) from None
-    except (TypeError, ValueError) as error:
-        raise file.error(f"run {table['id']!r} is not of the right form ({error})", *place, remedy="correct it") from None
-    time, commands, readings = read_columns(file.path.parent / table["file"], machine, columns)
-    return Run(instrument=names, time=time, commands=commands, readings=readings, options=options, **direct)
+        raise error.at(file.path, file.line(*place, _culprit(error, block))) from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        problem = f"run {shown(table['id'])} is not of the right form ({error})"
+        raise file.error(problem, *place, remedy="compare it with the conventions, section 5") from None
+    return draft
+
+
+def _with_columns(folder: Path, draft: Run, machine: Machine) -> Run:
+    columns = tuple(c.name for instrument in instruments_of(draft) for c in instrument.columns(draft, machine))
+    time, commands, readings = read_columns(folder / draft.file, machine, columns, dynamic=draft.dynamic)
+    return replace(draft, time=time, commands=commands, readings=readings)
 
 
 def _culprit(error: InputError, table: Mapping[str, Any]) -> str:
-    return next((key for key in table if key in error.problem), "id")
+    words = error.problem.replace(":", " ").split()
+    return next((key for key in table if key in words), "id")
 
 
 def _tuple(value: Any) -> Any:
@@ -112,12 +134,10 @@ def _tuple(value: Any) -> Any:
 
 def campaign_to_data(campaign: Campaign) -> dict[str, Any]:
     """`campaign.toml` as nested mappings."""
-    return {
-        "schema": SCHEMA,
-        "machine": "machine.toml",
-        **dict(campaign.extra),
-        "run": [_run_table(run) for run in campaign.runs],
-    }
+    data: dict[str, Any] = {"schema": SCHEMA, "machine": "machine.toml"}
+    if campaign.path is None or campaign.name != campaign.path.resolve().name:
+        data["name"] = campaign.name
+    return {**data, **dict(campaign.extra), "run": [_run_table(run) for run in campaign.runs]}
 
 
 def _run_table(run: Run) -> dict[str, Any]:
@@ -134,7 +154,7 @@ def _run_table(run: Run) -> dict[str, Any]:
     table["noise_um"] = run.noise_um if isinstance(run.noise_um, (int, float)) else dict(run.noise_um)
     sigma = run.setup_sigma_um
     table["setup_sigma_um"] = {"table_ball": sigma.table_ball, "tool_ball": sigma.tool_ball}
-    if run.length is not None:
+    if run.length is not None or sigma.length != SetupSigma.length:
         table["setup_sigma_um"]["length"] = sigma.length
     if sigma.plate:
         table["setup_sigma_um"]["plate"] = sigma.plate
@@ -153,4 +173,22 @@ def write_campaign_files(campaign: Campaign, folder: Path) -> None:
     write_machine(campaign.machine, folder / "machine.toml")
     for run in campaign.runs:
         write_columns(folder / run.file, run, campaign.machine)
-    write_text(folder / "campaign.toml", toml_text(campaign_to_data(campaign), campaign.comments))
+    write_text(folder / "campaign.toml", _text(campaign))
+
+
+def _text(campaign: Campaign) -> str:
+    data = campaign_to_data(campaign)
+    if campaign.text:
+        place = Path("campaign")
+        try:
+            original = _normalised(parse_toml(place, campaign.text), campaign.machine)
+            edited = edited_toml(campaign.text, original, data)
+            if edited is not None and _normalised(parse_toml(place, edited), campaign.machine) == data:
+                return edited
+        except InputError:
+            pass  # an edit that does not fit into the old layout: the file is written anew
+    return toml_text(data, campaign.comments)
+
+
+def _normalised(file: TomlFile, machine: Machine) -> dict[str, Any]:
+    return {**file.data, "run": [_run_table(draft) for draft in _drafts(file, machine)]}

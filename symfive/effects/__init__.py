@@ -2,39 +2,87 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Any
 
 from symfive.effects._base import STAGES, Effect
+from symfive.effects._quantity import Quantity
 from symfive.effects.backlash import Backlash
+from symfive.effects.bar_temperature import BarTemperature
+from symfive.effects.counterbalance import Counterbalance
+from symfive.effects.eccentric_mass import EccentricMass
+from symfive.effects.error_motion import ErrorMotion
+from symfive.effects.friction import Friction
+from symfive.effects.gravity_sag import GravitySag
+from symfive.effects.inertial_compliance import InertialCompliance
+from symfive.effects.latency import Latency
+from symfive.effects.lateral_play import LateralPlay
+from symfive.effects.location_error import LocationError
+from symfive.effects.reversal_spike import ReversalSpike
+from symfive.effects.scale_error import ScaleError
+from symfive.effects.sensor_error import SensorError
+from symfive.effects.sensor_low_pass import SensorLowPass
 from symfive.effects.servo_mismatch import ServoMismatch
+from symfive.effects.setup_shift import SetupShift
+from symfive.effects.spindle_growth import SpindleGrowth
+from symfive.effects.structural_resonance import StructuralResonance
+from symfive.effects.table_step import TableStep
 from symfive.effects.thermal_drift import ThermalDrift
+from symfive.effects.transmission_error import TransmissionError
+from symfive.effects.unknown import Unknown
+from symfive.effects.vibration import Vibration
 from symfive.errors import InputError
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
 
-__all__ = ["EFFECTS", "STAGES", "Effect", "baseline_effects", "make_effect"]
+__all__ = ["EFFECTS", "STAGES", "VOCABULARY", "Effect", "Quantity", "baseline_effects", "make_effect"]
 
-EFFECTS: dict[str, type[Effect]] = {
-    effect.id: effect
-    for effect in (
-        Backlash,
-        ServoMismatch,
-        ThermalDrift,
-    )
-}
+_TABLE: tuple[type[Effect], ...] = (
+    # the vocabulary (docs/conventions.md, section 7)
+    Backlash,
+    TransmissionError,
+    ServoMismatch,
+    Friction,
+    Latency,
+    LocationError,
+    ErrorMotion,
+    ScaleError,
+    GravitySag,
+    ThermalDrift,
+    SetupShift,
+    SensorError,
+    LateralPlay,
+    Vibration,
+    InertialCompliance,
+    StructuralResonance,
+    Unknown,
+    # further forward models, reported under a word of the vocabulary
+    ReversalSpike,
+    SensorLowPass,
+    SpindleGrowth,
+    BarTemperature,
+    TableStep,
+    Counterbalance,
+    EccentricMass,
+)
+EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _TABLE}
+VOCABULARY: tuple[str, ...] = tuple(name for name, effect in EFFECTS.items() if not effect.reported_as)
+"""The words a finding may use."""
 
 
 def make_effect(effect: str, axis: str | None = None, **options: Any) -> Effect:
-    """An effect of the vocabulary by name. Raises `InputError` for an unknown name or option."""
+    """An effect by name. Raises `InputError` for an unknown name, and for an option it lacks or does not have."""
     if effect not in EFFECTS:
         raise InputError(f'effect "{effect}" is unknown', remedy=f"use one of {', '.join(EFFECTS)}")
     kind = EFFECTS[effect]
-    known = {f.name for f in fields(kind)} - {"axis"}
+    known = {f.name: f for f in fields(kind) if f.name != "axis"}
     for name in options:
         if name not in known:
-            raise InputError(f'effect {effect} has no option "{name}"', remedy=f"it takes {', '.join(sorted(known)) or 'none'}")
+            raise InputError(f'effect {effect} has no option "{name}"', remedy=f"it takes {', '.join(sorted(known))}")
+    for name, f in known.items():
+        if name not in options and f.default is MISSING and f.default_factory is MISSING:
+            raise InputError(f"effect {effect} needs its option {name}", remedy=f"write {name} = …")
     return kind(axis=axis, **options)
 
 

@@ -4,57 +4,126 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
+from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Campaign, Run
+    from symfive.machine import Axis
     from symfive.model._row import Row
     from symfive.motion import Signal
 
 __all__ = ["STAGES", "Effect"]
 
-STAGES = ("drive", "axis", "structure", "reading")
-"""In which order effects enter a row: inside the position loop, behind the drive, in the structure, in the instrument."""
+Array = NDArray[np.float64]
+STAGES = ("drive", "axis", "structure", "reading", "recording")
+"""In which order effects enter: inside the position loop, behind the drive, in the structure, in the
+instrument's reading of a row, in what its recorder makes of all rows together."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """Base of all effects. A subclass is one file and one line in the table of `symfive.effects`.
 
-    `id` is its name in the vocabulary (docs/conventions.md, section 7), `stage` one of `STAGES`, `axis` the axis
-    it belongs to (None: no axis). Further fields of a subclass say which of several forms is meant (a component, a run).
+    `id` is its name, `reported_as` the word of the vocabulary (docs/conventions.md, section 7) for it where
+    that is another one, `stage` one of `STAGES`, `axis` the axis it belongs to (None: no axis). Further
+    fields of a subclass say which of several forms is meant (a component, a run, a shape); `tag` tells two
+    effects of one kind and axis apart.
+
+    At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
+    usual size.
     """
 
     id: ClassVar[str]
     stage: ClassVar[str] = "structure"
     says: ClassVar[str] = ""
+    hidden_by: ClassVar[str] = ""
+    reported_as: ClassVar[str] = ""
+    needs_axis: ClassVar[bool] = False
+    dynamic_only: ClassVar[bool] = False
     axis: str | None = None
+    tag: str = ""
 
     @property
     def key(self) -> str:
         """Prefix of its parameters' names, as `backlash.C`."""
-        return self.id if self.axis is None else f"{self.id}.{self.axis}"
+        return self._key(self.axis)
+
+    def _key(self, *parts: str | None) -> str:
+        return ".".join(part for part in (self.id, *parts, self.tag) if part)
+
+    @property
+    def vocabulary(self) -> str:
+        """The word of the vocabulary under which it is reported."""
+        return self.reported_as or self.id
+
+    def prepare(self, campaign: Campaign) -> Self:
+        """This effect with all that it takes from the campaign written into its fields.
+
+        Raises `InputError` where it cannot join: an axis or a drive is lacking, the baseline already holds
+        it.
+        """
+        if self.needs_axis and self.axis is None:
+            raise InputError(
+                f"effect {self.id} belongs to an axis", remedy=f'write axis = "X" with effect = "{self.id}"'
+            )
+        if self.axis is not None and self.axis not in campaign.machine.axes:
+            raise InputError(
+                f"effect {self.id} speaks of axis {self.axis}, which the machine lacks",
+                remedy=f"use one of {', '.join(campaign.machine.axis_names)}",
+            )
+        return self
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """Its parameters with priors; names begin with `key`."""
         return ()
+
+    def typical(self, campaign: Campaign) -> dict[str, float]:
+        """Parameters at which it is of usual size: 1σ of the prior of each amplitude, the prior mean of each shape."""
+        return {p.name: p.sigma if p.mean == 0.0 else p.mean for p in self.parameters(campaign)}
 
     def signals(self) -> tuple[Signal, ...]:
         """Signals along the run that it needs beside the axis positions."""
         return ()
 
     def frees(self) -> Mapping[tuple[str, str], str]:
-        """Drive quantities that become parameters: (axis, quantity) → parameter name. `("", "delay")` is the clock's delay."""
+        """Drive quantities that become parameters: (axis, quantity) → name. `("", "delay")` is the clock's
+        delay."""
         return {}
 
     def applies(self, run: Run) -> bool:
         """Whether it can act in this run."""
-        return True
+        return run.dynamic or not self.dynamic_only
 
     def apply(self, row: Row) -> None:
         """Change the row's symbols (the exact forward model)."""
+
+    def record(
+        self, run: Run, columns: tuple[int, ...], readings: Array, values: Values
+    ) -> tuple[Array, dict[str, Array]]:
+        """What the recorder makes of a run's readings, for the stage `recording`: a linear filter in time.
+
+        `readings` (N, ny, m): the prediction and its derivatives as m series; `columns` those that are not
+        the control's own; `values` its parameters in internal units. Returns them filtered and, for m = 0
+        (the prediction), the slopes (N, ny) with respect to its own parameters by name.
+        """
+        return readings, {}
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """Its parameters in the words of the vocabulary, with standard deviations (first order) and units.
+
+        `values` by parameter name in file units, `covariance` by pairs of names. Default: as they are,
+        without `key`.
+        """
+        return {
+            p.name.removeprefix(self.key + "."): own_quantity(p, values, covariance) for p in self.parameters(campaign)
+        }
 
     def parameter(self, row: Row, name: str) -> Any:
         """Its own parameter `name` in internal units."""
@@ -63,3 +132,19 @@ class Effect:
     def own(self, name: str, unit: str, sigma: float, **more: Any) -> Parameter:
         """A parameter of this effect."""
         return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=sigma, kind="effect", **more)
+
+    def its_axis(self, campaign: Campaign) -> Axis:
+        """The axis it belongs to."""
+        return campaign.machine.axes[str(self.axis)]
+
+    def clock_span(self, campaign: Campaign) -> float:
+        """How long the campaign's clock runs, s (at least 1)."""
+        return max([1.0, *(run.start_s + float(run.time[-1]) for run in campaign.runs)])
+
+    def choose(self, field: str, allowed: tuple[str, ...]) -> None:
+        """Raise `InputError` where the option `field` is not one of `allowed`."""
+        value = getattr(self, field)
+        if value not in allowed:
+            raise InputError(
+                f"effect {self.id}: {field} {value!r} is unknown", remedy=f"use one of {', '.join(allowed)}"
+            )

@@ -1,12 +1,12 @@
-"""Backlash: play between the drive and the axis (ISO 230-1, 3.4.10 reversal value; ISO 230-4 Annex B)."""
+"""Backlash: play between the drive and the axis (ISO 230-1, reversal value; ISO 230-4 Annex B)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
-from symfive.motion import Play
+from symfive.motion import Play, Position, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -14,25 +14,54 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
+SHAPES = ("play", "pre_sliding", "wind_up")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Backlash(Effect):
-    """q → q - (width/2)·s with the play's state s: the output lags the motion by half the width and stands in between.
+    """q → q - (width/2)·s with a state s in -1…+1: the output lags the motion by half the width.
 
-    Static rows: s is the direction from which the axis came. Typical 1–20 µm, 10–100 µrad.
+    `shape`:
+
+    - `play`: s is ±1 at the flanks and in between while the play is crossed and the output stands.
+    - `pre_sliding` (lost motion, low hysteresis): s = ±(1 - 2·exp(-ξ/distance)), ξ the distance since the
+      reversal (P. R. Dahl 1968); the contact creeps over `distance`.
+    - `wind_up` (unequal backlash): a play whose width grows along the axis, width + slope·q.
+
+    Static rows: s is the direction from which the axis came. Typical 1–20 µm, worn over 100 µm, rotary 10–100
+    µrad; distance 10–300 µm.
     """
 
     id = "backlash"
     stage = "axis"
     says = "play behind the drive"
+    hidden_by = "a servo mismatch where only one feed was run; a rotary axis' location errors"
+    needs_axis = True
+    shape: str = "play"
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("shape", SHAPES)
+        return super().prepare(campaign)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        rotary = campaign.machine.axes[str(self.axis)].rotary
-        return (self.own("width", "urad" if rotary else "um", 100.0 if rotary else 20.0, start=1.0),)
+        rotary = self.its_axis(campaign).rotary
+        small = "urad" if rotary else "um"
+        found = [self.own("width", small, 100.0 if rotary else 20.0, start=1.0)]
+        if self.shape == "pre_sliding":
+            distance = 300.0 if rotary else 50.0
+            found.append(self.own("distance", small, distance, mean=distance, lower=0.02 * distance))
+        if self.shape == "wind_up":
+            found.append(self.own("slope", "urad/deg", 1.0) if rotary else self.own("slope", "um/mm", 0.05))
+        return tuple(found)
 
     def signals(self) -> tuple[Signal, ...]:
-        return (Play(str(self.axis), f"{self.key}.width"),)
+        if self.shape == "pre_sliding":
+            return (PreSliding(str(self.axis), f"{self.key}.distance"),)
+        slope = f"{self.key}.slope" if self.shape == "wind_up" else ""
+        return (Play(str(self.axis), f"{self.key}.width", slope),)
 
     def apply(self, row: Row) -> None:
-        state = row.signal(self.signals()[0])
-        row.axis[str(self.axis)] -= 0.5 * self.parameter(row, "width") * state
+        width = self.parameter(row, "width")
+        if self.shape == "wind_up":
+            width = width + self.parameter(row, "slope") * row.signal(Position(str(self.axis)))
+        row.axis[str(self.axis)] -= 0.5 * width * row.signal(self.signals()[0])

@@ -35,6 +35,8 @@ class Instrument:
     """Base of all instruments; a subclass is one file and one line in the table of `symfive.instruments`."""
 
     name: ClassVar[str]
+    on_control: ClassVar[bool] = False
+    """Whether the control itself records it, on its own clock and with its own sensors."""
 
     def check(self, run: Run, machine: Machine) -> None:
         """Raise `InputError` where the run lacks what the instrument needs."""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
 
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument
-from symfive.motion import Acceleration, Velocity
+from symfive.motion import Acceleration, OnControlClock, RunMotion, Series, Velocity
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -17,7 +22,57 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
+__all__ = ["DriveForce", "FilteredMotion", "low_pass"]
+
+Array = NDArray[np.float64]
 TERMS = ("mass", "viscous", "coulomb", "offset")
+ORDER = 4
+FINER = 10
+
+
+def low_pass(values: Array, cut_off_hz: float, interval: float) -> Array:
+    """Zero-phase low-pass of a recording at a constant rate: Butterworth of order 4, forward and backward.
+
+    `values` (N,), `cut_off_hz` where its gain is one half, `interval` s. Recordings too short for it are returned as
+    they are.
+    """
+    sections = butter(ORDER, cut_off_hz, fs=1.0 / interval, output="sos")
+    padding = min(len(values) - 2, int(3.0 / (cut_off_hz * interval)))
+    return np.asarray(sosfiltfilt(sections, values, padlen=padding)) if padding > 2 * ORDER else np.array(values)
+
+
+@dataclass(frozen=True)
+class FilteredMotion:
+    """Velocity, acceleration or direction of an axis from its encoder, whose recording has passed the force's low-pass.
+
+    Force and motion have thus passed the same linear filter, which leaves their relation as it was (M. Gautier
+    1997, "parallel filtering"). `quantity` is `velocity`, `acceleration` (of a quintic spline through the rows) or
+    `direction` (sgn, linear within ±`rest` mm/s or rad/s, behind the same low-pass, computed on a finer grid).
+    """
+
+    axis: str
+    quantity: str
+    cut_off_hz: float
+    rest: float = 0.0
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """None: the recording is what it is."""
+        return ()
+
+    def series(self, motion: RunMotion) -> Series:
+        """Its values along the run, mm or rad, s."""
+        axis = motion.machine.axes[self.axis]
+        time = motion.run.time
+        measured = np.asarray(motion.run.readings[f"{self.axis}_act_{axis.unit}"]) * axis.to_internal
+        if len(time) < 6:
+            return Series(np.zeros_like(time))
+        spline = make_interp_spline(time, measured, k=5)
+        if self.quantity != "direction":
+            return Series(spline.derivative(1 if self.quantity == "velocity" else 2)(time))
+        fine = np.interp(np.arange(FINER * (len(time) - 1) + 1) / FINER, np.arange(len(time)), time)
+        sign = np.clip(spline.derivative(1)(fine) / self.rest, -1.0, 1.0)
+        return Series(low_pass(sign, self.cut_off_hz, motion.interval / FINER)[::FINER])
 
 
 class DriveForce(Instrument):
@@ -25,10 +80,15 @@ class DriveForce(Instrument):
 
     The run names the axis; `force_terms` lists which of the four terms the baseline holds (default all). Units: kg and
     N s/m for a linear axis, kg m² and Nm s/rad for a rotary one. Within the velocity resolution `v_rest` (mm/s or
-    degree/s, default 0.1) the friction force is not determined by the direction of motion and passes linearly through 0.
+    degree/s, default 0.1) the friction force is not determined by the direction of motion and passes linearly
+    through 0.
+
+    With `motion_from = "encoder"` and `low_pass_hz` both force and encoder in the file have passed `low_pass` at that
+    frequency; the direction of motion then passes it too.
     """
 
     name = "drive_force"
+    on_control = True
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.options.get("axis") not in machine.axes:
@@ -36,6 +96,11 @@ class DriveForce(Instrument):
         unknown = [term for term in self.terms(run) if term not in TERMS]
         if unknown:
             raise InputError(f"run {run.id}: force term {unknown[0]!r} is unknown", remedy=f"use {', '.join(TERMS)}")
+        if "low_pass_hz" in run.options and run.options.get("motion_from") != "encoder":
+            raise InputError(
+                f"run {run.id}: low_pass_hz filters a motion recorded by the encoder",
+                remedy='add motion_from = "encoder"',
+            )
 
     def terms(self, run: Run) -> tuple[str, ...]:
         """The terms of the baseline."""
@@ -43,7 +108,8 @@ class DriveForce(Instrument):
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         name = run.options["axis"]
-        return (Column(f"{name}_torque_Nm", "Nm", 1.0),) if machine.axes[name].rotary else (Column(f"{name}_force_N", "N", 1.0),)
+        quantity, unit = ("torque", "Nm") if machine.axes[name].rotary else ("force", "N")
+        return (Column(f"{name}_{quantity}_{unit}", unit, 1.0),)
 
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         name = run.options["axis"]
@@ -53,7 +119,8 @@ class DriveForce(Instrument):
             "coulomb": "Nm" if rotary else "N", "offset": "Nm" if rotary else "N",
         }  # fmt: skip
         return tuple(
-            Parameter(name=f"drive_force.{name}.{term}", unit=units[term], sigma=1e6, kind="drive") for term in self.terms(run)
+            Parameter(name=f"drive_force.{name}.{term}", unit=units[term], sigma=1e6, kind="drive")
+            for term in self.terms(run)
         )
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
@@ -61,13 +128,19 @@ class DriveForce(Instrument):
         return {"v_rest": rest * machine.axes[run.options["axis"]].to_internal}
 
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
-        return (Velocity(run.options["axis"]), Acceleration(run.options["axis"]))
+        name = run.options["axis"]
+        cut_off = run.options.get("low_pass_hz")
+        if cut_off is None:
+            return (OnControlClock(Velocity(name)), OnControlClock(Acceleration(name)))
+        rest = self.constants(run, machine)["v_rest"]
+        quantities = ("velocity", "acceleration", "direction")
+        return tuple(OnControlClock(FilteredMotion(name, q, float(cut_off), rest)) for q in quantities)
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         name = run.options["axis"]
         metre = 1.0 if row.machine.axes[name].rotary else 1e-3
-        velocity, acceleration = row.signal(Velocity(name)), row.signal(Acceleration(name))
-        sign = ca.fmin(ca.fmax(velocity / row.constant("v_rest"), -1.0), 1.0)
+        velocity, acceleration, *direction = (row.signal(signal) for signal in self.signals(run, row.machine))
+        sign = direction[0] if direction else ca.fmin(ca.fmax(velocity / row.constant("v_rest"), -1.0), 1.0)
         factors = {"mass": acceleration * metre, "viscous": velocity * metre, "coulomb": sign, "offset": 1.0}
         force = ca.SX(0)
         for term in self.terms(run):

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument
-from symfive.motion import Position
+from symfive.instruments._base import Column, Instrument, setup_parameter
+from symfive.motion import OnControlClock, Position
+from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
@@ -15,12 +16,15 @@ if TYPE_CHECKING:
 
 
 class Encoder(Instrument):
-    """Actual positions `X_act_mm`, `C_act_deg` of the axes in `encoder_axes` (default: every driven axis of the machine).
+    """Actual positions `X_act_mm`, `C_act_deg` of the axes in `encoder_axes` (default: every driven axis).
 
-    With `motion_from = "encoder"` in the run the recording is not fitted but taken as the motion of the axes.
+    With `motion_from = "encoder"` in the run the recording is not fitted but taken as the motion of the axes. An
+    encoder whose zero is arbitrary (a second one, not the control's) has a prior for it: `encoder_zero_sigma`, mm or
+    degree.
     """
 
     name = "encoder"
+    on_control = True
 
     def axes(self, run: Run, machine: Machine) -> tuple[str, ...]:
         """The axes whose positions were recorded."""
@@ -30,14 +34,27 @@ class Encoder(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         names = self.axes(run, machine)
         if not names or any(name not in machine.axes for name in names):
-            raise InputError(f"run {run.id}: the encoder's axes are not known", remedy='add encoder_axes = ["X"] to the run')
+            raise InputError(
+                f"run {run.id}: the encoder's axes are not known", remedy='add encoder_axes = ["X"] to the run'
+            )
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         axes = [machine.axes[name] for name in self.axes(run, machine)]
         return tuple(Column(f"{axis.name}_act_{axis.unit}", axis.unit, axis.to_internal) for axis in axes)
 
-    def signals(self, run: Run, machine: Machine) -> tuple[Position, ...]:
-        return tuple(Position(name) for name in self.axes(run, machine))
+    def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
+        sigma = float(run.options.get("encoder_zero_sigma", 0.0))
+        if sigma == 0.0:
+            return ()
+        axes = [machine.axes[name] for name in self.axes(run, machine)]
+        return tuple(setup_parameter(run, f"zero.{axis.name}", axis.unit, sigma) for axis in axes)
+
+    def signals(self, run: Run, machine: Machine) -> tuple[OnControlClock, ...]:
+        return tuple(OnControlClock(Position(name)) for name in self.axes(run, machine))
 
     def reading(self, row: Row, run: Run) -> list[Any]:
-        return [row.signal(Position(name)) for name in self.axes(run, row.machine)]
+        readings = []
+        for name in self.axes(run, row.machine):
+            zero = row.parameter(f"setup.zero.{name}") if row.has(f"setup.zero.{name}") else 0.0
+            readings.append(row.signal(OnControlClock(Position(name))) + zero)
+        return readings

@@ -50,7 +50,7 @@ class GridEncoder(Instrument):
         }
 
     def reading(self, row: Row, run: Run) -> list[Any]:
-        ball = row.ball
+        ball = row.ball - (row.table_ball - row.vector("table_ball"))  # the plate moves with what shifts the artefact
         if row.has("setup.plate.a"):
             angles = ca.vertcat(*(row.parameter(f"setup.plate.{c}") for c in "abc"))
             ball = ball - ca.cross(angles, ball - row.vector("table_ball"))

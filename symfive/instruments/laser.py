@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Laser(Instrument):
-    """Deviation of the reflector (at `tool_ball` on the tool) from its command along the axis, µm, from an unknown zero.
+    """Deviation of the reflector (at `tool_ball` on the tool) from its command along the axis, µm, zero unknown.
 
     The run names the axis (`axis = "X"`). The whole chain enters, so an Abbe offset of the reflector is seen.
     """
@@ -26,7 +26,7 @@ class Laser(Instrument):
     name = "laser"
 
     def check(self, run: Run, machine: Machine) -> None:
-        axis = run.options.get("axis")
+        axis = str(run.options.get("axis", ""))
         if axis not in machine.axes or machine.axes[axis].rotary:
             raise InputError(f"run {run.id}: a laser measures one linear axis", remedy='add axis = "X" to the run')
 

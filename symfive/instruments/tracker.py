@@ -1,4 +1,4 @@
-"""Laser tracker: position of a reflector on the tool in the instrument's own frame."""
+"""Laser tracker: position of a reflector on the tool or on the workpiece side, in the instrument's own frame."""
 
 from __future__ import annotations
 
@@ -22,9 +22,12 @@ LETTERS = ("x", "y", "z", "a", "b", "c")
 class Tracker(Instrument):
     """`R·d + t` in mm, R = Rx(a) Ry(b) Rz(c); the placement (t, R) is unknown.
 
-    The run gives the rough `placement = [x, y, z, a, b, c]` (mm, degree) about which the six unknowns are estimated with
-    1σ of `placement_sigma = [mm, degree]` (default [1000, 10]). Where several runs share one placement they name it:
-    `placement_id`.
+    The run gives the rough `placement = [x, y, z, a, b, c]` (mm, degree) about which the six unknowns are estimated
+    with 1σ of `placement_sigma = [mm, degree]` (default [1000, 10]). Where several runs share one placement they
+    name it: `placement_id`.
+
+    A reflector on the tool stands at `tool_ball`. With `reflector_on = "workpiece"` it stands at `table_ball` on the
+    workpiece side (on the base of an arm) and d is that point: it watches the instrument and the base, not the axes.
     """
 
     name = "tracker"
@@ -33,6 +36,8 @@ class Tracker(Instrument):
         placement = run.options.get("placement", [0.0] * 6)
         if len(placement) != 6:
             raise InputError(f"run {run.id}: placement has {len(placement)} numbers", remedy="write [x, y, z, a, b, c]")
+        if run.options.get("reflector_on", "tool") not in ("tool", "workpiece"):
+            raise InputError(f"run {run.id}: reflector_on is unknown", remedy='write "tool" or "workpiece"')
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return tuple(Column(f"{c}_mm", "mm", 1.0) for c in "xyz")
@@ -47,17 +52,26 @@ class Tracker(Instrument):
                 found.append(Parameter(name=f"placement.{shared}.{letter}", unit=unit, sigma=sigma, kind="setup"))
             else:
                 found.append(setup_parameter(run, f"placement.{letter}", unit, sigma))
-        return (*setup_vector(run, "tool_ball", run.setup_sigma_um.tool_ball), *found)
+        return (*setup_vector(run, *self._reflector(run)), *found)
+
+    @staticmethod
+    def _reflector(run: Run) -> tuple[str, float]:
+        """Where the reflector stands and the 1σ of that place, µm."""
+        if run.options.get("reflector_on", "tool") == "tool":
+            return "tool_ball", run.setup_sigma_um.tool_ball
+        return "table_ball", run.setup_sigma_um.table_ball
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
         placement = [float(v) for v in run.options.get("placement", [0.0] * 6)]
         scale = [1.0, 1.0, 1.0, *[3.141592653589793 / 180.0] * 3]
         named = {f"placement.{c}": v * s for c, v, s in zip(LETTERS, placement, scale, strict=True)}
-        return {**vector_constants("tool_ball", run.tool_ball), **named}
+        balls = {name: getattr(run, name) for name in ("table_ball", "tool_ball")}
+        return {k: v for name, ball in balls.items() for k, v in vector_constants(name, ball).items()} | named
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         shared = run.options.get("placement_id")
         prefix = f"placement.{shared}." if shared else "setup.placement."
         p = [row.constant(f"placement.{c}") + row.parameter(prefix + c) for c in LETTERS]
-        position = angles(p[3], p[4], p[5]) @ row.ball + ca.vertcat(p[0], p[1], p[2])
+        point = row.ball if self._reflector(run)[0] == "tool_ball" else row.table_ball
+        position = angles(p[3], p[4], p[5]) @ point + ca.vertcat(p[0], p[1], p[2])
         return list(ca.vertsplit(position))

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from symfive.errors import InputError
-from symfive.machine import ErrorTerm, Machine
+from symfive.machine import Axis, ErrorTerm, Machine
 
 __all__ = ["Basis", "basis_of"]
 
@@ -27,15 +27,25 @@ Symbol = Any
 Function = tuple[str, Callable[[Symbol], Symbol]]
 
 
+class HasAxes(Protocol):
+    """Whatever knows the travel of the coordinates by name: a machine, or a few axes."""
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:
+        """Axes by name."""
+        ...
+
+
 class Basis:
     """The functions of one error motion: `names` and, for coordinates, their values (internal units)."""
 
-    def __init__(self, term: ErrorTerm, machine: Machine, drop: tuple[str, ...] = ()) -> None:
+    def __init__(self, term: ErrorTerm, machine: HasAxes, drop: tuple[str, ...] = ()) -> None:
         per_axis = []
         for i, (axis, basis, order) in enumerate(zip(term.over, term.basis, term.order, strict=True)):
             knots = term.knots[i] if i < len(term.knots) else ()
             make = _BASES[basis]
-            per_axis.append([("", lambda q: ca.SX(1)), *make(machine.axes[axis], order, knots)])
+            constant: Function = ("", lambda q: ca.SX(1))
+            per_axis.append([constant, *make(machine.axes[axis], order, knots)])
         self.over = term.over
         self._products = []
         for combination in itertools.product(*per_axis):

@@ -1,10 +1,13 @@
 """Machines as plain data: structural code, axes, drives, errors with priors, workspace."""
 
-from symfive.machine._data import Axis, Drive, EffectEntry, ErrorTerm, Machine, Workspace, make_axis
+from symfive.machine._axis import Axis, Drive, make_axis
+from symfive.machine._data import EffectEntry, Machine, Workspace
+from symfive.machine._errors import ErrorTerm
+from symfive.machine._presets import preset, presets
 from symfive.machine._read import machine_from_data, machine_to_data, read_machine, unknown_keys, write_machine
 from symfive.machine._structure import Structure
 
 __all__ = [
-    "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace",
-    "machine_from_data", "machine_to_data", "make_axis", "read_machine", "unknown_keys", "write_machine",
+    "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace", "machine_from_data",
+    "machine_to_data", "make_axis", "preset", "presets", "read_machine", "unknown_keys", "write_machine",
 ]  # fmt: skip

@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from symfive.errors import InputError
-from symfive.files import TomlFile, read_toml, toml_text, write_text
-from symfive.machine._data import Axis, Drive, EffectEntry, ErrorTerm, Machine, Workspace, make_axis
-from symfive.machine._structure import Structure
+from symfive.files import shown, write_text
+from symfive.machine._axis import Axis, Drive, make_axis
+from symfive.machine._data import EffectEntry, Machine, Workspace
+from symfive.machine._errors import ErrorTerm
+from symfive.machine._structure import DEFAULT_DIRECTION, Structure, default_kind
+from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
 
-__all__ = ["SCHEMA", "machine_from_data", "machine_to_data", "read_machine", "write_machine"]
+__all__ = ["SCHEMA", "machine_from_data", "machine_to_data", "read_machine", "unknown_keys", "write_machine"]
 
 SCHEMA = "symfive.machine/1"
 T = TypeVar("T")
@@ -26,12 +29,15 @@ def read_machine(path: Path | str) -> Machine:
 
 def machine_from_data(data: Mapping[str, Any], source: str = "machine") -> Machine:
     """The same from nested mappings (as a `model.json` holds them)."""
-    return _from_toml(TomlFile(Path(source), "", data, ()))
+    file = TomlFile(Path(source), "", data, ())
+    _table(file, data, "machine")
+    return _from_toml(file)
 
 
 def unknown_keys(machine: Machine) -> tuple[str, ...]:
     """Keys of the machine file that symfive does not know; they are kept and written back."""
-    found = [*machine.extra]
+    found = [key for key in machine.extra if key != "model"]
+    found += [f"model.{key}" for key in machine.extra.get("model", {})]
     for axis in machine.axes.values():
         found += [f"axes.{axis.name}.{key}" for key in axis.extra]
         if axis.drive is not None:
@@ -42,54 +48,71 @@ def unknown_keys(machine: Machine) -> tuple[str, ...]:
 
 
 def write_machine(machine: Machine, path: Path | str) -> None:
-    """Write a machine file, whole or not at all."""
-    write_text(Path(path), toml_text(machine_to_data(machine), machine.comments))
+    """Write a machine file, whole or not at all; what was read from a file keeps its comments and layout."""
+    write_text(Path(path), _text(machine))
+
+
+def _text(machine: Machine) -> str:
+    data = machine_to_data(machine)
+    if machine.text:
+        place = Path("machine")
+        original = machine_to_data(_from_toml(parse_toml(place, machine.text)))
+        edited = edited_toml(machine.text, original, data)
+        try:
+            if edited is not None and machine_to_data(_from_toml(parse_toml(place, edited))) == data:
+                return edited
+        except InputError:
+            pass  # an edit that does not fit into the old layout: the file is written anew
+    return toml_text(data, machine.comments, sections=("axes",))
 
 
 def _from_toml(file: TomlFile) -> Machine:
     data = dict(file.data)
     if data.get("schema") != SCHEMA:
-        raise file.error(f"schema is {data.get('schema')!r}", "schema", remedy=f'the first line must be schema = "{SCHEMA}"')
+        remedy = f'the first line must be schema = "{SCHEMA}"'
+        raise file.error(f"schema is {shown(data.get('schema'))}", "schema", remedy=remedy)
     code = data.get("structure")
     if not isinstance(code, str):
         raise file.error("there is no structural code", "structure", remedy="add structure = \"w C' B' X' Y' b Z t\"")
-    structure = _placed(file, ("structure",), lambda: Structure.parse(code))
-    tables = {name: _table(file, data.get(name, {}), name) for name in ("axes", "errors", "workspace", "model")}
-    axes = {name: _axis(file, name, entry) for name, entry in tables["axes"].items()}
-    errors = {name: _error_term(file, name, entry) for name, entry in tables["errors"].items()}
-    workspace = _placed(file, ("workspace",), lambda: Workspace(**_known(Workspace, tables["workspace"])))
-    effects = tuple(_effect(file, entry) for entry in tables["model"].get("effects", []))
-    extra = {key: value for key, value in data.items() if key not in _TOP}
-    extra |= {f"model.{key}": value for key, value in tables["model"].items() if key != "effects"}
     name = data.get("name", "machine")
     if not isinstance(name, str):
-        raise file.error("name is not text", "name", remedy='write name = "…"')
-
-    def build() -> Machine:
-        return Machine(
-            name=name, structure=structure, axes=axes, errors=errors, workspace=workspace, effects=effects,
-            comments=file.comments, extra=extra,
-        )  # fmt: skip
-
+        raise file.error(f"name = {shown(name)} is not text", "name", remedy='write name = "…"')
+    tables = {key: _table(file, data.get(key, {}), key) for key in ("axes", "errors", "workspace", "model")}
+    extra = {key: value for key, value in data.items() if key not in _TOP}
+    if set(tables["model"]) - {"effects"}:
+        extra["model"] = {key: value for key, value in tables["model"].items() if key != "effects"}
+    parts: dict[str, Any] = {
+        "structure": _placed(file, ("structure",), lambda: Structure.parse(code)),
+        "axes": {key: _axis(file, key, entry) for key, entry in tables["axes"].items()},
+        "errors": {key: _error_term(file, key, entry) for key, entry in tables["errors"].items()},
+        "workspace": _placed(file, ("workspace",), lambda: Workspace(**_known(Workspace, tables["workspace"]))),
+        "effects": _effects(file, tables["model"].get("effects", [])),
+    }
     try:
-        return build()
+        return Machine(name=name, comments=file.comments, extra=extra, text=file.text, **parts)
     except InputError as error:
-        culprit = next((n for n in (*errors, *axes) if n in error.problem.replace(":", " ").split()), None)
-        keys = ("errors", culprit) if culprit in errors else ("axes", culprit) if culprit else ("structure",)
-        raise error.at(file.path, file.line(*[str(k) for k in keys])) from None
+        words = error.problem.replace(":", " ").replace("'", " ").split()
+        table = "errors" if words[0] == "error" else "model" if words[0] == "effect" else "axes"
+        culprit = next((word for word in words[1:] if word in tables[table]), "effects")
+        raise error.at(file.path, file.line(table, culprit)) from None
 
 
-def _placed(file: TomlFile, keys: tuple[str | int, ...], make: Callable[[], T]) -> T:
+def _placed(file: TomlFile, keys: tuple[str, ...], make: Callable[[], T]) -> T:
+    """What `make` makes; its complaint gets its place: the key it speaks of, as far as that can be found."""
     try:
         return make()
     except InputError as error:
-        raise error.at(file.path, file.line(*keys)) from None
-    except (TypeError, ValueError) as error:
-        raise file.error(f"{'.'.join(map(str, keys))} is not of the right form ({error})", *keys) from None
+        words = error.problem.replace(":", " ").split()
+        deeper = (file.line(*keys, word) for word in words if word.isidentifier())
+        line = max((line for line in deeper if line is not None), default=None)
+        raise error.at(file.path, line) from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        problem = f"{'.'.join(keys)} is not of the right form ({error})"
+        raise file.error(problem, *keys, remedy="compare it with the conventions, section 4") from None
 
 
 def _table(file: TomlFile, value: Any, *keys: str) -> dict[str, Any]:
-    if not isinstance(value, Mapping):
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise file.error(f"{'.'.join(keys)} is not a table", *keys, remedy=f"write [{'.'.join(keys)}]")
     return dict(value)
 
@@ -110,8 +133,12 @@ def _axis(file: TomlFile, name: str, entry: Any) -> Axis:
     drive_table = table.pop("drive", None)
     drive = None
     if drive_table is not None:
-        checked = _table(file, drive_table, "axes", name, "drive")
-        drive = _placed(file, ("axes", name, "drive"), lambda: Drive(**_known(Drive, checked)))
+        keys = ("axes", name, "drive")
+        checked = _table(file, drive_table, *keys)
+        for key in ("position_gain", "velocity_gain", "integral_time"):
+            if key not in checked:
+                raise file.error(f"the drive of axis {name} has no {key}", *keys, remedy=f"add {key} = …")
+        drive = _placed(file, keys, lambda: Drive(**_known(Drive, checked)))
     return _placed(file, ("axes", name), lambda: make_axis(name, drive=drive, **_known(Axis, table)))
 
 
@@ -122,15 +149,26 @@ def _error_term(file: TomlFile, name: str, entry: Any) -> ErrorTerm:
     for key in ("basis", "order", "over"):
         if key in table and not isinstance(table[key], list):
             table[key] = [table[key]]
+    knots = table.get("knots")
+    if isinstance(knots, list) and not any(isinstance(k, list) for k in knots):
+        table["knots"] = [knots]
     return _placed(file, ("errors", name), lambda: ErrorTerm(name=name, **_known(ErrorTerm, table)))
 
 
-def _effect(file: TomlFile, entry: Any) -> EffectEntry:
-    table = {"effect": entry} if isinstance(entry, str) else _table(file, entry, "model", "effects")
-    if not isinstance(table.get("effect"), str):
-        raise file.error("an effect has no id", "model", "effects", remedy='write { effect = "backlash", axis = "C" }')
-    options = {key: _tuples(value) for key, value in table.items() if key not in ("effect", "axis")}
-    return EffectEntry(effect=table["effect"], axis=table.get("axis"), options=options)
+def _effects(file: TomlFile, entries: Any) -> tuple[EffectEntry, ...]:
+    keys = ("model", "effects")
+    remedy = 'write effects = [{ effect = "backlash", axis = "C" }]'
+    if not isinstance(entries, list):
+        raise file.error(f"effects = {shown(entries)} is not a list", *keys, remedy=remedy)
+    found = []
+    for entry in entries:
+        table = {"effect": entry} if isinstance(entry, str) else _table(file, entry, *keys)
+        if "effect" not in table:
+            raise file.error("an effect has no id", *keys, remedy=remedy)
+        options = {key: _tuples(value) for key, value in table.items() if key not in ("effect", "axis")}
+        effect, axis = table["effect"], table.get("axis")
+        found.append(_placed(file, keys, lambda e=effect, a=axis, o=options: EffectEntry(effect=e, axis=a, options=o)))  # type: ignore[misc]
+    return tuple(found)
 
 
 def _lists(value: Any) -> Any:
@@ -150,11 +188,15 @@ def _plain(item: object, skip: tuple[str, ...]) -> dict[str, Any]:
 
 def machine_to_data(machine: Machine) -> dict[str, Any]:
     """Nested plain mappings in the layout of the machine file."""
-    top = {key: value for key, value in machine.extra.items() if not key.startswith("model.")}
+    top = {key: value for key, value in machine.extra.items() if key != "model"}
     data: dict[str, Any] = {"schema": SCHEMA, "name": machine.name, "structure": machine.structure.code, **top}
     data["axes"] = {}
     for axis in machine.axes.values():
         table = _plain(axis, skip=("name", "drive"))
+        if axis.kind == default_kind(axis.name):
+            del table["kind"]
+        if axis.direction == DEFAULT_DIRECTION.get(axis.name):
+            del table["direction"]
         if axis.drive is not None:
             table["drive"] = _plain(axis.drive, skip=())
         data["axes"][axis.name] = table
@@ -162,7 +204,7 @@ def machine_to_data(machine: Machine) -> dict[str, Any]:
     workspace = _plain(machine.workspace, skip=())
     if workspace:
         data["workspace"] = workspace
-    model = {key.removeprefix("model."): value for key, value in machine.extra.items() if key.startswith("model.")}
+    model = dict(machine.extra.get("model", {}))
     if machine.effects:
         model["effects"] = [_effect_table(entry) for entry in machine.effects]
     if model:

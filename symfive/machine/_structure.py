@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 
 from symfive.errors import InputError
+from symfive.files import shown
 
 __all__ = ["DEFAULT_DIRECTION", "Structure", "default_kind"]
 
@@ -20,7 +21,7 @@ _RESERVED = ("w", "b", "t")
 
 def default_kind(axis: str) -> str | None:
     """`linear` for X Y Z U V W, `rotary` for A B C, otherwise None."""
-    return "linear" if axis in "XYZUVW" else "rotary" if axis in "ABC" else None
+    return "linear" if axis in tuple("XYZUVW") else "rotary" if axis in tuple("ABC") else None
 
 
 @dataclass(frozen=True)
@@ -34,22 +35,24 @@ class Structure:
     def parse(cls, code: str) -> Structure:
         """Read a code such as `w C' B' X' Y' b Z t`. Raises `InputError` naming the first wrong token."""
         tokens = code.replace("’", "'").replace("′", "'").split()
+        said = shown(code)
         form = "write it as in \"w C' B' X' Y' b Z t\", a prime on every axis that carries the workpiece"
         if len(tokens) < 4 or tokens[0] != "w" or tokens[-1] != "t" or tokens.count("b") != 1:
-            raise InputError(f'the structural code "{code}" does not read from w over b to t', remedy=form)
+            raise InputError(f"the structural code {said} does not read from w over b to t", remedy=form)
         bed = tokens.index("b")
         for token in tokens[1:bed]:
             if not token.endswith("'"):
-                raise InputError(f'axis "{token}" on the workpiece side of "{code}" has no prime', remedy=form)
+                raise InputError(f"axis {token} on the workpiece side of {said} has no prime", remedy=form)
         for token in tokens[bed + 1 : -1]:
             if token.endswith("'"):
-                raise InputError(f'axis "{token}" on the tool side of "{code}" has a prime', remedy=form)
+                raise InputError(f"axis {token} on the tool side of {said} has a prime", remedy=form)
         names = [token.removesuffix("'") for token in tokens[1:-1] if token != "b"]
         for name in names:
             if not _NAME.match(name) or name in _RESERVED:
-                raise InputError(f'"{name}" in "{code}" is not an axis name', remedy="use letters and digits, as X or J1")
+                problem = f"{shown(name)} in {said} is not an axis name"
+                raise InputError(problem, remedy="use letters and digits, as X or J1")
             if names.count(name) > 1:
-                raise InputError(f'axis "{name}" stands twice in "{code}"', remedy="name every axis once")
+                raise InputError(f"axis {name} stands twice in {said}", remedy="name every axis once")
         return cls(tuple(names[: bed - 1]), tuple(names[bed - 1 :]))
 
     @property

@@ -74,9 +74,9 @@ class RowFunction:
         rows = np.empty((block, inputs.shape[1]))
         outputs = [np.empty((block, width, ny)) for width in widths]
         for i, array in enumerate([rows, *fixed]):
-            buffer.set_arg(i, memoryview(array))
+            buffer.set_arg(i, array.data)
         for i, array in enumerate(outputs):
-            buffer.set_res(i, memoryview(array))
+            buffer.set_res(i, array.data)
         for first in range(0, n, block):
             count = min(block, n - first)
             rows[:count] = inputs[first : first + count]
@@ -92,9 +92,8 @@ def assemble(machine: Machine, run: Run, effects: Sequence[Effect], parameters: 
     instruments = instruments_of(run)
     columns = tuple(c for instrument in instruments for c in instrument.columns(run, machine))
     signals: list[Signal] = [Position(name) for name in machine.axis_names]
-    for source in (*instruments, *effects):
-        wanted = source.signals() if isinstance(source, Effect) else source.signals(run, machine)
-        signals += [signal for signal in wanted if signal not in signals]
+    wanted = [s for i in instruments for s in i.signals(run, machine)] + [s for e in effects for s in e.signals()]
+    signals += [signal for signal in dict.fromkeys(wanted) if signal not in signals]
     scale = {p.name: p.scale for p in parameters}
     prefix = f"setup.{run.id}."
     own = tuple("setup." + p.name.removeprefix(prefix) for p in parameters if p.run == run.id)

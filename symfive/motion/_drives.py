@@ -4,10 +4,11 @@
     u     = velocity_gain·(v_ref - v + (1/integral_time)·∫(v_ref - v)dt) - viscous·v
     dx/dt = v,   dv/dt = u - F(v)·sgn(v),   F(v) = coulomb + stiction·exp(-(v/stribeck_speed)²)
 
-The command is linear between rows, so with state (x, v, ∫) the step over one row is `exp` of a 5×5 matrix (first-order
-hold, no discretisation error). The matrix exponential is a CasADi expression of the gains: its derivatives are exact.
-Without friction the recursion is solved for all rows at once by recursive doubling; with friction a set-valued force,
-constant over a substep of at most 1 ms, brings the axis to rest whenever it can hold it there (P. Lötstedt 1982).
+The command is linear between rows, so with state (x, v, ∫) the step over one row is `exp` of a 5×5 matrix
+(first-order hold, no discretisation error). The matrix exponential is a CasADi expression of the gains: its
+derivatives are exact. Without friction the recursion is solved for all rows at once by recursive doubling; with
+friction a set-valued force, constant over a substep of at most 1 ms, brings the axis to rest whenever it can hold it
+there (P. Lötstedt 1982).
 """
 
 from __future__ import annotations
@@ -74,13 +75,14 @@ def _discretisation() -> Any:
     return ca.Function("discretise", mx_inputs, [step, ca.jacobian(ca.vec(step), mx_inputs[0])])
 
 
-@lru_cache(maxsize=1)
-def _acceleration() -> Any:
-    """(state 3, c, dc/dt, gains 5) → acceleration, its slope in the state and in the gains."""
+@lru_cache(maxsize=64)
+def _acceleration(rows: int) -> Any:
+    """(state 3, c, dc/dt, gains 5) → acceleration without friction, slopes in state and gains; for N rows."""
     gains, rate, _ = _loop()
     state, c, slope = ca.SX.sym("s", 3), ca.SX.sym("c"), ca.SX.sym("dc")
     value = (rate @ ca.vertcat(state, c, slope))[1]
-    return ca.Function("acceleration", [state, c, slope, gains], [value, ca.jacobian(value, state), ca.jacobian(value, gains)])
+    slopes = [ca.jacobian(value, x) for x in (state, gains)]
+    return ca.Function("acceleration", [state, c, slope, gains], [value, *slopes]).map(rows)
 
 
 def linear_recurrence(step: Array, forcing: Array) -> Array:
@@ -99,8 +101,8 @@ def linear_recurrence(step: Array, forcing: Array) -> Array:
 def drive_response(command: Array, dt: float, gains: Mapping[str, float], wanted: tuple[str, ...]) -> Array:
     """Motion of the driven axis and its derivatives with respect to `wanted` gains.
 
-    `command` (N,) at a constant rate of 1/`dt`, mm or rad; the axis stands still on the first one. Returns
-    (N, 3, 1 + len(wanted)): position, velocity, acceleration (in mm or rad), last index value first, then derivatives.
+    `command` (N,) at a constant rate of 1/`dt`, mm or rad; the axis stands still on the first one. Returns (N, 3, 1 +
+    len(wanted)): position, velocity, acceleration (in mm or rad), last index value first, then derivatives.
     """
     reference = float(command[0])
     relative = np.asarray(command, dtype=float) - reference
@@ -115,7 +117,7 @@ def drive_response(command: Array, dt: float, gains: Mapping[str, float], wanted
     motion = np.empty((len(command), 3, 1 + len(wanted)))
     motion[:, 0:2] = states[:, 0:2]
     value, by_state, by_gain = (
-        np.asarray(part) for part in _acceleration().map(len(command))(states[:, :, 0].T, relative[None], slope[None], vector)
+        np.asarray(part) for part in _acceleration(len(command))(states[:, :, 0].T, relative[None], slope[None], vector)
     )
     by_state, by_gain = by_state.reshape(-1, 3), by_gain.reshape(-1, 5)
     motion[:, 2, 0] = value[0]

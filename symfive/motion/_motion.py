@@ -48,8 +48,8 @@ class AxisMotion:
 class RunMotion:
     """The motion of every axis in a run, given the parameters (internal units, by name).
 
-    `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place. Axes whose drives have
-    the same gains as in `previous` are taken over from it.
+    `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place. Axes whose drives
+    have the same gains as in `previous` are taken over from it.
     """
 
     def __init__(
@@ -65,9 +65,11 @@ class RunMotion:
         self._freed = freed
         self.values = values
         self._axes: dict[str, AxisMotion] = {}
+        self._fine: dict[tuple[str, float], tuple[Series, NDArray[np.int64], float]] = {}
         if previous is not None:
             changed = {axis for (axis, _), name in freed.items() if values[name] != previous.values[name]}
             self._axes = {name: motion for name, motion in previous._axes.items() if name not in changed}
+            self._fine = {key: fine for key, fine in previous._fine.items() if key[0] not in changed}
 
     @cached_property
     def clock(self) -> Array:
@@ -103,7 +105,7 @@ class RunMotion:
         """Motion as the encoder recorded it, smoothed by a local cubic over `smoothing_s` (Savitzky & Golay 1964)."""
         measured = np.asarray(self.run.readings[f"{axis.name}_act_{axis.unit}"]) * axis.to_internal
         span = float(self.run.options.get("smoothing_s", SMOOTHING_S))
-        window = min(2 * int(round(span / self.interval / 2)) + 1, (len(measured) - 1) // 2 * 2 + 1)
+        window = min(2 * round(span / self.interval / 2) + 1, (len(measured) - 1) // 2 * 2 + 1)
         if window < 5:
             derivatives = [measured, np.gradient(measured, self.run.time)]
             derivatives.append(np.gradient(derivatives[1], self.run.time))
@@ -132,8 +134,13 @@ class RunMotion:
         return drive_response(filled, self.interval / factor, gains, tuple(wanted)), tuple(wanted.values())
 
     def fine_acceleration(self, name: str, interval: float) -> tuple[Series, NDArray[np.int64], float]:
-        """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows, interval)."""
-        factor = max(1, int(np.ceil(self.interval / interval - 1e-9)))
+        """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows,
+        interval)."""
+        if (name, interval) not in self._fine:
+            self._fine[name, interval] = self._finely(name, max(1, int(np.ceil(self.interval / interval - 1e-9))))
+        return self._fine[name, interval]
+
+    def _finely(self, name: str, factor: int) -> tuple[Series, NDArray[np.int64], float]:
         axis, motion = self.machine.axes[name], self.axis(name)
         rows, fine = self._steps * factor, np.arange(self._steps[-1] * factor + 1)
         driven = axis.drive is not None and self.run.options.get("motion_from") != "encoder"

@@ -1,12 +1,13 @@
 """Signals: what an effect or an instrument needs along a run beside the positions of the axes.
 
-A signal is a small hashable description; `series` computes its values along a run and its exact derivatives with respect
-to the parameters it depends on. What has memory (play, direction of approach, a resonance) lives here; everything
-else is written symbolically in the row.
+A signal is a small hashable description; `series` computes its values along a run and its exact derivatives with
+respect to the parameters it depends on. What has memory (play, direction of approach, a resonance) lives here;
+everything else is written symbolically in the row.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
@@ -179,49 +180,68 @@ class PreSliding:
 
 @dataclass(frozen=True)
 class Play:
-    """State of a play of total `width` (a parameter's name): -1 and +1 at the flanks, between them while it is crossed.
+    """State of a play of total `width` (a parameter's name): -1 and +1 at the flanks, between them while it is
+    crossed.
 
-    Behind the play the coordinate is q - (width/2)·state; it starts on the flank of the first motion.
+    Behind the play the coordinate is q - (width/2)·state; it starts on the flank of the first motion. Where `slope`
+    names a parameter, the width is width + slope·q along the axis.
     """
 
     axis: str
     width: str
+    slope: str = ""
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return (self.width,)
+        """The width and, where it grows, its slope."""
+        return (self.width, self.slope) if self.slope else (self.width,)
 
     def series(self, motion: RunMotion) -> Series:
+        """The states, with slopes where the play is being crossed."""
         position = motion.axis(self.axis).position
         approach = _approach(position.value)
-        width = abs(motion.values[self.width])
-        if not motion.run.dynamic or width < 1e-15:
+        growth = motion.values[self.slope] if self.slope else 0.0
+        signed = motion.values[self.width] + growth * position.value
+        half = 0.5 * np.abs(signed)
+        if not motion.run.dynamic or half.max() < 1e-15:
             return Series(approach, steps=True)
-        state = _play_states(position.value.tolist(), float(approach[0]), 0.5 * width)
-        return Series(state, self._tangents(state, position, width), steps=True)
-
-    def _tangents(self, state: Array, position: Series, width: float) -> dict[str, Array]:
-        """Between the flanks the output stands, so state = (q - held)/(width/2) moves with q and with the width."""
-        crossing = np.abs(state) < 1.0
-        if not crossing.any():
-            return {}
-        contact = np.where(crossing, -1, np.arange(len(state)))
-        contact = np.maximum(np.maximum.accumulate(contact), 0)
-        half = 0.5 * width
-        tangents = {self.width: np.where(crossing, (state[contact] - state) / width, 0.0)}
-        for name, slope in position.tangents.items():
-            tangents[name] = np.where(crossing, (slope - slope[contact]) / half, 0.0)
-        return tangents
+        half = np.maximum(half, 1e-15)
+        state = _play_states(position.value, float(approach[0]), half)
+        sign = np.sign(signed)
+        halves = {self.width: 0.5 * sign}
+        if self.slope:
+            halves[self.slope] = 0.5 * sign * position.value
+        for name, tangent in position.tangents.items():
+            halves[name] = 0.5 * sign * growth * tangent
+        return Series(state, _play_tangents(state, half, position, halves), steps=True)
 
 
-def _play_states(positions: list[float], start: float, half: float) -> Array:
+def _play_states(positions: Array, start: float, half: Array) -> Array:
+    """(q - output)/half, the output standing while q moves between its flanks."""
     states = np.empty(len(positions))
-    output = positions[0] - start * half
-    for k, position in enumerate(positions):
-        output = min(max(output, position - half), position + half)
-        states[k] = (position - output) / half
-    states[np.abs(states) > 1.0 - 1e-12] = np.sign(states[np.abs(states) > 1.0 - 1e-12])
+    output = float(positions[0] - start * half[0])
+    low, high = (positions - half).tolist(), (positions + half).tolist()
+    for k, (lowest, highest) in enumerate(zip(low, high, strict=True)):
+        output = min(max(output, lowest), highest)
+        states[k] = output
+    states = (positions - states) / half
+    flank = np.abs(states) > 1.0 - 1e-9
+    states[flank] = np.sign(states[flank])
     return states
+
+
+def _play_tangents(state: Array, half: Array, position: Series, halves: Mapping[str, Array]) -> dict[str, Array]:
+    """Between the flanks the output stands where it left one: state·half = q - held moves with q and with the width."""
+    crossing = np.abs(state) < 1.0
+    if not crossing.any():
+        return {}
+    contact = np.maximum(np.maximum.accumulate(np.where(crossing, -1, np.arange(len(state)))), 0)
+    tangents = {}
+    for name, change in halves.items():
+        slope = position.tangents.get(name, np.zeros(len(state)))
+        held = slope[contact] - (state * change)[contact]
+        tangents[name] = np.where(crossing, (slope - held - state * change) / half, 0.0)
+    return tangents
 
 
 FINE_S = 2e-3
@@ -231,8 +251,8 @@ FINE_S = 2e-3
 class Resonance:
     """Relative displacement of a mass on a spring carried by the axis: ÿ + 2ζω ẏ + ω² y = -a(t), in the axis' unit.
 
-    `frequency` (Hz) and `damping` (ζ) name parameters. The acceleration is taken every 2 ms (loops answer within a few)
-    and is linear in between (first-order hold).
+    `frequency` (Hz) and `damping` (ζ) name parameters. The acceleration is taken every 2 ms (loops answer within a
+    few) and is linear in between (first-order hold).
     """
 
     axis: str
@@ -253,7 +273,7 @@ class Resonance:
 
         def follow(step: Array, value: Array, source: Array | None = None) -> Array:
             """States (N, 2) driven by the accelerations through `step[:2, 2:]`, plus a source."""
-            slope = np.append(np.diff(value) / h, 0.0) * h
+            slope = np.append(np.diff(value) / h, 0.0)
             forcing = np.zeros((len(value), 2, 1))
             forcing[1:, :, 0] = np.stack([value[:-1], slope[:-1]], axis=1) @ step[:2, 2:].T
             if source is not None:

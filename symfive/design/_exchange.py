@@ -1,0 +1,174 @@
+"""Designs from a list of candidate rows: greedy, then Fedorov's exchange (V. V. Fedorov 1972), rows may repeat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.design._information import Layout, Task, inverse
+
+__all__ = ["Candidates", "choose", "exchange", "greedy"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+WORTH = 1e-6
+"""An exchange must lower ψ by more than this."""
+PASSES = 12
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Candidate rows: variables `z` (n, nz), constants `k` (n, 1), the `group` (set-up) of each, sensitivities `rows`."""
+
+    z: Array
+    k: Array
+    group: Indices
+    rows: Array
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    def take(self, chosen: Indices) -> Candidates:
+        """Some of them, in that order."""
+        return Candidates(self.z[chosen], self.k[chosen], self.group[chosen], self.rows[chosen])
+
+
+class _State:
+    """Covariance of the present design and, for every candidate, what one more reading of it would bring.
+
+    For a determinant the gain of a candidate with rows J is log det(I + J C Jᵀ) less the same over the parameters that do
+    not count; for other criteria tr((I + J C Jᵀ)⁻¹ J G Jᵀ), exact for A and V and first order for E and G.
+    """
+
+    def __init__(self, task: Task, layout: Layout, whole: Array, information: Array) -> None:
+        self.task, self.layout, self.whole = task, layout, whole
+        self.information = information
+        n, size, ny = whole.shape
+        self.flat = np.ascontiguousarray(whole.transpose(0, 2, 1).reshape(n * ny, size))
+        self.others = np.setdiff1d(np.arange(size), task.interest)
+        self.update()
+
+    def update(self) -> None:
+        self.covariance = inverse(self.information)
+        self.quadratic = self._forms(self.covariance)
+        self.other_covariance = np.zeros((0, 0))
+        if self.task.criterion.determinant and self.others.size:
+            self.other_covariance = inverse(self.information[np.ix_(self.others, self.others)])
+            self.other_flat = np.ascontiguousarray(self.flat[:, self.others])
+            self.other_quadratic = self._forms(self.other_covariance, self.other_flat)
+        if not self.task.criterion.determinant:
+            slope = self.task.criterion.slope(self.task.of_interest(self.covariance))
+            self.weight = np.zeros_like(self.covariance)
+            self.weight[np.ix_(self.task.interest, self.task.interest)] = slope
+            self.weighted = (self.flat @ self.covariance) @ self.weight
+            self.pulled = self._forms(self.covariance @ self.weight @ self.covariance)
+
+    def _forms(self, matrix: Array, flat: Array | None = None) -> Array:
+        """J M Jᵀ of every candidate (n, ny, ny)."""
+        n, _, ny = self.whole.shape
+        left = self.flat if flat is None else flat
+        right = (left @ matrix).reshape(n, ny, -1)
+        return np.asarray(right @ left.reshape(n, ny, -1).transpose(0, 2, 1))
+
+    def gains(self, leaving: int | None = None) -> Array:
+        """What each candidate brings (n,), after the candidate `leaving` has been taken out once."""
+        if not self.task.criterion.determinant:
+            return self._trace_gains(leaving)
+        gain = _log_det_plus(self._without(self.covariance, self.flat, self.quadratic, leaving))
+        if self.others.size:
+            gain -= _log_det_plus(
+                self._without(self.other_covariance, self.other_flat, self.other_quadratic, leaving)
+            )
+        return gain
+
+    def _without(self, covariance: Array, flat: Array, quadratic: Array, leaving: int | None) -> Array:
+        """J C Jᵀ of every candidate after one has left (Sherman, Morrison & Woodbury)."""
+        if leaving is None:
+            return quadratic
+        n, _, ny = self.whole.shape
+        row = flat[leaving * ny : (leaving + 1) * ny]
+        cross = (flat @ (covariance @ row.T)).reshape(n, ny, ny)
+        back = np.linalg.inv(np.eye(ny) - quadratic[leaving])
+        return np.asarray(quadratic + (cross @ back) @ cross.transpose(0, 2, 1))
+
+    def _trace_gains(self, leaving: int | None) -> Array:
+        n, _, ny = self.whole.shape
+        quadratic, pulled = self.quadratic, self.pulled
+        if leaving is not None:
+            row = self.flat[leaving * ny : (leaving + 1) * ny]
+            seen = row @ self.covariance
+            back = np.linalg.inv(np.eye(ny) - quadratic[leaving]) @ seen
+            cross = (self.flat @ seen.T).reshape(n, ny, ny)
+            mixed = cross @ (self.weighted @ back.T).reshape(n, ny, ny).transpose(0, 2, 1)
+            pulled = pulled + mixed + mixed.transpose(0, 2, 1)
+            pulled = pulled + (cross @ (back @ self.weight @ back.T)) @ cross.transpose(0, 2, 1)
+            quadratic = self._without(self.covariance, self.flat, self.quadratic, leaving)
+        inside = np.linalg.inv(np.eye(ny) + quadratic)
+        return np.asarray(np.einsum("nab,nba->n", inside, pulled))
+
+    def change(self, entering: int | None, leaving: int | None) -> None:
+        if entering is not None:
+            self.information = self.information + self.whole[entering] @ self.whole[entering].T
+        if leaving is not None:
+            self.information = self.information - self.whole[leaving] @ self.whole[leaving].T
+        self.update()
+
+
+def _log_det_plus(forms: Array) -> Array:
+    """log det(I + Q) of many small matrices."""
+    ny = forms.shape[1]
+    if ny == 1:
+        return np.asarray(np.log1p(forms[:, 0, 0]))
+    if ny == 3:
+        a, b, c = forms[:, 0, 0] + 1.0, forms[:, 1, 1] + 1.0, forms[:, 2, 2] + 1.0
+        d, e, f = forms[:, 0, 1], forms[:, 1, 2], forms[:, 0, 2]
+        return np.asarray(np.log(np.maximum(a * (b * c - e * e) - d * (d * c - e * f) + f * (d * e - b * f), 1e-300)))
+    return np.asarray(np.linalg.slogdet(np.eye(ny) + forms)[1])
+
+
+def _state(task: Task, candidates: Candidates, groups: int, chosen: Indices) -> _State:
+    layout = task.layout(groups)
+    whole = layout.embed(candidates.rows, candidates.group)
+    taken = whole[chosen].transpose(1, 0, 2).reshape(layout.size, -1)
+    return _State(task, layout, whole, task.prior_information(groups) + taken @ taken.T)
+
+
+def greedy(task: Task, candidates: Candidates, groups: int, points: int, start: Indices | None = None) -> Indices:
+    """`points` candidates, each the best one to add to those before it."""
+    chosen = [] if start is None else [int(i) for i in start]
+    state = _state(task, candidates, groups, np.array(chosen, dtype=np.int64))
+    while len(chosen) < points:
+        best = int(np.argmax(state.gains()))
+        state.change(best, None)
+        chosen.append(best)
+    return np.array(chosen, dtype=np.int64)
+
+
+def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, passes: int = PASSES) -> Indices:
+    """Each row in turn gives way to the candidate that lowers ψ most, until a whole pass changes nothing."""
+    chosen = chosen.copy()
+    state = _state(task, candidates, groups, chosen)
+    value = task.value(state.information)
+    for _ in range(passes):
+        before = value
+        for place in range(len(chosen)):
+            gains = state.gains(int(chosen[place]))
+            best = int(np.argmax(gains))
+            if gains[best] <= gains[chosen[place]] * (1.0 + WORTH):
+                continue
+            entering, leaving = state.whole[best], state.whole[chosen[place]]
+            trial = state.information + entering @ entering.T - leaving @ leaving.T
+            if (reached := task.value(trial)) < value - WORTH:
+                value, state.information = reached, trial
+                chosen[place] = best
+                state.update()
+        if before - value < WORTH:
+            break
+    return chosen
+
+
+def choose(task: Task, candidates: Candidates, groups: int, points: int) -> Indices:
+    """Greedy and exchange."""
+    return exchange(task, candidates, groups, greedy(task, candidates, groups, points))

@@ -1,0 +1,240 @@
+"""Continuous refinement of a design by IPOPT with exact structured second derivatives.
+
+With M = P + Σ F(zᵢ), C = M⁻¹, S the block of C that counts, G = C K ψ'(S) Kᵀ C and C = RᵀR:
+
+    ∂ψ   = -⟨G, ∂F⟩
+    ∂∂ψ  = ψ''(S)[∂S, ∂S] + 2 V Vᵀ - ⟨G, ∂∂F⟩,   ∂S = -Kᵀ C ∂F C K,   V = vec(R ∂F C K ψ'(S)^½)
+
+The last term is block diagonal in the poses (bordered by the set-ups); only the kernels of single rows are differentiated.
+For D this is the Gram matrix of vec(L⁻¹ ∂F L⁻ᵀ) less the frozen block diagonal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.design._information import Task
+from symfive.design._kernel import Kernel
+
+__all__ = ["Objective", "Rows", "refine"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+OPTIONS: dict[str, Any] = {
+    "max_iter": 60, "tol": 1e-6, "acceptable_tol": 1e-5, "acceptable_iter": 5, "mu_init": 1e-3, "bound_push": 1e-4,
+    "bound_frac": 1e-4, "bound_relax_factor": 0.0, "print_level": 0, "sb": "yes",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of a design: variables `z` (n, nz) of which the first `poses` are each row's own and the others its
+    set-up's, constants `k` (n, 1), set-up `group` (n,) of `groups`."""
+
+    z: Array
+    k: Array
+    group: Indices
+    groups: int
+    poses: int
+
+    @classmethod
+    def of(cls, z: Array, k: Array, group: Indices, poses: int) -> Rows:
+        """The rows with their set-ups numbered anew, those without a row left out."""
+        used, renumbered = np.unique(group, return_inverse=True)
+        return cls(z, k, renumbered.astype(np.int64), len(used), poses)
+
+    @property
+    def variables(self) -> Array:
+        """Everything that is decided: first the poses, then the set-ups."""
+        setups = [self.z[self.group == g][0, self.poses :] for g in range(self.groups)]
+        return np.concatenate([self.z[:, : self.poses].ravel(), *setups])
+
+    @property
+    def index(self) -> Indices:
+        """Where each row finds its z in `variables`: (n, nz)."""
+        n, nz = self.z.shape
+        pose = np.arange(n * self.poses).reshape(n, self.poses)
+        setup = n * self.poses + self.group[:, None] * (nz - self.poses) + np.arange(nz - self.poses)
+        return np.concatenate([pose, setup], axis=1)
+
+    def at(self, variables: Array) -> Rows:
+        """The same rows elsewhere."""
+        return Rows(variables[self.index], self.k, self.group, self.groups, self.poses)
+
+
+class Objective:
+    """ψ of a design as a function of all that is decided, with exact derivatives."""
+
+    def __init__(self, task: Task, kernel: Kernel, rows: Rows) -> None:
+        self.task, self.kernel, self.rows = task, kernel, rows
+        self.index = rows.index
+        self.size = int(self.index.max()) + 1
+        self.layout = task.layout(rows.groups)
+        self._prior = task.prior_information(rows.groups)
+        self._at: bytes = b""
+        self._kept: tuple[Any, ...] = ()
+
+    def _evaluate(self, x: Array) -> tuple[Any, ...]:
+        key = x.tobytes()
+        if key != self._at:
+            z = x[self.index]
+            rows, slopes = self.kernel.slopes(z, self.rows.k)
+            whole = self.layout.embed(rows, self.rows.group)
+            flat = whole.transpose(1, 0, 2).reshape(self.layout.size, -1)
+            information = self._prior + flat @ flat.T
+            covariance = np.linalg.inv(information)
+            covariance = 0.5 * (covariance + covariance.T)
+            S = self.task.of_interest(covariance)
+            columns = covariance[:, self.task.interest]
+            slope = self.task.criterion.slope(S)
+            self._kept = (z, whole, slopes, information, columns, S, slope, columns @ slope @ columns.T)
+            self._at = key
+        return self._kept
+
+    def value(self, x: Array) -> float:
+        """ψ."""
+        return self.task.criterion.value(self._evaluate(x)[5])
+
+    def gradient(self, x: Array) -> Array:
+        """dψ/dx."""
+        _, whole, slopes, *_, pull = self._evaluate(x)
+        slopes = self.layout.embed(slopes, self.rows.group)
+        rows = -2.0 * np.einsum("nkpy,npy->nk", slopes, pull @ whole, optimize=True)
+        return np.bincount(self.index.ravel(), rows.ravel(), self.size)
+
+    def hessian(self, x: Array) -> Array:
+        """d²ψ/dx² (m, m)."""
+        z, whole, narrow, information, columns, S, slope, pull = self._evaluate(x)
+        group = self.rows.group
+        n, nz, _, _ = narrow.shape
+        slopes = self.layout.embed(narrow, group)
+        values, vectors = np.linalg.eigh(slope)
+        half = vectors * np.sqrt(np.maximum(values, 0.0))
+        root = np.linalg.inv(np.linalg.cholesky(information))
+        seen = whole.transpose(0, 2, 1) @ columns
+        moved = slopes.transpose(0, 1, 3, 2) @ columns
+        cross = moved.transpose(0, 1, 3, 2) @ seen[:, None]
+        changes = self._gather(-(cross + cross.transpose(0, 1, 3, 2)))
+        gram = (root @ slopes) @ (seen @ half)[:, None] + (root @ whole)[:, None] @ (moved @ half)
+        flat = self._gather(gram).reshape(self.size, -1)
+        hessian = self.task.criterion.curvature(S, changes) + 2.0 * (flat @ flat.T)
+        weights = pull @ whole
+        own = self._narrow(weights)
+        pulled = (pull @ slopes).reshape(n, nz, -1)
+        block = pulled @ slopes.reshape(n, nz, -1).transpose(0, 2, 1) + self.kernel.curvature(z, self.rows.k, own)
+        np.add.at(hessian, (self.index[:, :, None], self.index[:, None, :]), -2.0 * block)
+        return np.asarray(hessian)
+
+    def _gather(self, rows: Array) -> Array:
+        """Per row and variable (n, nz, …) summed onto what is decided (m, …)."""
+        n, nz = rows.shape[:2]
+        poses = self.rows.poses
+        own = rows[:, :poses].reshape(n * poses, *rows.shape[2:])
+        setups = [rows[self.rows.group == g, poses:].sum(axis=0) for g in range(self.rows.groups)]
+        return np.concatenate([own, *setups]) if nz > poses else own
+
+    def _narrow(self, whole: Array) -> Array:
+        """Back from all columns (n, size, ny) to those of the row's own set-up."""
+        shared, own = self.layout.shared, self.layout.own
+        narrow = np.empty((len(whole), shared + own, whole.shape[2]))
+        narrow[:, :shared] = whole[:, :shared]
+        for g in range(self.rows.groups):
+            mine = self.rows.group == g
+            narrow[mine, shared:] = whole[mine, shared + g * own : shared + (g + 1) * own]
+        return narrow
+
+    def limits(self, x: Array) -> Array:
+        """What must be ≥ 0, row by row (n·ng,)."""
+        return self.kernel.limits(x[self.index], self.rows.k).ravel()
+
+
+class _Problem(ca.Callback):  # type: ignore[misc]
+    """One function of the NLP: inputs by shape, the output's sparsity, and what computes its nonzeros."""
+
+    def __init__(self, name: str, inputs: Mapping[str, Any], outputs: Mapping[str, Any], compute: Any) -> None:
+        ca.Callback.__init__(self)
+        self._inputs, self._outputs, self._compute = dict(inputs), dict(outputs), compute
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        return len(self._outputs)
+
+    def get_name_in(self, i: int) -> str:
+        return list(self._inputs)[i]
+
+    def get_name_out(self, i: int) -> str:
+        return list(self._outputs)[i]
+
+    def get_sparsity_in(self, i: int) -> Any:
+        return list(self._inputs.values())[i]
+
+    def get_sparsity_out(self, i: int) -> Any:
+        return list(self._outputs.values())[i]
+
+    def has_eval_buffer(self) -> bool:
+        return True
+
+    def eval_buffer(self, arguments: Any, results: Any) -> int:
+        given = [np.frombuffer(a, dtype=float) if a is not None else np.zeros(0) for a in arguments]
+        for result, values in zip(results, self._compute(*given), strict=True):
+            if result is not None:
+                np.frombuffer(result, dtype=float)[:] = values
+        return 0
+
+
+def refine(task: Task, kernel: Kernel, rows: Rows, lower: Array, upper: Array, **options: Any) -> tuple[Rows, float]:
+    """The local optimum near a design and its ψ. `lower`, `upper` (nz,) bound the variables of a row."""
+    objective = Objective(task, kernel, rows)
+    index, m, n, ng = objective.index, objective.size, len(rows.z), kernel.limit_count
+    dense, scalar, none = ca.Sparsity.dense(m), ca.Sparsity.scalar(), ca.Sparsity(0, 1)
+    constraints = ca.Sparsity.dense(n * ng)
+    upper_triangle = ca.Sparsity.upper(m)
+    hessian_rows, hessian_columns = (np.array(part) for part in upper_triangle.get_triplet())
+    jacobian_rows = np.broadcast_to(np.arange(n * ng).reshape(n, 1, ng), (n, rows.z.shape[1], ng)).ravel()
+    jacobian_columns = np.broadcast_to(index[:, :, None], (n, rows.z.shape[1], ng)).ravel()
+    order = np.lexsort((jacobian_rows, jacobian_columns))
+    jacobian_sparsity = ca.Sparsity.triplet(n * ng, m, jacobian_rows[order].tolist(), jacobian_columns[order].tolist())
+
+    def oracle(x: Array, p: Array) -> tuple[Any, ...]:
+        return objective.value(x), objective.limits(x) if ng else ()
+
+    def gradient(x: Array, p: Array) -> tuple[Any, ...]:
+        return objective.value(x), objective.gradient(x)
+
+    def jacobian(x: Array, p: Array) -> tuple[Any, ...]:
+        return objective.limits(x), kernel.limit_slopes(x[index], rows.k).ravel()[order]
+
+    def hessian(x: Array, p: Array, weight: Array, multipliers: Array) -> tuple[Any, ...]:
+        whole = weight[0] * objective.hessian(x)
+        if ng and np.any(multipliers):
+            bent = kernel.limit_curvature(x[index], rows.k, multipliers.reshape(n, ng))
+            np.add.at(whole, (index[:, :, None], index[:, None, :]), bent)
+        return (whole[hessian_rows, hessian_columns],)
+
+    point = {"x": dense, "p": none}
+    nlp = _Problem("nlp", point, {"f": scalar, "g": constraints if ng else none}, oracle)
+    parts = {
+        "grad_f": _Problem("nlp_grad_f", point, {"f": scalar, "grad_f_x": dense}, gradient),
+        "hess_lag": _Problem(
+            "nlp_hess_l", {**point, "lam_f": scalar, "lam_g": constraints if ng else none}, {"hess_gamma_x_x": upper_triangle}, hessian
+        ),
+    }  # fmt: skip
+    if ng:
+        parts["jac_g"] = _Problem("nlp_jac_g", point, {"g": constraints, "jac_g_x": jacobian_sparsity}, jacobian)
+    settings = {"ipopt": OPTIONS | options, "print_time": False, "error_on_fail": False, "calc_lam_p": False, "no_nlp_grad": True, **parts}
+    solver = ca.nlpsol("refine", "ipopt", nlp, settings)
+    low, high = np.empty(m), np.empty(m)
+    low[index], high[index] = lower, upper
+    start = np.clip(rows.variables, low, high)
+    found = solver(x0=start, lbx=low, ubx=high, **({"lbg": 0.0, "ubg": np.inf} if ng else {}))
+    best = np.clip(np.asarray(found["x"]).ravel(), low, high)
+    return rows.at(best), objective.value(best)

@@ -1,0 +1,269 @@
+"""What a static plan may decide, with its limits: rotary poses, bar direction, balls and nests, tool length.
+
+The variables of one row, `z`, in this order (rad; lengths of the set-up in 100 mm):
+
+    pose     every rotary axis; for a ball bar the bar's azimuth and elevation in the workpiece frame
+    set-up   the table ball's distance from the table's centre, its polar angle and its height; the tool's length
+
+The linear axes follow: they bring the tool ball onto the nest, or to the other end of the bar. A bar's length is a
+constant `k` (mm) of its set-up, chosen from the list the user owns.
+
+Collisions are kept out by four primitives: the table is a plane, the spindle nose a cylinder about the tool's axis that
+begins `above_ball` over the ball and is `NOSE_LENGTH` long, the bar a line, the post under a ball is kept clear by the
+bar's least elevation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.design._kernel import Batch, Kernel
+from symfive.errors import InputError
+from symfive.kinematics import ball_in_workpiece, chain_poses
+from symfive.machine import Machine
+from symfive.model import Model
+from symfive.model._assembly import assemble
+from symfive.motion import Position
+from symfive.parameters import Parameter
+
+__all__ = ["SETUP_VARIABLES", "Space", "make_space"]
+
+Array = NDArray[np.float64]
+SETUP_VARIABLES = ("table_ball.radius", "table_ball.angle", "table_ball.height", "tool.length")
+UNIT_MM = 100.0
+NOSE_LENGTH = 300.0
+"""mm of the spindle nose and housing above its lower end that are kept off the table."""
+LEAST_ELEVATION, MOST_ELEVATION = -45.0, 90.0
+"""Degree: a bar may lean below the table ball this far before it meets the post and the cup (ISO 230-4 magnetic cups)."""
+SMOOTH = 1e-6
+SIGMAS_IN_RANGE = 3.0
+
+
+@dataclass(frozen=True)
+class Space:
+    """One instrument on one machine: variables, bounds, kernel.
+
+    `names` of the variables, `lower` and `upper` (nz,), `poses` how many belong to the pose; `shared` the machine's
+    parameters, `own` the set-up errors of a run and `own_sigma` their prior 1σ in units of the noise (inf where a zero is
+    wholly unknown stays finite as declared); `centre` J of the tool centre point, (3, shared), µm per prior 1σ.
+    """
+
+    machine: Machine
+    instrument: str
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    poses: int
+    lengths: tuple[float, ...]
+    shared: tuple[Parameter, ...]
+    own: tuple[str, ...]
+    own_sigma: Array
+    noise_um: float
+    setup_sigma: SetupSigma
+    kernel: Kernel
+    centre: Batch
+    axes: Batch
+    limit_names: tuple[str, ...]
+
+    def commands(self, z: Array, k: Array) -> dict[str, Array]:
+        """Commands of every axis, mm and degree."""
+        values = self.axes(z, k)[0]
+        return {name: values[:, i] for i, name in enumerate(self.machine.axis_names)}
+
+    def feasible(self, z: Array, k: Array) -> NDArray[np.bool_]:
+        """Rows (n,) inside all limits, whose expected reading (3σ of the priors) stays within the sensor's range."""
+        inside = np.all((z >= self.lower - 1e-9) & (z <= self.upper + 1e-9), axis=1)
+        inside &= np.all(self.kernel.limits(z, k) >= -1e-9, axis=1)
+        return np.asarray(inside & self.in_range(z, k))
+
+    def in_range(self, z: Array, k: Array) -> NDArray[np.bool_]:
+        """Whether 3σ of the priors keep the reading inside the sensor's range or the bar's stroke."""
+        workspace = self.machine.workspace
+        limit = workspace.bar_stroke if self.instrument == "ball_bar" else workspace.sensor_range
+        seen = self.kernel.rows(z, k)[:, : len(self.shared), :]
+        expected = self.noise_um * 1e-3 * np.sqrt(np.sum(seen**2, axis=1)).max(axis=1)
+        return np.asarray(SIGMAS_IN_RANGE * expected <= limit)
+
+    def table_ball(self, z: Array) -> tuple[float, float, float]:
+        """The table ball or nest, mm in the workpiece frame, of one row."""
+        radius, angle, height = z[self.poses : self.poses + 3]
+        return (
+            float(UNIT_MM * radius * np.cos(angle)), float(UNIT_MM * radius * np.sin(angle)), float(UNIT_MM * height)
+        )  # fmt: skip
+
+    def tool_ball(self, z: Array) -> tuple[float, float, float]:
+        """The tool ball, mm in the tool frame, of one row."""
+        return (0.0, 0.0, -float(UNIT_MM * z[self.poses + 3]))
+
+
+def make_space(
+    machine: Machine, instrument: str, *, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None
+) -> Space:
+    """The space of `r_test` or `ball_bar` on a machine. Raises `InputError` where there is nothing to decide."""
+    if instrument not in ("r_test", "ball_bar"):
+        raise InputError(f"plans with {instrument} are not designed", remedy="use r_test or ball_bar")
+    rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
+    if not rotary and instrument == "r_test":
+        raise InputError("an R-test needs a rotary axis and the machine has none", remedy="use instrument ball_bar")
+    lengths = tuple(machine.workspace.bar_lengths)
+    if instrument == "ball_bar" and not lengths:
+        raise InputError("the workspace lists no bar", remedy="add bar_lengths = [100.0, 150.0] to [workspace]")
+    sigma = setup_sigma or SetupSigma()
+    names = (*rotary, *(("bar azimuth", "bar elevation") if instrument == "ball_bar" else ()), *SETUP_VARIABLES)
+    lower, upper = _bounds(machine, rotary, instrument)
+    z, k = ca.SX.sym("z", len(names)), ca.SX.sym("k", 1)
+    geometry = _geometry(machine, rotary, instrument, z, k)
+    rows, shared, own, own_sigma = _rows(machine, instrument, geometry, noise_um, sigma)
+    limits, limit_names = _limits(machine, instrument, geometry, k)
+    centre, *_ = _rows(machine, "r_test", geometry, 1.0, sigma)
+    scale = [1.0 / machine.axes[name].to_internal for name in machine.axis_names]
+    commands = ca.vertcat(*(s * geometry.position[name] for s, name in zip(scale, machine.axis_names, strict=True)))
+    return Space(
+        machine, instrument, names, lower, upper, len(names) - len(SETUP_VARIABLES),
+        lengths if instrument == "ball_bar" else (0.0,), shared, own, own_sigma, noise_um, sigma,
+        Kernel(z, k, rows, limits), Batch(ca.Function("centre", [z, k], [ca.densify(centre[:, : len(shared)])])),
+        Batch(ca.Function("axes", [z, k], [ca.densify(commands)])), limit_names,
+    )  # fmt: skip
+
+
+def _bounds(machine: Machine, rotary: Sequence[str], instrument: str) -> tuple[Array, Array]:
+    lower, upper = [], []
+    for name in rotary:
+        low, high = machine.axes[name].travel
+        if high - low >= 360.0:  # one turn is enough, the one about zero where the travel has it
+            low = min(max(low, -180.0), high - 360.0)
+            high = low + 360.0
+        lower.append(math.radians(low))
+        upper.append(math.radians(high))
+    if instrument == "ball_bar":
+        lower += [-math.pi, math.radians(LEAST_ELEVATION)]
+        upper += [math.pi, math.radians(MOST_ELEVATION)]
+    workspace = machine.workspace
+    heights = workspace.ball_height or (50.0, 150.0)
+    tools = workspace.tool_length or (150.0, 150.0)
+    lower += [0.0, -math.pi, heights[0] / UNIT_MM, tools[0] / UNIT_MM]
+    upper += [(workspace.table_radius or 0.0) / UNIT_MM, math.pi, heights[1] / UNIT_MM, tools[1] / UNIT_MM]
+    return np.array(lower), np.array(upper)
+
+
+@dataclass(frozen=True)
+class _Geometry:
+    """Symbols of one row: axis positions (mm, rad), balls, tool axis and bar direction in the workpiece frame."""
+
+    position: dict[str, Any]
+    table_ball: Any
+    tool_ball: Any
+    place: Any
+    tool_axis: Any
+    bar: Any
+    length: Any
+
+
+def _geometry(machine: Machine, rotary: Sequence[str], instrument: str, z: Any, k: Any) -> _Geometry:
+    radius, angle, height, tool = (z[z.numel() - 4 + i] for i in range(4))
+    table_ball = UNIT_MM * ca.vertcat(radius * ca.cos(angle), radius * ca.sin(angle), height)
+    tool_ball = ca.vertcat(0.0, 0.0, -UNIT_MM * tool)
+    bar = ca.SX(3, 1)
+    if instrument == "ball_bar":
+        azimuth, elevation = z[len(rotary)], z[len(rotary) + 1]
+        flat = ca.cos(elevation)
+        bar = ca.vertcat(flat * ca.cos(azimuth), flat * ca.sin(azimuth), ca.sin(elevation))
+    place = table_ball + k[0] * bar if instrument == "ball_bar" else table_ball
+    position = {name: z[i] for i, name in enumerate(rotary)}
+    position = follow(machine, position, tool_ball, place)
+    workpiece, spindle = chain_poses(machine, position, {}, {})
+    axis = workpiece.rotation.T @ spindle.rotation[:, 2]
+    return _Geometry(position, table_ball, tool_ball, place, axis, bar, k[0])
+
+
+def follow(machine: Machine, position: dict[str, Any], tool_ball: Any, place: Any) -> dict[str, Any]:
+    """Axis positions that bring the tool ball to `place` (workpiece frame): the ball is linear in the linear axes.
+
+    Where there are more than three linear axes those that stand first from the bed follow and the others rest at home.
+    """
+    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
+    symbols = {name: ca.SX.sym(name) for name in linear}
+    whole = {name: position.get(name, symbols.get(name)) for name in machine.axis_names}
+    ball = ball_in_workpiece(machine, whole, tool_ball)
+    vector = ca.vertcat(*symbols.values())
+    slope = ca.jacobian(ball, vector)
+    somewhere = ca.vertcat(*position.values(), ca.SX(1, 1))  # the directions are independent anywhere or nowhere
+    free = ca.symvar(somewhere)
+    at_zero = np.asarray(ca.Function("slope", [ca.vertcat(*free)], [ca.densify(slope)])([0.1] * len(free)))
+    moving: list[int] = []
+    for i in range(len(linear)):
+        if len(moving) < 3 and np.linalg.matrix_rank(at_zero[:, [*moving, i]], tol=1e-6) == len(moving) + 1:
+            moving.append(i)
+    if len(moving) < 3:
+        raise InputError("the linear axes do not span space", remedy="plans need three linear axes that do")
+    rest = {n: float(np.clip(0.0, *machine.axes[n].travel)) for i, n in enumerate(linear) if i not in moving}
+    home = [ca.SX(0.0) if i in moving else ca.SX(rest[n]) for i, n in enumerate(linear)]
+    start = ca.substitute([ball], [vector], [ca.vertcat(*home)])[0]
+    solved = ca.inv_minor(slope[:, moving]) @ (place - start)
+    found = {linear[i]: ca.simplify(solved[j]) for j, i in enumerate(moving)}
+    return {name: position.get(name, found.get(name, ca.SX(rest.get(name, 0.0)))) for name in machine.axis_names}
+
+
+def _rows(
+    machine: Machine, instrument: str, geometry: _Geometry, noise_um: float, sigma: SetupSigma
+) -> tuple[Any, tuple[Parameter, ...], tuple[str, ...], Array]:
+    """J (ny, shared + own) at the prior means, from the model's own row function: shared per prior 1σ, own per noise."""
+    commands = {name: np.zeros(1) for name in machine.axis_names}
+    run = Run(
+        id="pose", instrument=(instrument,), sampling="static", time=np.zeros(1), commands=commands,
+        length=100.0 if instrument == "ball_bar" else None, noise_um=noise_um, setup_sigma_um=sigma,
+    )  # fmt: skip
+    model = Model(Campaign(machine=machine, runs=(run,)))
+    effects = tuple(effect for effect in model.effects if effect.applies(run))
+    function = assemble(machine, run, effects, model.parameters, False)
+    inputs = [ca.SX(0), ca.SX(0)]
+    inputs += [geometry.position[s.axis] if isinstance(s, Position) else ca.SX(0) for s in function.inputs]
+    known = {"length": geometry.length}
+    for name, vector in (("table_ball", geometry.table_ball), ("tool_ball", geometry.tool_ball)):
+        known |= {f"{name}.{c}": vector[i] for i, c in enumerate("xyz")}
+    shared = tuple(model.parameters[model.index[name]] for name in function.shared)
+    own = tuple(name.removeprefix("setup.") for name in function.own)
+    own_parameters = [model.parameters[model.index[f"setup.pose.{name}"]] for name in own]
+    constants = ca.vertcat(*(known[name] for name in function.constants))
+    means = [ca.DM([p.mean for p in group]) for group in (shared, own_parameters)]
+    _, by_shared, by_own, *_ = function.slopes.call([ca.vertcat(*inputs), *means, constants])
+    if not shared:
+        raise InputError("the machine file varies no error", remedy="add [errors], as EX0C = { sigma = 50.0 }")
+    prior = np.array([p.sigma for p in shared])
+    scaled = ca.horzcat(by_shared @ ca.diag(ca.DM(prior / noise_um)), by_own)
+    return scaled, shared, own, np.array([p.sigma / noise_um for p in own_parameters])
+
+
+def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> tuple[Any, tuple[str, ...]]:
+    """What must be ≥ 0, in units of 100 mm (the bar's angle: its cosine), and what each means."""
+    limits, names = [], []
+    for name in machine.axis_names:
+        axis = machine.axes[name]
+        if not axis.rotary:
+            low, high = axis.travel
+            limits += [(geometry.position[name] - low) / UNIT_MM, (high - geometry.position[name]) / UNIT_MM]
+            names += [f"travel of {name}"] * 2
+    nose = machine.workspace.spindle_nose
+    if nose is not None:
+        radius, above = float(nose.get("radius", 0.0)), float(nose.get("above_ball", 0.0))
+        upright = geometry.tool_axis[2]
+        reach = radius * ca.sqrt(1.0 - upright**2 + SMOOTH)
+        for height in (above, above + NOSE_LENGTH):
+            limits.append((geometry.place[2] + height * upright - reach) / UNIT_MM)
+            names.append("spindle nose and table")
+        if instrument == "ball_bar":
+            along = -ca.dot(geometry.bar, geometry.tool_axis)  # from the tool ball towards the table ball
+            limits.append(ca.fmax(above / k[0], above / math.hypot(above, radius)) - along)
+            names.append("spindle nose and bar")
+    if instrument == "ball_bar":
+        limits.append(geometry.place[2] / UNIT_MM)
+        names.append("tool ball and table")
+    return ca.vertcat(*limits), tuple(names)

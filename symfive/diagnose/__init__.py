@@ -1,0 +1,6 @@
+"""Diagnosis: where the model is wrong, what was left out, and the proof that it is that."""
+
+from symfive.diagnose._diagnose import diagnose
+from symfive.diagnose._result import Diagnosis, Finding, Fit, Interval, Observability, RivalName
+
+__all__ = ["Diagnosis", "Finding", "Fit", "Interval", "Observability", "RivalName", "diagnose"]

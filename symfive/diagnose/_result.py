@@ -1,0 +1,188 @@
+"""The diagnosis: findings in order of the evidence each adds, the fit before and after, the observability table."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.effects import Effect, Quantity
+from symfive.identify import Identification
+
+__all__ = ["SCHEMA", "Diagnosis", "Finding", "Fit", "Interval", "Observability", "RivalName"]
+
+SCHEMA = "symfive.diagnosis/1"
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A stretch of a run in which the effect acts most (s)."""
+
+    run: str
+    begin_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class RivalName:
+    """Another effect that could explain the same, with its probability."""
+
+    effect: str
+    axis: str | None
+    confidence: float
+    component: str | None = None
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One piece of physics that the baseline leaves out.
+
+    `share` of the deviation's mean square that it explains, `contribution` run → (N, ny) its readings, `moved` the
+    machine's parameters that changed most when it joined: name → (before, after), file units.
+    """
+
+    effect: Effect
+    name: str
+    axis: str | None
+    confidence: float
+    parameters: Mapping[str, Quantity]
+    rivals: tuple[RivalName, ...]
+    runs: tuple[str, ...]
+    coordinate: str
+    intervals: tuple[Interval, ...]
+    direction: tuple[float, float, float] | None
+    says: str
+    log_p: float
+    visible: float
+    share: float
+    moved: Mapping[str, tuple[float, float]]
+    contribution: Mapping[str, Array]
+    alias: tuple[str, ...] = ()
+    next_test: str | None = None
+
+    def to_data(self) -> dict[str, Any]:
+        """One entry of `findings`."""
+        return {
+            "effect": self.name,
+            "axis": self.axis,
+            "form": self.effect.key,
+            "confidence": round(self.confidence, 4),
+            "where": {
+                "runs": list(self.runs),
+                "coordinate": self.coordinate,
+                "intervals": [{"run": i.run, "t_s": [i.begin_s, i.end_s]} for i in self.intervals],
+                "direction": None if self.direction is None else list(self.direction),
+            },
+            "parameters": {name: _quantity(q) for name, q in self.parameters.items()},
+            "rivals": [
+                {"effect": r.effect, "axis": r.axis, "confidence": round(r.confidence, 4), "component": r.component}
+                for r in self.rivals
+            ],
+            "alias": list(self.alias),
+            "share": self.share,
+            "visible": self.visible,
+            "log10_p": self.log_p / float(np.log(10.0)),
+            "geometry_moved": {name: {"before": b, "after": a} for name, (b, a) in self.moved.items()},
+            "says": self.says,
+            "next_test": self.next_test,
+        }
+
+
+def _quantity(q: Quantity) -> Any:
+    value = list(q.value) if isinstance(q.value, tuple) else q.value
+    if isinstance(value, str):
+        return value
+    std = list(q.std) if isinstance(q.std, tuple) else q.std
+    return {"value": value, "std": std, "unit": q.unit}
+
+
+@dataclass(frozen=True)
+class Observability:
+    """What the campaign can see of one effect: `visible` share of its energy that the fit leaves, `sigmas` by which an
+    effect of usual size would stand out."""
+
+    effect: str
+    axis: str | None
+    form: str
+    visible: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Quality before and after, over kept readings; the held-out part by leaving out runs in turn."""
+
+    rms_before_um: float
+    rms_after_um: float
+    chi2_dof_before: float
+    chi2_dof_after: float
+    heldout_rms_before_um: float | None
+    heldout_rms_after_um: float | None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Result of `diagnose`. `before` and `after` are the identifications without and with the findings."""
+
+    mismatch: bool
+    p_value: float
+    noise_um: float
+    findings: tuple[Finding, ...]
+    fit: Fit
+    observability: tuple[Observability, ...]
+    classes: tuple[tuple[str, ...], ...]
+    before: Identification
+    after: Identification
+
+    def to_data(self) -> dict[str, Any]:
+        """`diagnosis.json` (conventions, section 6)."""
+        return {
+            "schema": SCHEMA,
+            "mismatch": self.mismatch,
+            "p_value": self.p_value,
+            "noise_um": self.noise_um,
+            "findings": [f.to_data() for f in self.findings],
+            "fit": {name: getattr(self.fit, name) for name in self.fit.__dataclass_fields__},
+            "observability": [
+                {"effect": o.effect, "axis": o.axis, "form": o.form, "visible": o.visible, "sigmas": o.sigmas}
+                for o in self.observability
+            ],
+            "classes": [list(c) for c in self.classes],
+            "says": self.letter,
+        }
+
+    @property
+    def letter(self) -> str:
+        """The verdict in plain words."""
+        if not self.mismatch:
+            return (
+                f"The baseline explains the readings: what is left ({self.fit.rms_after_um:.3g} µm rms) is noise, at a false-alarm "
+                f"rate of 1 % over {len(self.observability)} effects."
+            )
+        return " ".join(f.says for f in self.findings)
+
+    def __str__(self) -> str:
+        lines = ["What these recordings can see at all (share of an effect that the fit leaves, σ of one of usual size):"]
+        shown = sorted(self.observability, key=lambda o: -o.sigmas)
+        lines += [f"  {o.form:<34} {100 * o.visible:6.2f} %  {o.sigmas:8.1f} σ" for o in shown[:25]]
+        if len(shown) > 25:
+            lines.append(f"  … and {len(shown) - 25} more in diagnosis.json")
+        for c in self.classes:
+            lines.append(f"  cannot be told apart here: {', '.join(c)}")
+        lines.append("")
+        lines.append(self.letter)
+        f = self.fit
+        lines.append(
+            f"rms {f.rms_before_um:.3g} → {f.rms_after_um:.3g} µm, chi²/dof {f.chi2_dof_before:.3g} → {f.chi2_dof_after:.3g}"
+        )
+        if f.heldout_rms_after_um is not None and f.heldout_rms_before_um is not None:
+            lines.append(f"left-out runs: rms {f.heldout_rms_before_um:.3g} → {f.heldout_rms_after_um:.3g} µm")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"

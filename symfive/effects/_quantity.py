@@ -1,0 +1,104 @@
+"""Quantities of a report: value, standard deviation and unit, carried over by first-order propagation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.parameters import Parameter
+
+__all__ = [
+    "Covariance",
+    "Quantity",
+    "Values",
+    "amplitude_and_phase",
+    "length_and_direction",
+    "own_quantity",
+    "propagate",
+]
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+Covariance = Mapping[tuple[str, str], float]
+"""By pairs of parameter names, file units; pairs that are left out count as 0, and either order will do."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One line of a finding: a number, several numbers or a name; `std` of the same form, None where it is no
+    estimate."""
+
+    value: float | str | tuple[Any, ...]
+    std: float | tuple[Any, ...] | None = None
+    unit: str | None = None
+
+    def as_data(self) -> dict[str, object]:
+        """As `diagnosis.json` holds it; what is None is left out."""
+        table: dict[str, object] = {"value": self.value, "std": self.std, "unit": self.unit}
+        return {name: _lists(entry) for name, entry in table.items() if entry is not None}
+
+
+def _lists(value: object) -> object:
+    return [_lists(entry) for entry in value] if isinstance(value, tuple) else value
+
+
+def own_quantity(parameter: Parameter, values: Values, covariance: Covariance) -> Quantity:
+    """A parameter as it is."""
+    variance = _entry(covariance, parameter.name, parameter.name)
+    return Quantity(float(values[parameter.name]), math.sqrt(max(variance, 0.0)), parameter.unit)
+
+
+def propagate(
+    function: Callable[[Array], Array | Sequence[float]],
+    names: Sequence[str],
+    values: Values,
+    covariance: Covariance,
+) -> tuple[Array, Array]:
+    """function(values of `names`) (k,) and its standard deviations (k,), to first order (GUM, 5.1.2; central
+    differences)."""
+    x = np.array([values[name] for name in names], dtype=float)
+    matrix = np.array([[_entry(covariance, a, b) for b in names] for a in names])
+    steps = 1e-5 * np.maximum(np.abs(x), np.sqrt(np.maximum(np.diag(matrix), 0.0))) + 1e-12
+    slopes = [
+        (np.asarray(function(x + e)) - np.asarray(function(x - e))) / (2.0 * e.max()) for e in np.diag(steps)
+    ]  # fmt: skip
+    slope = np.stack(slopes, axis=1)
+    variance = np.einsum("ij,jk,ik->i", slope, matrix, slope)
+    return np.asarray(function(x), dtype=float), np.sqrt(np.maximum(variance, 0.0))
+
+
+def amplitude_and_phase(
+    sine: str, cosine: str, unit: str, values: Values, covariance: Covariance
+) -> tuple[Quantity, Quantity]:
+    """(A, φ) of A·sin(x + φ) = sine·sin x + cosine·cos x; φ in rad from -π to π."""
+    centre = math.atan2(values[cosine], values[sine])
+
+    def polar(p: Array) -> list[float]:
+        turned = math.atan2(p[1], p[0]) - centre
+        return [math.hypot(p[0], p[1]), centre + math.remainder(turned, 2.0 * math.pi)]
+
+    value, std = propagate(polar, (sine, cosine), values, covariance)
+    return Quantity(float(value[0]), float(std[0]), unit), Quantity(float(value[1]), float(min(std[1], math.pi)), "rad")
+
+
+def length_and_direction(
+    names: Sequence[str], unit: str, values: Values, covariance: Covariance
+) -> tuple[Quantity, Quantity]:
+    """|v| and v/|v| of a vector given by its components; the direction of no length is zero."""
+
+    def split(p: Array) -> Array:
+        length = float(np.linalg.norm(p))
+        return np.append(p / length if length > 0.0 else 0.0 * p, length)
+
+    value, std = propagate(split, names, values, covariance)
+    direction = Quantity(tuple(map(float, value[:-1])), tuple(map(float, np.minimum(std[:-1], 1.0))), "1")
+    return Quantity(float(value[-1]), float(std[-1]), unit), direction
+
+
+def _entry(covariance: Covariance, a: str, b: str) -> float:
+    return float(covariance.get((a, b), covariance.get((b, a), 0.0)))

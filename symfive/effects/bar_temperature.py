@@ -1,0 +1,55 @@
+"""Bar temperature: the ball bar's length follows its temperature (ISO 230-4, 6; ISO/TR 230-9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import casadi as ca
+
+from symfive.effects._base import Effect
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign, Run
+    from symfive.model._row import Row
+
+CLOCKS = ("run", "campaign")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BarTemperature(Effect):
+    """length → length + amplitude·(1 - exp(-t/time_constant_s)); the reading falls by as much.
+
+    `clock`: t since the run's start (a hand warmed it when it was set up) or on the campaign's clock. Typical
+    0.1–1 µm/K for 300 mm of carbon fibre, 3.4 µm/K of steel; minutes.
+    """
+
+    id = "bar_temperature"
+    stage = "reading"
+    says = "the bar grows or shrinks with its temperature"
+    hidden_by = "the bar's length, thermal drift (|cos| 0.96), unequal backlash, which is the other cause of a spiral"
+    reported_as = "thermal_drift"
+    clock: str = "run"
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("clock", CLOCKS)
+        return super().prepare(campaign)
+
+    def applies(self, run: Run) -> bool:
+        return "ball_bar" in run.instrument
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        longest = max([1.0, *(float(run.time[-1]) for run in campaign.runs)])
+        tau = 0.5 * (longest if self.clock == "run" else self.clock_span(campaign))
+        return (
+            self.own("amplitude", "um", 3.0),
+            self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau),
+        )
+
+    def apply(self, row: Row) -> None:
+        time = row.time if self.clock == "run" else row.clock
+        growth = self.parameter(row, "amplitude") * (1.0 - ca.exp(-time / self.parameter(row, "time_constant_s")))
+        for i, source in enumerate(row.sources):
+            if source == "ball_bar":
+                row.readings[i] -= growth

@@ -1,0 +1,51 @@
+"""Counterbalance asymmetry: a vertical axis hangs back in one direction only, more or less so along its travel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from symfive.effects._base import Effect
+from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.motion import Direction, Position
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.model._row import Row
+    from symfive.motion import Signal
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counterbalance(Effect):
+    """q → q - (drop + slope·q)·(1 + s)/2 with the direction s of the last motion: a drop on the way up, none
+    downwards.
+
+    `drop` µm, `slope` µm/mm. A part of it, (drop + slope·q)/2, does not depend on the direction and reads as
+    scale and zero. Typical 1–10 µm.
+    """
+
+    id = "counterbalance"
+    stage = "axis"
+    says = "a vertical axis drops in one direction of motion"
+    hidden_by = "backlash growing along the axis and its scale; the drive's current tells up from down"
+    reported_as = "backlash"
+    needs_axis = True
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        if self.its_axis(campaign).rotary:
+            return (self.own("drop", "urad", 30.0), self.own("slope", "urad/deg", 1.0))
+        return (self.own("drop", "um", 10.0), self.own("slope", "um/mm", 0.05))
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (Direction(str(self.axis)),)
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """`width` is the backlash at zero of the axis that it amounts to: the drop."""
+        found = super().describe(campaign, values, covariance)
+        return {"width": found["drop"], **found}
+
+    def apply(self, row: Row) -> None:
+        up = 0.5 * (1.0 + row.signal(self.signals()[0]))
+        drop = self.parameter(row, "drop") + self.parameter(row, "slope") * row.signal(Position(str(self.axis)))
+        row.axis[str(self.axis)] -= drop * up

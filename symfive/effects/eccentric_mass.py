@@ -1,0 +1,79 @@
+"""Eccentric mass: a load beside a rotary axis tilts the table under it as it turns (ISO 10791-6; ISO 230-7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.effects._base import Effect
+from symfive.effects._gravity import DOWN, carriers, gravity_seen
+from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase
+from symfive.errors import InputError
+from symfive.kinematics import axis_pose
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.model._row import Row
+
+
+@dataclass(frozen=True, kw_only=True)
+class EccentricMass(Effect):
+    """(EAj, EBj, ECj) += (R·r) × ĝ, µrad: moment of a mass at r across the axis, over the stiffness of its
+    bearing.
+
+    R turns with the axis, ĝ is gravity in the frame of what carries the axis, so a tilting axis in front of
+    it enters. r = cos·u + sin·w, u and w across the axis (x and y for C). Typical 5–50 µrad, 1–10 µm at the
+    rim.
+    """
+
+    id = "eccentric_mass"
+    says = "a mass off the axis tilts the table as it turns"
+    hidden_by = "axis tilt and coning; the mass moved by half a turn parts them"
+    reported_as = "error_motion"
+    needs_axis = True
+    down: tuple[float, float, float] = DOWN
+
+    def prepare(self, campaign: Campaign) -> Self:
+        super().prepare(campaign)
+        machine = campaign.machine
+        if not self.its_axis(campaign).rotary:
+            raise InputError(f"{self.key}: a linear axis does not turn a mass", remedy="name the rotary axis")
+        held = [machine.errors.get(f"E{c}{self.axis}") for c in "ABC"]
+        alone = not carriers(machine, str(self.axis))
+        if alone and any(t is not None and t.over == (self.axis,) and t.basis == ("fourier",) for t in held):
+            raise InputError(f"the baseline already holds the tilt of {self.axis} once a turn", remedy="leave it there")
+        return self
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return (self.own("cos", "urad", 10.0), self.own("sin", "urad", 10.0))
+
+    def apply(self, row: Row) -> None:
+        axis = row.machine.axes[str(self.axis)]
+        first, second = _across(np.asarray(axis.direction))
+        arm = self.parameter(row, "cos") * ca.DM(first) + self.parameter(row, "sin") * ca.DM(second)
+        turned = axis_pose(axis, row.machine.structure.carries(axis.name), row.axis[axis.name], {}, {}).rotation @ arm
+        tilt = ca.cross(turned, gravity_seen(row, carriers(row.machine, axis.name), self.down))
+        for i, letter in enumerate("ABC"):
+            row.add_motion(f"E{letter}{axis.name}", tilt[i])
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """`amplitude`, and `place`: the angle of the mass from u at zero of the axis."""
+        amplitude, place = amplitude_and_phase(f"{self.key}.cos", f"{self.key}.sin", "urad", values, covariance)
+        return {
+            "component": Quantity(f"EA{self.axis}, EB{self.axis}"),
+            "amplitude": amplitude,
+            "place": place,
+        }
+
+
+def _across(direction: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two unit vectors across a unit vector, right-handed with it; (x, y) for z."""
+    seed = np.eye(3)[0] if abs(direction[0]) < 0.9 else np.eye(3)[1]
+    first = seed - direction * (direction @ seed)
+    first /= np.linalg.norm(first)
+    return first, np.cross(direction, first)

@@ -1,0 +1,102 @@
+"""Error motion that the baseline lacks or has in too low an order (ISO 230-1, 3.4; ISO 230-7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+from symfive.effects._base import Effect
+from symfive.effects._component import component_of
+from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.errors import InputError
+from symfive.kinematics import Basis, basis_of
+from symfive.machine import ErrorTerm
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.machine import Machine
+    from symfive.model._row import Row
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorMotion(Effect):
+    """`component` (`EAC`) += Σ coefficient_k·function_k(q), µm or µrad, over the coordinates `over` (default
+    its axis).
+
+    `basis` and `order` as in the machine file, one per axis in `over` (a single one holds for all); `knots`
+    for `bspline`. Functions that the baseline already has are left out, so a higher order adds the higher
+    ones only. Typical straightness 1–10 µm, angular error motions 5–20 µrad, run-out of a rotary axis 0.5–5
+    µm.
+    """
+
+    id = "error_motion"
+    says = "an error motion that the baseline lacks"
+    hidden_by = "others that read alike on one circle (straightness, pitch); a second place or height parts them"
+    component: str
+    basis: str | tuple[str, ...] = "fourier"
+    order: int | tuple[int, ...] = 2
+    over: tuple[str, ...] = ()
+    knots: tuple[tuple[float, ...], ...] = ()
+    sigma: float | None = None
+
+    @property
+    def key(self) -> str:
+        """`error_motion.EAC`."""
+        return self._key(self.component)
+
+    def prepare(self, campaign: Campaign) -> Self:
+        machine = campaign.machine
+        component_of(self.component, machine)
+        for axis in self._term.over:
+            if axis not in machine.axes:
+                raise InputError(
+                    f"error motion {self.component} runs over axis {axis}, which the machine lacks",
+                    remedy=f"use one of {', '.join(machine.axis_names)}",
+                )
+        held = machine.errors.get(self.component)
+        term = self._term
+        if (
+            held is not None
+            and set(held.over) == set(term.over)
+            and {*held.basis, *term.basis} >= {"bspline", "polynomial"}
+        ):
+            raise InputError(
+                f"the baseline holds {self.component} as {', '.join(held.basis)}",
+                remedy="use its basis with a higher order",
+            )
+        if not self._functions(machine)[1]:
+            raise InputError(f"the baseline already holds {self.component} to this order", remedy="raise the order")
+        return super().prepare(campaign)
+
+    @property
+    def _term(self) -> ErrorTerm:
+        over = self.over or (self.component[2:],)
+        basis = (self.basis,) * len(over) if isinstance(self.basis, str) else self.basis
+        order = (self.order,) * len(over) if isinstance(self.order, int) else self.order
+        return ErrorTerm(name=self.component, sigma=1.0, basis=basis, order=order, over=over, knots=self.knots)
+
+    def _functions(self, machine: Machine) -> tuple[Basis, tuple[str, ...]]:
+        """The basis and the names of those of its functions that the baseline lacks."""
+        basis, held = basis_of(self._term, machine), machine.errors.get(self.component)
+        same = held is not None and held.over == self._term.over and "bspline" not in held.basis
+        known = basis_of(held, machine).names if held is not None and same else ()
+        if held is not None and held.over == self._term.over and held.basis == self._term.basis == ("bspline",):
+            known = basis.names if (held.order, held.knots) == (self._term.order, self._term.knots) else ()
+        return basis, tuple(name for name in basis.names if name not in known)
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        component = component_of(self.component, campaign.machine)
+        sigma = self.sigma or (10.0 if component.angular else 5.0)
+        return tuple(self.own(name, component.unit, sigma) for name in self._functions(campaign.machine)[1])
+
+    def apply(self, row: Row) -> None:
+        basis, names = self._functions(row.machine)
+        values = basis.values(*(row.axis[name] for name in basis.over))
+        for name, value in zip(basis.names, values, strict=True):
+            if name in names:
+                row.add_motion(self.component, self.parameter(row, name) * value)
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """`component`, and each function's coefficient by its name (`cos2`: the harmonic 2 of cos)."""
+        return {"component": Quantity(self.component), **super().describe(campaign, values, covariance)}

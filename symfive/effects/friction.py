@@ -1,0 +1,59 @@
+"""Friction in the drive: lag and spike at reversal (H. Olsson et al. 1998; Stribeck 1902)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+from symfive.effects._base import Effect
+from symfive.errors import InputError
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+
+SHAPES = ("coulomb", "stribeck")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction(Effect):
+    """dv/dt = u - F(v)·sgn(v) inside the position loop, F inertia-normalised (mm/s² or rad/s²), set-valued at
+    rest.
+
+    `shape`: `coulomb`, F = coulomb; `stribeck`, F = coulomb + stiction·exp(-(v/speed)²): what it has more at
+    rest fades over `stribeck_speed`. The axis stands at a reversal until the integrator has built up twice
+    the force: a spike of about coulomb/(position_gain·velocity_gain), 1–15 µm; 10 µm at 40 1/s and 300 1/s is
+    120 mm/s².
+    """
+
+    id = "friction"
+    stage = "drive"
+    says = "friction: lag and spike at reversal"
+    hidden_by = "a reversal spike of a compensation that comes too late; pre-sliding behind the drive"
+    needs_axis = True
+    dynamic_only = True
+    shape: str = "coulomb"
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("shape", SHAPES)
+        super().prepare(campaign)
+        if self.its_axis(campaign).drive is None:
+            raise InputError(f"{self.key} needs the drive of axis {self.axis}", remedy=f"add [axes.{self.axis}.drive]")
+        return self
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        rotary = self.its_axis(campaign).rotary
+        unit, sigma = ("rad/s^2", 2.0) if rotary else ("mm/s^2", 200.0)
+        found = [self.own("coulomb", unit, sigma, lower=0.0, start=0.05 * sigma)]
+        if self.shape == "stribeck":
+            speed = 0.05 if rotary else 2.0
+            found.append(self.own("stiction", unit, sigma, lower=0.0, start=0.05 * sigma))
+            found.append(
+                self.own("stribeck_speed", "rad/s" if rotary else "mm/s", speed, mean=speed, lower=0.05 * speed)
+            )
+        return tuple(found)
+
+    def frees(self) -> Mapping[tuple[str, str], str]:
+        names = ("coulomb",) if self.shape == "coulomb" else ("coulomb", "stiction", "stribeck_speed")
+        return {(str(self.axis), name): f"{self.key}.{name}" for name in names}

@@ -1,0 +1,34 @@
+"""Latency: the instrument's clock runs behind the control's (L. Andolfatto, S. Lavernhe & R. Mayer 2011)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from symfive.effects._base import Effect
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class Latency(Effect):
+    """y(t) = y_true(t - delay): every position, velocity and state that the instrument sees is `delay` old.
+
+    What the control records itself (encoder, drive force) keeps its time. Typical 1–20 ms; below 0 where
+    recording was triggered before the motion.
+    """
+
+    id = "latency"
+    stage = "drive"
+    says = "the instrument's clock is late"
+    hidden_by = "a servo mismatch of all axes alike; with one direction of travel only, the set-up"
+    dynamic_only = True
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return (self.own("delay_ms", "ms", 10.0),)
+
+    def frees(self) -> Mapping[tuple[str, str], str]:
+        return {("", "delay"): f"{self.key}.delay_ms"}

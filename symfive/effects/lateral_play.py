@@ -1,0 +1,76 @@
+"""Lateral play: the carriage moves sideways or turns when it reverses (ISO 230-4 Annex B; Ballbar diagnosis)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+from symfive.effects._base import Effect
+from symfive.effects._component import component_of
+from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.errors import InputError
+from symfive.motion import Direction, PreSliding
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.model._row import Row
+    from symfive.motion import Signal
+
+SHAPES = ("step", "pre_sliding")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LateralPlay(Effect):
+    """`component` (`EYX`) -= (width/2)·s of the direction of motion s of the component's axis, µm or µrad.
+
+    `shape`: `step`, s = ±1 at once; `pre_sliding`, s = ±(1 - 2·exp(-ξ/distance)), ξ the distance since the
+    reversal. Static rows: s is the direction from which the axis came. Typical 1–10 µm.
+    """
+
+    id = "lateral_play"
+    says = "the carriage moves sideways when it reverses"
+    hidden_by = "radius and scale (99 % of it) where circles run in one direction only"
+    component: str
+    shape: str = "step"
+
+    @property
+    def key(self) -> str:
+        """`lateral_play.EYX`."""
+        return self._key(self.component)
+
+    @property
+    def _moving(self) -> str:
+        return self.component[2:]
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("shape", SHAPES)
+        component = component_of(self.component, campaign.machine)
+        axis = campaign.machine.axes[component.axis]
+        along = dict(zip("XYZ", axis.direction, strict=True)).get(component.letter, 0.0)
+        if not axis.rotary and abs(along) > 0.999:
+            raise InputError(f"{self.component} lies along the motion", remedy="that is backlash")
+        return super().prepare(campaign)
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        component = component_of(self.component, campaign.machine)
+        width = self.own("width", component.unit, 30.0 if component.angular else 10.0)
+        if self.shape == "step":
+            return (width,)
+        rotary = campaign.machine.axes[component.axis].rotary
+        distance = 300.0 if rotary else 50.0
+        return (
+            width,
+            self.own("distance", "urad" if rotary else "um", distance, mean=distance, lower=0.02 * distance),
+        )
+
+    def signals(self) -> tuple[Signal, ...]:
+        if self.shape == "step":
+            return (Direction(self._moving),)
+        return (PreSliding(self._moving, f"{self.key}.distance"),)
+
+    def apply(self, row: Row) -> None:
+        row.add_motion(self.component, -0.5 * self.parameter(row, "width") * row.signal(self.signals()[0]))
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        return {"component": Quantity(self.component), **super().describe(campaign, values, covariance)}

@@ -1,0 +1,60 @@
+"""Location error that the baseline holds at zero (ISO 230-1, 3.4; ISO 230-7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import casadi as ca
+
+from symfive.effects._base import Effect
+from symfive.effects._component import location_of
+from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.errors import InputError
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.model._row import Row
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocationError(Effect):
+    """`component` (`EY0C`) = value, µm or µrad, in the exact chain.
+
+    With `drift` it grows on the campaign's clock, value·(1 - exp(-t/time_constant_s)): the thermal drift of a
+    rotary axis' place (5–30 µm/h), which may join a baseline that holds the constant one. Typical centre
+    offset 5–50 µm, tilt 10–50 µrad, squareness 5–30 µrad.
+    """
+
+    id = "location_error"
+    says = "a location error that the baseline holds at zero"
+    hidden_by = "set-up errors and the instrument's zero where poses are few"
+    component: str
+    drift: bool = False
+
+    @property
+    def key(self) -> str:
+        """`location_error.EY0C`."""
+        return self._key(self.component)
+
+    def prepare(self, campaign: Campaign) -> Self:
+        location_of(self.component, campaign.machine)
+        if self.component in campaign.machine.errors and not self.drift:
+            raise InputError(f"the baseline already varies {self.component}", remedy="choose a component that it lacks")
+        return super().prepare(campaign)
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        component = location_of(self.component, campaign.machine)
+        value = self.own("value", component.unit, 50.0 if component.angular else 30.0)
+        if not self.drift:
+            return (value,)
+        tau = 0.5 * self.clock_span(campaign)
+        return (value, self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
+
+    def apply(self, row: Row) -> None:
+        grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")) if self.drift else 1.0
+        row.location[self.component] = row.location.get(self.component, 0.0) + self.parameter(row, "value") * grown
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        return {"component": Quantity(self.component), **super().describe(campaign, values, covariance)}

@@ -1,0 +1,67 @@
+"""Reversal spike (quadrant glitch) by its shape in time, where no friction model is wanted (ISO 230-4 Annex B)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import casadi as ca
+
+from symfive.effects._base import Effect
+from symfive.motion import Direction, ReversalTime
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.model._row import Row
+    from symfive.motion import Signal
+
+SHAPES = ("lag", "pulse")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReversalSpike(Effect):
+    """A short deviation of the axis after each reversal, t the time since it, s the new direction.
+
+    `shape`: `lag`, q → q - height·s·(t/τ)·exp(1 - t/τ): it hangs back, most at τ = `duration_ms`; `pulse`, q
+    → q + height·s·exp(-((t - delay)/width)²): the pulse of a friction compensation that comes too late.
+    Inside the loop friction makes such a spike by itself (`friction`); this one is only its shape. Typical
+    1–15 µm, 20–200 ms.
+    """
+
+    id = "reversal_spike"
+    stage = "axis"
+    says = "a spike after each reversal"
+    hidden_by = "friction; backlash where the rows after a reversal are few"
+    reported_as = "friction"
+    needs_axis = True
+    dynamic_only = True
+    shape: str = "lag"
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("shape", SHAPES)
+        return super().prepare(campaign)
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        rotary = self.its_axis(campaign).rotary
+        height = self.own("height", "urad" if rotary else "um", 50.0 if rotary else 5.0)
+        if self.shape == "lag":
+            return (height, self.own("duration_ms", "ms", 60.0, mean=60.0, lower=1.0))
+        return (
+            height,
+            self.own("delay_ms", "ms", 100.0, mean=100.0),
+            self.own("width_ms", "ms", 50.0, mean=50.0, lower=1.0),
+        )
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (Direction(str(self.axis)), ReversalTime(str(self.axis)))
+
+    def apply(self, row: Row) -> None:
+        direction, time = (row.signal(signal) for signal in self.signals())
+        height = self.parameter(row, "height") * direction
+        if self.shape == "lag":
+            part = time / self.parameter(row, "duration_ms")
+            row.axis[str(self.axis)] -= height * part * ca.exp(1.0 - part)
+        else:
+            late = (time - self.parameter(row, "delay_ms")) / self.parameter(row, "width_ms")
+            row.axis[str(self.axis)] += height * ca.exp(-(late**2))

@@ -1,0 +1,77 @@
+"""Low-pass of the instrument: its filter rounds off and delays what changes fast."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.effects._base import Effect
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign, Run
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorLowPass(Effect):
+    """τ·dy/dt + y = y_true, at rest on the first row, y_true linear between rows (first-order hold, exact).
+
+    Estimated as the time constant τ, which is 0 for an ideal instrument; cut-off frequency 1/(2πτ). Typical
+    100–250 Hz (0.6–1.6 ms); slow averaging 5–50 ms.
+    """
+
+    id = "sensor_low_pass"
+    stage = "recording"
+    says = "the instrument's low-pass filter rounds off what changes fast"
+    hidden_by = "latency and servo mismatch at slow motion"
+    reported_as = "latency"
+    dynamic_only = True
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return (self.own("time_constant_ms", "ms", 5.0, lower=0.0, start=0.5),)
+
+    def record(
+        self, run: Run, columns: tuple[int, ...], readings: Array, values: Values
+    ) -> tuple[Array, dict[str, Array]]:
+        name = f"{self.key}.time_constant_ms"
+        step, ours = np.diff(run.time), list(columns)
+        weights, slopes = _hold(step, values[name])
+        filtered = readings.copy()
+        moved = np.zeros(readings.shape[:2])
+        old, slope = readings[0, ours], np.zeros(len(ours))
+        for k, ((keep, new, last), (d_keep, d_new, d_last)) in enumerate(zip(weights, slopes, strict=True), start=1):
+            fresh, former = readings[k, ours], readings[k - 1, ours]
+            slope = keep * slope + d_keep * old[:, 0] + d_new * fresh[:, 0] + d_last * former[:, 0]
+            old = keep * old + new * fresh + last * former
+            filtered[k, ours], moved[k, ours] = old, slope
+        return filtered, {name: moved}
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """The time constant is also the delay of slow signals, `delay_ms`."""
+        (tau,) = self.parameters(campaign)
+        delay = own_quantity(tau, values, covariance)
+        found = {"delay_ms": delay, "time_constant_ms": delay}
+        if values[tau.name] > 0.0:
+            cutoff, std = propagate(lambda x: 1e3 / (2.0 * math.pi * x), (tau.name,), values, covariance)
+            found["cutoff_hz"] = Quantity(float(cutoff[0]), float(std[0]), "Hz")
+        return found
+
+
+def _hold(step: Array, tau: float) -> tuple[Array, Array]:
+    """Weights (N - 1, 3) of the last output, the new and the former input, and their slopes in τ."""
+    if tau <= 0.0:
+        still = np.zeros_like(step)
+        return np.stack([still, still + 1.0, still], axis=1), np.stack([still, -1.0 / step, 1.0 / step], axis=1)
+    ratio = step / tau
+    keep = np.exp(-ratio)
+    mean = -np.expm1(-ratio) / ratio  # the average of exp(-t/τ) over the step
+    d_keep = keep * ratio / tau
+    d_mean = (mean - keep) / tau
+    return np.stack([keep, 1.0 - mean, mean - keep], axis=1), np.stack([d_keep, -d_mean, d_mean - d_keep], axis=1)

@@ -1,0 +1,92 @@
+"""Set-up shift: a ball or nest slips at one instant within a run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import casadi as ca
+import numpy as np
+
+from symfive.effects._base import Effect
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
+from symfive.errors import InputError
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign, Run
+    from symfive.model._row import Row
+
+ARTEFACTS = ("table", "tool")
+SHAPES = ("step", "creep")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetupShift(Effect):
+    """From `t_s` of the run on the ball is displaced by shift (3, µm): the table's in the workpiece frame,
+    the tool's in its.
+
+    `run` its id, `t_s` on the run's own clock (found by a scan: readings jump between two rows, so it has no
+    derivative), `artefact` which ball, `shape`: `step` at once, or `creep`, shift·(1 - exp(-(t -
+    t_s)/creep_s)). Typical 1–20 µm.
+    """
+
+    id = "setup_shift"
+    says = "the artefact moved within the run"
+    hidden_by = "the run's set-up errors where it happened near its start or end"
+    run: str
+    t_s: float
+    artefact: str = "table"
+    shape: str = "step"
+
+    @property
+    def key(self) -> str:
+        """`setup_shift.RUN`."""
+        return self._key(self.run)
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("artefact", ARTEFACTS)
+        self.choose("shape", SHAPES)
+        for run in filter(self.applies, campaign.runs):
+            if not float(run.time[0]) < self.t_s <= float(run.time[-1]):
+                raise InputError(
+                    f"{self.key}: t_s = {self.t_s} lies outside the run",
+                    remedy=f"{run.time[0]} < t_s <= {run.time[-1]}",
+                )
+        return super().prepare(campaign)
+
+    def applies(self, run: Run) -> bool:
+        return run.id == self.run
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        found = [self.own(f"shift.{c}", "um", 10.0) for c in "xyz"]
+        if self.shape == "creep":
+            ends = [float(run.time[-1]) for run in filter(self.applies, campaign.runs)]
+            tau = 0.3 * max([1e-3, *(end - self.t_s for end in ends)])
+            found.append(self.own("creep_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
+        return tuple(found)
+
+    def apply(self, row: Row) -> None:
+        late = row.time - self.t_s
+        share = ca.if_else(late >= 0.0, 1.0, 0.0)
+        if self.shape == "creep":
+            share = share * (1.0 - ca.exp(-ca.fmax(late, 0.0) / self.parameter(row, "creep_s")))
+        shift = share * ca.vertcat(*(self.parameter(row, f"shift.{c}") for c in "xyz"))
+        if self.artefact == "table":
+            row.table_ball += shift
+        else:
+            row.tool_ball += shift
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        parameters = self.parameters(campaign)
+        parts = [own_quantity(p, values, covariance) for p in parameters[:3]]
+        step = float(np.median(np.diff(campaign.run(self.run).time)))
+        found = {
+            "run": Quantity(self.run),
+            "t_s": Quantity(self.t_s, step / math.sqrt(12.0), "s"),
+            "shift": Quantity(tuple(p.value for p in parts), tuple(p.std for p in parts), "um"),
+        }
+        if self.shape == "creep":
+            found["creep_s"] = own_quantity(parameters[3], values, covariance)
+        return found

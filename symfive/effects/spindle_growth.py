@@ -1,0 +1,49 @@
+"""Spindle growth: the running spindle warms and grows along its axis (ISO 230-3, ETVE and spindle test)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from symfive.effects._base import Effect
+from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.model._row import Row
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpindleGrowth(Effect):
+    """tool ball → tool ball - (0, 0, amplitude·(1 - exp(-t/time_constant_s))) in the tool frame, t on the
+    campaign's clock.
+
+    It follows a swivelling head, where a drift of the structure does not; on a machine whose spindle only
+    moves straight it is a `thermal_drift` along z. Typical 10–60 µm with 5–60 min.
+    """
+
+    id = "spindle_growth"
+    says = "the spindle grows along its axis as it warms"
+    hidden_by = "the tool ball's height, a location error along the spindle, the bar's length"
+    reported_as = "thermal_drift"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        tau = 0.5 * self.clock_span(campaign)
+        return (
+            self.own("amplitude", "um", 20.0),
+            self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau),
+        )
+
+    def apply(self, row: Row) -> None:
+        growth = self.parameter(row, "amplitude") * (1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")))
+        row.tool_ball -= ca.vertcat(0.0, 0.0, growth)
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """`direction` in the tool frame."""
+        return {
+            "direction": Quantity((0.0, 0.0, -1.0), None, "1"),
+            **super().describe(campaign, values, covariance),
+        }

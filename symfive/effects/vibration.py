@@ -1,0 +1,123 @@
+"""Vibration: a tone at a fixed frequency in time, whatever the motion (ISO/TR 230-8)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.effects._base import Effect
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
+from symfive.errors import InputError
+from symfive.instruments import instruments_of
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign, Run
+    from symfive.model._row import Row
+
+Array = NDArray[np.float64]
+PLACES = ("structure", "reading")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vibration(Effect):
+    """sin·sin(2πft) + cos·cos(2πft), t on the campaign's clock, f near `frequency_hz`.
+
+    `place`: `structure`, a shift of the tool with two amplitudes in each of `directions` of the machine
+    frame, or `reading`, two amplitudes in each reading column. `run`: in this run only (a tone keeps its
+    phase from run to run only if the runs' `start_s` are right); a campaign without it is left alone. Typical 0.1–2 µm.
+    """
+
+    id = "vibration"
+    says = "a tone at a fixed frequency in time"
+    hidden_by = "a periodic error of a screw or gear where only one feed was run"
+    dynamic_only = True
+    frequency_hz: float
+    place: str = "structure"
+    directions: str = "xyz"
+    run: str | None = None
+
+    @property
+    def key(self) -> str:
+        """`vibration` or `vibration.RUN`."""
+        return self._key(self.run)
+
+    @property
+    def stage(self) -> str:  # type: ignore[override]
+        """Where it enters."""
+        return self.place
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("place", PLACES)
+        if not (self.frequency_hz > 0.0 and math.isfinite(self.frequency_hz)):
+            raise InputError(f"{self.key} needs a frequency above 0", remedy="write frequency_hz = …")
+        if not self.directions or any(c not in "xyz" for c in self.directions):
+            raise InputError(
+                f"{self.key}: directions {self.directions!r} are unknown", remedy='write "xyz" or some of it'
+            )
+        return super().prepare(campaign)
+
+    def applies(self, run: Run) -> bool:
+        return run.dynamic and self.run in (None, run.id)
+
+    def _channels(self, campaign: Campaign) -> dict[str, str]:
+        """Directions or columns that swing, with their units."""
+        if self.place == "structure":
+            return dict.fromkeys(self.directions, "um")
+        found: dict[str, str] = {}
+        for run in filter(self.applies, campaign.runs):
+            for instrument in instruments_of(run):
+                if not instrument.on_control:
+                    found |= {column.name: column.unit for column in instrument.columns(run, campaign.machine)}
+        return found
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        found = [
+            self.own(f"{name}.{part}", unit, 1.0 if unit in ("um", "urad") else 1e-3)
+            for name, unit in self._channels(campaign).items()
+            for part in ("sin", "cos")
+        ]
+        span = max([1.0, *(float(run.time[-1] - run.time[0]) for run in campaign.runs if self.applies(run))])
+        frequency = self.own("frequency_hz", "Hz", 1.0 / span, mean=self.frequency_hz, lower=0.5 * self.frequency_hz)
+        return (*found, frequency)
+
+    def apply(self, row: Row) -> None:
+        angle = 2.0 * math.pi * self.parameter(row, "frequency_hz") * row.clock
+        sine, cosine = ca.sin(angle), ca.cos(angle)
+        if self.place == "structure":
+            for c in self.directions:
+                row.shift["xyz".index(c)] += (
+                    self.parameter(row, f"{c}.sin") * sine + self.parameter(row, f"{c}.cos") * cosine
+                )
+            return
+        for i in row.sensed:
+            name = row.columns[i].name
+            row.readings[i] += self.parameter(row, f"{name}.sin") * sine + self.parameter(row, f"{name}.cos") * cosine
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """`amplitude` along `direction`, the main axis of the (in general elliptic) motion, and its phase."""
+        parameters = self.parameters(campaign)
+        names = [p.name for p in parameters[:-1]]
+
+        def main(p: Array) -> tuple[float, Array, float]:
+            parts = p.reshape(-1, 2)
+            left, sizes, right = np.linalg.svd(parts)
+            sign = 1.0 if left[np.argmax(np.abs(left[:, 0])), 0] > 0.0 else -1.0
+            return float(sizes[0]), sign * left[:, 0], math.atan2(sign * right[0, 1], sign * right[0, 0])
+
+        (amplitude,), (std,) = propagate(lambda p: [main(p)[0]], names, values, covariance)
+        _, direction, phase = main(np.array([values[name] for name in names]))
+        found = {
+            "frequency_hz": own_quantity(parameters[-1], values, covariance),
+            "amplitude": Quantity(float(amplitude), float(std), parameters[0].unit),
+            "phase": Quantity(phase, None, "rad"),
+        }
+        if self.place == "structure":
+            full = dict(zip(self.directions, map(float, direction), strict=True))
+            found["direction"] = Quantity(tuple(full.get(c, 0.0) for c in "xyz"), None, "1")
+        return found

@@ -1,0 +1,61 @@
+"""Checks of plain values, each with a message that names its owner and what to write instead."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from symfive.errors import InputError
+from symfive.files import shown
+
+__all__ = ["finite", "freeze", "is_number", "numbers", "one_of", "positive"]
+
+
+def is_number(value: object) -> bool:
+    """Whether it is a finite int or float (and no bool, no integer beyond all floats)."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def finite(owner: str, /, **values: object) -> None:
+    """Raise `InputError` unless all are finite numbers."""
+    for name, value in values.items():
+        if not is_number(value):
+            raise InputError(f"{owner}: {name} = {shown(value)} is not a finite number", remedy="write a number")
+
+
+def positive(owner: str, /, **values: Any) -> None:
+    """Raise `InputError` unless all are finite numbers above zero; None stands for a value that was not
+    given."""
+    for name, value in values.items():
+        if value is None:
+            continue
+        finite(owner, **{name: value})
+        if value <= 0:
+            raise InputError(f"{owner}: {name} = {shown(value)} is not positive", remedy="write a number above zero")
+
+
+def numbers(owner: str, name: str, values: object, count: int | None = None, *, example: str) -> None:
+    """Raise `InputError` unless `values` is a tuple of finite numbers, `count` of them where that is given."""
+    right = isinstance(values, tuple) and all(is_number(value) for value in values)
+    if not right or (count is not None and len(values) != count):  # type: ignore[arg-type]
+        many = "finite numbers" if count is None else f"{count} finite numbers"
+        problem = f"{owner}: {name} = {shown(list(values) if isinstance(values, tuple) else values)} is not {many}"
+        raise InputError(problem, remedy=f"write {example}")
+
+
+def one_of(owner: str, name: str, value: object, allowed: tuple[str, ...]) -> None:
+    """Raise `InputError` unless `value` is one of the `allowed` words."""
+    if not isinstance(value, str) or value not in allowed:
+        raise InputError(f"{owner}: {name} {shown(value)} is unknown", remedy=f"use one of {', '.join(allowed)}")
+
+
+def freeze(extra: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A read-only copy."""
+    return MappingProxyType(dict(extra))

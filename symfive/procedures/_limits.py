@@ -1,0 +1,93 @@
+"""What the axes can do: travel, feed and acceleration of a run, and how long a move between poses takes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.errors import InputError
+from symfive.machine import Axis, Machine
+
+__all__ = ["checked"]
+
+Array = NDArray[np.float64]
+TOLERANCE = 1e-6
+
+
+def checked(machine: Machine, run: Run, *, place: str, feed: float | None = None, unit: str = "mm/min") -> Run:
+    """The run itself, once every axis can follow it. Raises `InputError` naming what to change.
+
+    `place` says which of the caller's options move the poses (for the remedy); `feed` in `unit` is the one of
+    a dynamic run. A path scaled in time keeps its shape: speeds go with the feed, accelerations with its
+    square.
+    """
+    for name, axis in machine.axes.items():
+        _check_travel(run, axis, run.commands[name], place)
+    if run.rows < 2:
+        return run
+    if run.dynamic:
+        _check_rates(machine, run, feed, unit)
+    else:
+        _check_moves(machine, run)
+    return run
+
+
+def _check_travel(run: Run, axis: Axis, values: Array, place: str) -> None:
+    if not np.isfinite(values).all():
+        raise InputError(f"run {run.id}: a position of axis {axis.name} is not finite", remedy=f"correct {place}")
+    low, high = axis.travel
+    slack = TOLERANCE * max(1.0, abs(low), abs(high)) * 1e-3
+    worst = int(np.argmax(np.maximum(low - values, values - high)))
+    if values[worst] < low - slack or values[worst] > high + slack:
+        problem = (
+            f"run {run.id}: axis {axis.name} would go to {values[worst]:.6g} {axis.unit} at {run.time[worst]:.4g} s"
+        )
+        raise InputError(f"{problem}, its travel is {low:g}…{high:g}", remedy=f"change {place}")
+
+
+def _check_rates(machine: Machine, run: Run, feed: float | None, unit: str) -> None:
+    steps = np.diff(run.time)
+    factor, culprit = 1.0, ""
+    for name, axis in machine.axes.items():
+        speed = np.abs(np.diff(run.commands[name]) / steps).max(initial=0.0) * 60.0
+        pace = np.diff(run.commands[name]) / steps
+        push = np.abs(np.diff(pace) / steps[1:]).max(initial=0.0)
+        if axis.max_feed is not None and speed * factor > axis.max_feed * (1.0 + TOLERANCE):
+            factor = axis.max_feed / speed
+            culprit = f"axis {name} would move at {speed:.5g} {axis.unit}/min, its limit is {axis.max_feed:g}"
+        if axis.max_acceleration is not None and push * factor**2 > axis.max_acceleration * (1.0 + TOLERANCE):
+            factor = float(np.sqrt(axis.max_acceleration / push))
+            limit = f"its limit is {axis.max_acceleration:g}"
+            culprit = f"axis {name} would accelerate at {push:.5g} {axis.unit}/s², {limit}"
+    if culprit:
+        most = f"lower the feed to at most {_below(feed * factor):g} {unit}" if feed is not None else "go slower"
+        raise InputError(f"run {run.id}: {culprit}", remedy=most)
+
+
+def _check_moves(machine: Machine, run: Run) -> None:
+    given = np.diff(run.time)
+    for name, axis in machine.axes.items():
+        way = np.abs(np.diff(run.commands[name]))
+        needed = _move_time(way, axis)
+        late = int(np.argmax(needed - given))
+        if needed[late] > given[late] * (1.0 + TOLERANCE):
+            problem = f"run {run.id}: axis {name} needs {needed[late]:.3g} s for {way[late]:.4g} {axis.unit}"
+            remedy = f"give at least {np.ceil(needed[late] * 10.0) / 10.0:g} seconds_per_pose"
+            raise InputError(f"{problem}, the plan gives {given[late]:.3g} s", remedy=remedy)
+
+
+def _move_time(way: Array, axis: Axis) -> Array:
+    """Time of a move from rest to rest with the axis' greatest feed and acceleration, s."""
+    speed = np.inf if axis.max_feed is None else axis.max_feed / 60.0
+    push = np.inf if axis.max_acceleration is None else axis.max_acceleration
+    triangle = 2.0 * np.sqrt(way / push)
+    trapezium = way / speed + speed / push if np.isfinite(speed) else triangle
+    reaches = way * push > speed**2 if np.isfinite(push) else np.full(way.shape, True)
+    return np.where(reaches, trapezium, triangle) if np.isfinite(speed) else triangle
+
+
+def _below(value: float) -> float:
+    """Three digits, rounded down."""
+    scale = 10.0 ** (np.floor(np.log10(value)) - 2.0)
+    return float(np.floor(value / scale) * scale)

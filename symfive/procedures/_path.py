@@ -1,0 +1,49 @@
+"""Time along a path: from rest to a constant speed and to rest again, without a jump in acceleration."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.errors import InputError
+
+__all__ = ["DIRECTIONS", "along", "senses"]
+
+Array = NDArray[np.float64]
+DWELL_S = 0.3
+"""Rest at the end of a recording, in which the drives come to their command."""
+
+DIRECTIONS = {"ccw": 1, "cw": -1}
+MAX_ROWS = 2_000_000
+
+
+def senses(direction: str) -> tuple[str, ...]:
+    """`ccw`, `cw` or both of them."""
+    if direction != "both" and direction not in DIRECTIONS:
+        raise InputError(f'direction "{direction}" is unknown', remedy='use "ccw", "cw" or "both"')
+    return tuple(DIRECTIONS) if direction == "both" else (direction,)
+
+
+def along(length: float, speed: float, run_up: float, rate_hz: float) -> tuple[Array, Array]:
+    """Times (N,) s at `rate_hz` and the way (N,) from 0 to `length` at `speed` (its unit per s).
+
+    Within `run_up` at either end the speed rises or falls as 3x² - 2x³, so that speed and acceleration scale
+    with the feed and its square and neither jumps.
+    """
+    for name, value in (("path", length), ("feed", speed), ("run-up", run_up), ("sample rate", rate_hz)):
+        if not 0.0 < value < np.inf:
+            raise InputError(f"the {name} is not positive and finite", remedy=f"give a {name} above 0")
+    run_up = min(run_up, length / 2.0)
+    ramp = 2.0 * run_up / speed
+    end = 2.0 * ramp + (length - 2.0 * run_up) / speed
+    if (end + DWELL_S) * rate_hz > MAX_ROWS:
+        problem = f"the recording would have {(end + DWELL_S) * rate_hz:.3g} rows"
+        raise InputError(problem, remedy="lower the sample rate or raise the feed")
+    time = np.arange(int(np.ceil((end + DWELL_S) * rate_hz - 1e-9)) + 1) / rate_hz
+
+    def from_rest(t: Array) -> Array:
+        x = np.clip(t / ramp, 0.0, 1.0)
+        return speed * ramp * (x**3 - x**4 / 2.0) + speed * np.maximum(t - ramp, 0.0)
+
+    way = np.where(time < end / 2.0, from_rest(time), length - from_rest(np.maximum(end - time, 0.0)))
+    return time, way

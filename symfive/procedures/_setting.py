@@ -1,0 +1,123 @@
+"""What a test uses where its caller does not say: balls, bars, angles from the machine's workspace and
+travels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.errors import InputError
+from symfive.machine import Axis, Machine
+
+__all__ = [
+    "BALL_SETUP", "Vector", "bar_length", "campaign_of", "heights", "one_after_another", "rotary_axes", "serpentine",
+    "tool_ball_of", "turning_axis", "whole_turn",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+BALL_SETUP = SetupSigma()
+"""Set-up of balls by hand: 20 µm each, 0.5 µm of bar length."""
+
+PAUSE_S = 120.0
+
+
+def tool_ball_of(machine: Machine, wanted: Sequence[float] | None) -> Vector:
+    """The tool ball, mm in the tool frame: the wanted one or (0, 0, -L), L the middle of the workspace's
+    lengths."""
+    if wanted is not None:
+        return vector(wanted)
+    shortest, longest = machine.workspace.tool_length or (150.0, 150.0)
+    return (0.0, 0.0, -(shortest + longest) / 2.0)
+
+
+def vector(values: Sequence[float] | Array) -> Vector:
+    """Three floats. Raises `InputError`."""
+    array = np.asarray(values, dtype=float)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InputError(f"{list(values)} is not a point", remedy="write three finite numbers (x, y, z) in mm")
+    return (float(array[0]), float(array[1]), float(array[2]))
+
+
+def heights(machine: Machine) -> tuple[float, float]:
+    """Lowest and highest table ball, mm."""
+    return machine.workspace.ball_height or (50.0, 150.0)
+
+
+def bar_length(machine: Machine, wanted: float | None, near: float = 100.0) -> float:
+    """The wanted length or the bar of the workspace nearest to `near`, mm."""
+    if wanted is not None:
+        return float(wanted)
+    return min(machine.workspace.bar_lengths, key=lambda length: abs(length - near), default=near)
+
+
+def rotary_axes(machine: Machine) -> tuple[str, ...]:
+    """Rotary axes, those that cannot turn once around first."""
+    names = [name for name in machine.axis_names if machine.axes[name].rotary]
+    return tuple(sorted(names, key=lambda name: whole_turn(machine.axes[name])))
+
+
+def whole_turn(axis: Axis) -> bool:
+    """Whether a rotary axis can turn once around."""
+    return axis.travel[1] - axis.travel[0] >= 360.0
+
+
+def turning_axis(machine: Machine, wanted: str | None) -> str:
+    """The wanted rotary axis, or the one that turns the workpiece, or else any that turns."""
+    names = rotary_axes(machine)
+    if wanted is not None and wanted not in names:
+        raise InputError(f"the machine has no rotary axis {wanted}", remedy=f"use one of {', '.join(names) or 'none'}")
+    if not names:
+        raise InputError("the machine has no rotary axis", remedy="choose another procedure")
+    on_table = [name for name in names if name in machine.structure.workpiece]
+    return wanted or (on_table or list(names))[-1]
+
+
+def angles(axis: Axis, step: float) -> tuple[float, ...]:
+    """Angles of a rotary axis, degree: once around, or within ±90° (or half a turn to one side) of its
+    travel."""
+    low, high = axis.travel
+    inside = step * np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1.0)
+    if whole_turn(axis):
+        start = 0.0 if low <= 0.0 <= high - 360.0 + step else inside[0]
+        return tuple(float(v) for v in inside[(inside >= start) & (inside < start + 360.0 - 1e-9)])
+    near = inside[np.abs(inside) <= 90.0]
+    one_sided = near.size < 2 or near[0] > -step or near[-1] < step
+    return tuple(float(v) for v in (inside[np.abs(inside) <= 180.0] if one_sided else near))
+
+
+def serpentine(grid: Mapping[str, Sequence[float]], *, returning: bool = False) -> dict[str, Array]:
+    """All poses of a grid: the last axis moves fastest, to and fro; `returning` appends all of them
+    backwards.
+
+    Each axis then approaches most poses from either side, which is what tells its backlash. Raises
+    `InputError`.
+    """
+    for name, values in grid.items():
+        if len(values) == 0 or not np.isfinite(np.asarray(values, dtype=float)).all():
+            raise InputError(f"the grid of axis {name} has no poses", remedy="give at least one finite position")
+    rows: list[tuple[float, ...]] = [()]
+    for values in grid.values():
+        turns = [tuple(values), tuple(reversed(list(values)))]
+        rows = [(*row, float(v)) for i, row in enumerate(rows) for v in turns[i % 2]]
+    if returning:
+        rows = rows + rows[::-1]
+    return {name: np.array([row[i] for row in rows]) for i, name in enumerate(grid)}
+
+
+def one_after_another(runs: Sequence[Run], *, pause_s: float = PAUSE_S) -> tuple[Run, ...]:
+    """The runs with `start_s` such that each begins `pause_s` after the end of the one before."""
+    laid, clock = [], 0.0
+    for run in runs:
+        laid.append(replace(run, start_s=clock))
+        clock += run.duration + pause_s
+    return tuple(laid)
+
+
+def campaign_of(machine: Machine, runs: Sequence[Run], name: str = "plan", *, pause_s: float = PAUSE_S) -> Campaign:
+    """A plan: the runs one after another on the campaign's clock."""
+    return Campaign(machine=machine, runs=one_after_another(runs, pause_s=pause_s), name=name)

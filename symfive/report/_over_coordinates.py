@@ -1,0 +1,118 @@
+"""Residuals over the coordinates of the axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from symfive.campaign import Run
+from symfive.errors import InputError
+from symfive.identify import Identification
+from symfive.machine import Axis
+from symfive.report._style import BLUE, INK, ORANGE, blank, footnote, robust_limit, styled, unit_words
+from symfive.report._traces import Array, Trace, direction_of, moving_axes, spread, traces_of
+
+__all__ = ["residuals_over_coordinates"]
+
+MOST_POINTS = 6000
+MOST_ROWS = 8
+BINS = 48
+LEAST_ROWS = 4
+SENSES = ((1, BLUE, "moving up"), (-1, ORANGE, "moving down"))
+
+
+@styled
+def residuals_over_coordinates(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
+    """Every reading's residual against the coordinate of every axis that moves, all runs together.
+
+    Colours tell in which direction the axis moved (in a static run: from which side it came), so that play and
+    hysteresis show as two lines and geometry as one; the lines are means over short pieces of travel. A turning axis
+    that makes more than one turn is folded into one. Raises `InputError` where no axis moves.
+    """
+    traces = traces_of(identification, runs)
+    machine = identification.model.machine
+    moved = moving_axes([trace.run for trace in traces], machine)
+    if not moved:
+        raise InputError("no axis moves in these runs", remedy="choose runs in which one does")
+    kinds = list(dict.fromkeys((trace.label, trace.unit) for trace in traces))
+    rows = kinds[:MOST_ROWS]
+    figure = blank(max(6.0, min(2.9 * len(moved) + 0.6, 13.0)), 2.1 * len(rows) + 1.0)
+    grid = figure.subplots(len(rows), len(moved), squeeze=False, sharey="row", sharex="col")
+    thinned = 1
+    for i, (label, unit) in enumerate(rows):
+        mine = [trace for trace in traces if (trace.label, trace.unit) == (label, unit)]
+        limit = robust_limit(np.concatenate([t.kept for t in mine]), 4.0 * max(t.noise.declared for t in mine))
+        for j, name in enumerate(moved):
+            thinned = max(thinned, _draw(grid[i, j], machine.axes[name], mine))
+        grid[i, 0].set_ylim(-limit, limit)
+        grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
+    for j, name in enumerate(moved):
+        axis = machine.axes[name]
+        folded = " in one turn" if _folded(axis, [t.run for t in traces]) else ""
+        grid[-1, j].set_xlabel(f"{name}{folded} / {unit_words(axis.unit)}")
+    figure.suptitle("Residuals over the axes", x=0.01, ha="left")
+    handles = [Line2D([], [], color=colour, label=f"axis {words}") for _, colour, words in SENSES]
+    figure.legend(handles=handles, loc="outside upper right", ncols=2)
+    footnote(
+        figure,
+        f"Dots: one row in {thinned}; the lines are means over all rows." if thinned > 1 else "",
+        f"Drawn: {MOST_ROWS} of {len(kinds)} reading columns." if len(kinds) > MOST_ROWS else "",
+    )
+    return figure
+
+
+def _folded(axis: Axis, runs: Sequence[Run]) -> bool:
+    return axis.rotary and any(np.ptp(run.commands[axis.name]) > 360.0 + 1e-6 for run in runs)
+
+
+def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace]) -> int:
+    runs = [trace.run for trace in traces]
+    fold = _folded(axis, runs)
+    parts = [trace for trace in traces if np.ptp(trace.run.commands[axis.name]) > 1e-9]
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    if not parts:
+        axes.text(0.5, 0.5, "at rest", transform=axes.transAxes, ha="center", va="center")
+        return 1
+    place = np.concatenate([trace.run.commands[axis.name] for trace in parts])
+    place = np.mod(place, 360.0) if fold else place
+    sense = np.concatenate([direction_of(trace.run.commands[axis.name]) for trace in parts])
+    value = np.concatenate([trace.kept for trace in parts])
+    index, step = spread(len(place), MOST_POINTS)
+    few = len(index) < 1500
+    for which, colour, _ in SENSES:
+        dots = index[sense[index] == which]
+        style = {"linestyle": "none", "marker": "o", "markersize": 2.4 if few else 1.2, "markeredgewidth": 0.0}
+        axes.plot(place[dots], value[dots], color=colour, alpha=0.6 if few else 0.3, rasterized=len(index) > 400, **style)  # type: ignore[arg-type]
+        means = _means(place[sense == which], value[sense == which])
+        axes.plot(*means, color=colour, linewidth=1.5, marker="o" if few else "", markersize=3.5)
+    return step
+
+
+def _means(place: Array, value: Array) -> tuple[Array, Array]:
+    """Mean value at each coordinate where many rows stand at few of them, else over pieces of the travel."""
+    known = np.isfinite(value)
+    place, value = place[known], value[known]
+    if not place.size:
+        return place, value
+    points, group = np.unique(np.round(place, 4), return_inverse=True)
+    least = 1
+    if len(points) > BINS or len(place) < LEAST_ROWS * len(points):
+        bins = int(np.clip(len(place) // (3 * LEAST_ROWS), 4, BINS))
+        edges = np.linspace(place.min(), place.max(), bins + 1)
+        group = np.clip(np.digitize(place, edges) - 1, 0, bins - 1)
+        least = max(2, len(place) // (20 * bins))
+    count = np.bincount(group)
+    filled = count >= least
+    count = np.maximum(count, 1)
+    means = [(np.bincount(group, weights=v) / count)[filled] for v in (place, value)]
+    return _broken(means[0], means[1])
+
+
+def _broken(place: Array, value: Array) -> tuple[Array, Array]:
+    """The same points with a gap in the line where a large part of the travel was not visited."""
+    wide = np.flatnonzero(np.diff(place) > 0.2 * max(float(np.ptp(place)), 1e-9)) + 1
+    return np.insert(place, wide, np.nan), np.insert(value, wide, np.nan)

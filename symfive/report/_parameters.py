@@ -1,0 +1,87 @@
+"""Identified parameters against what was known before."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from symfive.errors import InputError
+from symfive.identify import Identification
+from symfive.parameters import Parameter
+from symfive.report._style import BLUE, FAINT, INK, ORANGE, blank, footnote, short, styled, unit_words
+
+__all__ = ["LEARNT", "parameters_chart"]
+
+LEARNT = 2.0**-0.5
+"""A parameter counts as learnt from the data where its 1σ fell below this share of its prior 1σ."""
+MOST_ROWS = 90
+
+
+@styled
+def parameters_chart(identification: Identification, *, setup: bool = False) -> Figure:
+    """Every parameter of the machine and the effects: value with its 95 % interval, on a bar of the prior's ±1σ.
+
+    One panel a unit. Hollow: the data say no more than the prior did. `setup=True` draws the runs' set-up instead.
+    Raises `InputError` where there is nothing to draw.
+    """
+    units: dict[str, list[Parameter]] = {}
+    for parameter in identification.parameters:
+        if (parameter.run is not None) == setup:
+            units.setdefault(parameter.unit, []).append(parameter)
+    if not units:
+        what = "set-up parameter" if setup else "parameter of the machine"
+        raise InputError(f"the model has no {what}", remedy="see result.parameters")
+    count = sum(map(len, units.values()))
+    shown = {unit: parameters[:MOST_ROWS] for unit, parameters in units.items()}
+    longest = max(len(parameters) for parameters in shown.values())
+    columns = min(len(shown), 3)
+    rows = -(-len(shown) // columns)
+    figure = blank(4.8 * columns if columns > 1 else 6.8, (0.23 * longest + 0.9) * rows + 0.9)
+    grid = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for axes, (unit, parameters) in zip(grid, shown.items(), strict=False):
+        _draw(axes, identification, parameters, unit)
+    for axes in grid[len(shown) :]:
+        axes.set_visible(False)
+    figure.suptitle(f"{'Set-up' if setup else 'Identified'} parameters", x=0.01, ha="left")
+    _legend(figure)
+    drawn = sum(map(len, shown.values()))
+    footnote(figure, f"Drawn: {drawn} of {count} parameters; the table has all." if drawn < count else "")
+    return figure
+
+
+def _draw(axes: Axes, identification: Identification, parameters: list[Parameter], unit: str) -> None:
+    reach = []
+    for row, p in enumerate(parameters):
+        value, (low, high) = identification[p.name], identification.interval(p.name)
+        std = identification.uncertainty(p.name)
+        axes.barh(row, 2.0 * p.sigma, left=p.mean - p.sigma, height=0.62, color=FAINT, alpha=0.22, linewidth=0)
+        colour = BLUE if std < LEARNT * p.sigma else ORANGE
+        axes.plot([low, high], [row, row], color=colour, linewidth=2.0, solid_capstyle="butt")
+        face = colour if colour == BLUE else "none"
+        axes.plot([value], [row], "o", color=colour, markerfacecolor=face, markersize=4.5)
+        decimals = _decimals(std)
+        said = f"{value:.{decimals}f} ± {std:.{decimals}f}".replace("-", "−")
+        axes.text(1.02, row, said, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
+        reach += [low, high] + ([p.mean - p.sigma, p.mean + p.sigma] if p.sigma < 50.0 * max(abs(value), std) else [])
+    axes.set_yticks(range(len(parameters)), [short(p.name.removeprefix("setup.")) for p in parameters])
+    axes.set_ylim(len(parameters) - 0.4, -0.6)
+    axes.set_xlabel(unit_words(unit))
+    axes.axvline(0.0, color=INK, linewidth=0.6)
+    axes.grid(visible=False, axis="y")
+    margin = 0.04 * max(float(np.ptp(reach)), 1e-9)
+    axes.set_xlim(min(min(reach), 0.0) - margin, max(max(reach), 0.0) + margin)
+
+
+def _decimals(std: float) -> int:
+    return int(np.clip(1 - np.floor(np.log10(std)), 0, 6)) if std > 0.0 else 3
+
+
+def _legend(figure: Figure) -> None:
+    learnt = Line2D([], [], color=BLUE, marker="o", markersize=4.5, linewidth=2.0, label="value, 95 % interval")
+    unlearnt = Line2D([], [], color=ORANGE, marker="o", markerfacecolor="none", markersize=4.5, linewidth=2.0,
+                      label="no better known than before")  # fmt: skip
+    figure.legend(handles=[learnt, unlearnt, Patch(color=FAINT, alpha=0.3, label="prior ±1σ")], ncols=3,
+                  loc="outside upper right")  # fmt: skip

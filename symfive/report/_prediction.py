@@ -1,0 +1,79 @@
+"""Predicted against measured readings of a run that the fit has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from symfive.errors import InputError
+from symfive.report._style import FAINT, INK, SERIES, blank, footnote, plain_number, styled, unit_words
+from symfive.report._traces import spread
+
+__all__ = ["prediction_chart"]
+
+MOST_POINTS = 12_000
+MOST_COLUMNS = 6
+
+
+@styled
+def prediction_chart(
+    measured: ArrayLike,
+    predicted: ArrayLike,
+    *,
+    at: ArrayLike | None = None,
+    along: str = "row",
+    names: Sequence[str] = (),
+    unit: str = "um",
+    noise: float | None = None,
+    title: str = "held-out run",
+) -> Figure:
+    """Measured and predicted readings above each other, their difference below, with its root mean square.
+
+    `measured`, `predicted` (N,) or (N, ny) in `unit`; `at` (N,) the abscissa, named by `along` ("time / s"); `names`
+    of the columns; `noise` the declared 1σ, drawn as a ±2σ band. Raises `InputError` where the shapes differ.
+    """
+    read, model = (_table(values) for values in (measured, predicted))
+    if read.shape != model.shape or not read.size:
+        problem = f"measured readings {read.shape} and predicted ones {model.shape} do not match"
+        raise InputError(problem, remedy="give both the same rows and columns, at least one")
+    place = np.arange(len(read), dtype=float) if at is None else np.asarray(at, dtype=float)
+    if place.shape != (len(read),):
+        raise InputError(f"at has the shape {place.shape}", remedy=f"give {len(read)} numbers, one a row")
+    columns = min(read.shape[1], MOST_COLUMNS)
+    figure = blank(max(6.0, 3.0 * columns), 4.6)
+    grid = figure.subplots(2, columns, squeeze=False, sharex=True, height_ratios=[3, 2])
+    index, step = spread(len(read), MOST_POINTS)
+    for j in range(columns):
+        upper, lower = grid[:, j]
+        name = names[j] if j < len(names) else f"column {j + 1}" if read.shape[1] > 1 else "reading"
+        colour, difference = SERIES[j % len(SERIES)], read[:, j] - model[:, j]
+        upper.plot(place[index], read[index, j], color=colour, linewidth=2.4, alpha=0.45, label="measured")
+        upper.plot(place[index], model[index, j], color=INK, linewidth=0.9, label="predicted")
+        upper.set_ylabel(f"{name} / {unit_words(unit)}")
+        upper.legend(loc="best")
+        if noise is not None:
+            lower.axhspan(-2.0 * noise, 2.0 * noise, color=FAINT, alpha=0.16, linewidth=0)
+        lower.axhline(0.0, color=INK, linewidth=0.6)
+        lower.plot(place[index], difference[index], color=colour, linewidth=0.7, rasterized=len(index) > 2000)
+        rms = plain_number(float(np.sqrt(np.nanmean(difference**2))))
+        against = f", declared noise {plain_number(noise)}" if noise is not None else ""
+        lower.set_title(f"measured − predicted: RMS {rms}{against} {unit_words(unit)}")
+        lower.set_ylabel(unit_words(unit))
+        lower.set_xlabel(along)
+        lower.margins(x=0.01)
+    figure.suptitle(f"Prediction check: {title}", x=0.01, ha="left")
+    footnote(
+        figure,
+        f"Drawn: every {step}th row; the numbers are of all rows." if step > 1 else "",
+        f"Drawn: {columns} of {read.shape[1]} columns." if columns < read.shape[1] else "",
+        "Grey: ±2σ of the declared noise." if noise is not None else "",
+    )
+    return figure
+
+
+def _table(values: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=float)
+    return array[:, None] if array.ndim == 1 else array.reshape(len(array), -1) if array.ndim else array.reshape(1, 1)

@@ -1,0 +1,176 @@
+"""Spectrum of the residuals: over frequency, and over order per turn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from symfive.errors import InputError
+from symfive.identify import Identification
+from symfive.machine import Machine
+from symfive.report._circles import CircleFinder
+from symfive.report._style import INK, SERIES, blank, footnote, plain_log, short, styled, unit_words
+from symfive.report._traces import Array, Trace, traces_of
+
+__all__ = ["residual_spectrum"]
+
+LEVEL = 0.01
+MOST_ORDERS = 32
+MOST_RUNS = 12
+LEAST_TURN = 0.9
+PER_DECADE = 40
+
+
+@styled
+def residual_spectrum(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
+    """Amplitudes that the fit left: over frequency for recordings, and over order per turn where something goes round.
+
+    Columns of one instrument are added in squares. The dashed line is what white noise of the declared size passes
+    somewhere in one of a hundred spectra: peaks above it are real. Frequency: Hann window, one-sided amplitude. Order:
+    least squares at whole orders of the circle's angle, or of the axis that turns by a whole turn. Raises `InputError`
+    where no run is long enough.
+    """
+    groups: dict[tuple[str, str], list[Trace]] = {}
+    for trace in traces_of(identification, runs):
+        groups.setdefault((trace.run.id, trace.unit), []).append(trace)
+    drawn = list(groups.items())[:MOST_RUNS]
+    unit = drawn[0][0][1]
+    drawn = [(key, traces) for key, traces in drawn if key[1] == unit]
+    finder = CircleFinder(identification.model.machine)
+    over_time = [(run, *_frequencies(traces)) for (run, _), traces in drawn if _recorded(traces)]
+    over_turn = [(run, *found) for (run, _), traces in drawn if (found := _orders(traces, finder)) is not None]
+    panels = int(bool(over_time)) + int(bool(over_turn))
+    if not panels:
+        raise InputError(
+            "no run is a recording or goes round", remedy="choose a run of at least 64 rows or of one turn"
+        )
+    figure = blank(4.9 * panels + 0.4, 3.8)
+    axes = list(figure.subplots(1, panels, squeeze=False)[0])
+    colours = {run: SERIES[i % len(SERIES)] for i, ((run, _), _) in enumerate(drawn)}
+    styles = {run: ("-", "--", ":")[i // len(SERIES) % 3] for i, ((run, _), _) in enumerate(drawn)}
+    if over_time:
+        _draw_frequencies(axes[0], over_time, colours, unit)
+    if over_turn:
+        _draw_orders(axes[-1], over_turn, colours, styles, unit)
+    figure.suptitle("Spectrum of the residuals", x=0.01, ha="left")
+    figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside right upper")
+    others = len(groups) - len(drawn)
+    footnote(figure, "Dashed: what declared white noise alone exceeds in one spectrum of a hundred. Over frequency: the highest line in "
+             "each fortieth of a decade.",
+             f"Not drawn: {others} further runs or units." if others else "")  # fmt: skip
+    return figure
+
+
+def _recorded(traces: list[Trace]) -> bool:
+    return traces[0].run.dynamic and traces[0].run.rows >= 64
+
+
+def _frequencies(traces: list[Trace]) -> tuple[Array, Array, float]:
+    """Frequencies 1/s, amplitudes, and the threshold for declared noise."""
+    run = traces[0].run
+    interval = float(np.median(np.diff(run.time)))
+    time = np.arange(run.time[0], run.time[-1] + 0.5 * interval, interval)
+    window = np.hanning(len(time))
+    square = np.zeros(len(time) // 2 + 1)
+    for trace in traces:
+        good = ~trace.outlier
+        even = np.interp(time, run.time[good], trace.residual[good])
+        square += np.abs(np.fft.rfft((even - even.mean()) * window)) ** 2 * 4.0 / window.sum() ** 2
+    mean_square = sum(4.0 * t.noise.declared**2 * np.sum(window**2) / window.sum() ** 2 for t in traces)
+    frequency = np.fft.rfftfreq(len(time), interval)
+    return frequency[2:], np.sqrt(square[2:]), float(np.sqrt(mean_square * np.log(len(square) / LEVEL)))
+
+
+def _peaks(frequency: Array, amplitude: Array) -> tuple[Array, Array]:
+    """The highest line in each fortieth of a decade."""
+    group = np.unique(np.floor(PER_DECADE * np.log10(frequency)), return_index=True)[1]
+    high = [first + int(np.argmax(part)) for first, part in zip(group, np.split(amplitude, group[1:]), strict=True)]
+    return frequency[high], amplitude[high]
+
+
+def _orders(traces: list[Trace], finder: CircleFinder) -> tuple[Array, Array, float, str] | None:
+    """Orders, amplitudes, threshold and what the order counts; None where nothing goes round."""
+    found = _angle(traces[0], finder)
+    if found is None:
+        return None
+    angle, over = found
+    turns = float(np.ptp(angle)) / (2.0 * np.pi)
+    per_turn = len(np.unique(np.round(np.mod(angle, 2.0 * np.pi), 6)))
+    most = int(min(MOST_ORDERS, (per_turn - 1) // 2, len(angle) // (4 * max(turns, 1.0)) + 1))
+    if most < 1:
+        return None
+    orders = np.arange(1, most + 1)
+    matrix = np.column_stack([np.ones_like(angle), *(f(k * angle) for k in orders for f in (np.cos, np.sin))])
+    square = np.zeros(most)
+    for trace in traces:
+        good = ~trace.outlier
+        x = np.linalg.lstsq(matrix[good].T @ matrix[good], matrix[good].T @ trace.residual[good], rcond=1e-9)[0]
+        square += x[1::2] ** 2 + x[2::2] ** 2
+    mean_square = sum(4.0 * t.noise.declared**2 / len(angle) for t in traces)
+    return orders.astype(float), np.sqrt(square), float(np.sqrt(mean_square * np.log(most / LEVEL))), over
+
+
+def _angle(trace: Trace, finder: CircleFinder) -> tuple[Array, str] | None:
+    circle = finder.find(trace.run)
+    if circle is not None and circle.turns >= LEAST_TURN:
+        return circle.angle, circle.over
+    return _whole_turn(trace, finder.machine)
+
+
+def _whole_turn(trace: Trace, machine: Machine) -> tuple[Array, str] | None:
+    """The coordinate of the rotary axis whose stations lie around a whole turn."""
+    for name, axis in machine.axes.items():
+        if axis.rotary:
+            angle = np.radians(trace.run.commands[name])
+            stations = np.unique(np.round(np.mod(angle, 2.0 * np.pi), 6))
+            gaps = np.diff(stations, append=stations[0] + 2.0 * np.pi)
+            if len(stations) >= 6 and gaps.max() < np.radians(75.0):
+                return angle, f"coordinate of {name}"
+    return None
+
+
+def _draw_frequencies(
+    axes: Axes, found: list[tuple[str, Array, Array, float]], colours: dict[str, str], unit: str
+) -> None:
+    for run, frequency, amplitude, _ in found:
+        axes.plot(*_peaks(frequency, amplitude), color=colours[run], linewidth=0.9, label=short(run))
+    level = max(threshold for *_, threshold in found)
+    axes.axhline(level, color=INK, linewidth=0.9, linestyle="--")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=level / 20.0)
+    plain_log(axes)
+    axes.set_xlabel("frequency / (1/s)")
+    axes.set_ylabel(f"amplitude / {unit_words(unit)}")
+    axes.set_title("over frequency")
+
+
+def _draw_orders(
+    axes: Axes,
+    found: list[tuple[str, Array, Array, float, str]],
+    colours: dict[str, str],
+    styles: dict[str, str],
+    unit: str,
+) -> None:
+    for run, orders, amplitude, _, _ in found:
+        axes.plot(
+            orders,
+            amplitude,
+            color=colours[run],
+            linestyle=styles[run],
+            linewidth=0.8,
+            marker="o",
+            markersize=3.0,
+            label=short(run),
+        )
+    axes.axhline(max(threshold for *_, threshold, _ in found), color=INK, linewidth=0.9, linestyle="--")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylim(bottom=0.0)
+    over = " or ".join(dict.fromkeys(words for *_, words in found))
+    axes.set_xlabel(f"order per turn ({over})")
+    axes.set_ylabel(f"amplitude / {unit_words(unit)}")
+    axes.set_title("over order")

@@ -1,0 +1,120 @@
+"""One look for all figures: colours that colour-blind readers can tell apart, units as engineers write them."""
+
+from __future__ import annotations
+
+import functools
+import io
+import re
+from collections.abc import Callable
+from typing import ParamSpec
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
+
+__all__ = [
+    "BLUE", "FAINT", "GREEN", "GRID", "INK", "ORANGE", "PAPER", "PURPLE", "SERIES", "blank", "footnote", "label_of",
+    "plain_log", "plain_number", "rendered", "robust_limit", "short", "styled", "unit_words",
+]  # fmt: skip
+
+BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
+SERIES = (BLUE, ORANGE, GREEN, PURPLE, "#e69f00", "#56b4e9")
+"""Okabe & Ito (2008), the yellow left out (too pale on paper)."""
+INK, FAINT, GRID, PAPER = "#1d2a36", "#6b7885", "#d9dfe5", "#fdfefe"
+"""Lines of the page itself; the report replaces them by the colours of the reader's light or dark theme."""
+
+_LOOK = {
+    "font.family": "sans-serif", "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0, "ytick.labelsize": 8.0, "legend.fontsize": 8.0, "figure.titlesize": 11.0,
+    "text.color": INK, "axes.labelcolor": INK, "axes.titlecolor": INK, "xtick.color": FAINT, "ytick.color": FAINT,
+    "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.edgecolor": FAINT, "axes.linewidth": 0.7,
+    "axes.facecolor": "none", "figure.facecolor": PAPER, "savefig.facecolor": PAPER, "legend.facecolor": PAPER,
+    "axes.grid": True, "axes.axisbelow": True, "grid.color": GRID, "grid.linewidth": 0.6, "axes.spines.top": False,
+    "axes.spines.right": False, "axes.titlelocation": "left", "legend.frameon": False, "lines.linewidth": 1.2,
+    "axes.formatter.useoffset": False, "text.parse_math": False, "svg.fonttype": "none", "svg.hashsalt": "symfive",
+    "path.simplify": True, "agg.path.chunksize": 10_000, "xtick.major.size": 3.0, "ytick.major.size": 3.0,
+}  # fmt: skip
+_RESOLUTION = {"svg": 110}
+
+P = ParamSpec("P")
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draw with this look whatever the caller's matplotlib settings are, and leave those as they were."""
+
+    @functools.wraps(draw)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with rc_context(_LOOK):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def blank(width: float, height: float, *, arranged: bool = True) -> Figure:
+    """An empty figure (inches) that belongs to no window and no global state; `arranged`: it places its axes itself."""
+    figure = Figure(figsize=(width, height), layout="constrained" if arranged else None)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def rendered(figure: Figure, format: str) -> bytes:
+    """The figure as a file's content; the same figure gives the same bytes."""
+    stream = io.BytesIO()
+    with rc_context(_LOOK):
+        metadata = {"Date": None} if format == "svg" else {"CreationDate": None} if format == "pdf" else {}
+        figure.savefig(stream, format=format, dpi=_RESOLUTION.get(format, 150), metadata=metadata)
+    return stream.getvalue()
+
+
+def unit_words(unit: str) -> str:
+    """A unit of the files as one writes it: `um` µm, `urad/deg` µrad/°, `um/(m/s^2)` µm/(m/s²)."""
+    unit = re.sub(r"\bum\b", "µm", unit)
+    unit = re.sub(r"\burad\b", "µrad", unit)
+    return re.sub(r"\bdeg\b", "°", unit).replace("^2", "²").replace("*", "·")
+
+
+def label_of(column: str) -> str:
+    """A reading column without its unit: `dL_um` dL, `X_act_mm` X_act."""
+    return column.rsplit("_", 1)[0]
+
+
+def short(text: str, most: int = 36) -> str:
+    """The text, its middle left out where it is longer than `most` characters."""
+    return text if len(text) <= most else f"{text[: most // 2 - 1]}…{text[-(most - most // 2) :]}"
+
+
+def plain_number(value: float) -> str:
+    """Three significant digits at most, without an exponent where it can be avoided."""
+    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
+        digits = 0 if value == 0.0 else max(0, 2 - int(np.floor(np.log10(abs(value)))))
+        text = f"{value:.{digits}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+    else:
+        text = f"{value:.2e}"
+    return text.replace("-", "−")
+
+
+def plain_log(axes: Axes, which: str = "both") -> None:
+    """Logarithmic axes whose ticks read 0.01, 0.1, 1, 10."""
+    for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y")):
+        if which in ("both", name):
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def footnote(figure: Figure, *sentences: str) -> None:
+    """Small print under a figure: what was left out of the drawing and why."""
+    said = [sentence for sentence in sentences if sentence]
+    if said:
+        figure.supxlabel("\n".join(said), x=0.01, ha="left", fontsize=7.5, color=FAINT)
+
+
+def robust_limit(values: NDArray[np.float64], least: float, quantile: float = 0.999) -> float:
+    """Half height of an axis about zero that shows all but the wildest values and at least ±`least`."""
+    finite = np.abs(values[np.isfinite(values)])
+    reach = float(np.quantile(finite, quantile)) if finite.size else 0.0
+    return max(1.15 * reach, least, 1e-12)

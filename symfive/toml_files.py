@@ -1,0 +1,184 @@
+"""TOML files with the place of every key, written with their comments and layout kept."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from symfive.errors import InputError
+from symfive.files import read_text
+
+__all__ = ["TomlFile", "edited_toml", "parse_toml", "read_toml", "toml_text"]
+
+MAX_TOML_BYTES = 20_000_000
+
+
+@dataclass(frozen=True)
+class TomlFile:
+    """A parsed TOML file: `data` as plain Python, `comments` as written, and where each key stands."""
+
+    path: Path
+    text: str
+    data: Mapping[str, Any]
+    comments: tuple[str, ...]
+
+    def line(self, *keys: str | int) -> int | None:
+        """The line (from 1) of the deepest of `keys` that can be found: table names, then the key.
+
+        An integer counts the blocks of an array of tables (`[[run]]`). Line 1 where nothing is found.
+        """
+        wanted = [key for key in keys if isinstance(key, str)]
+        block = next((key for key in keys if isinstance(key, int)), None)
+        header: list[str] = []
+        number_of_block = -1
+        best, depth = 1, 0
+        for number, raw in enumerate(self.text.split("\n"), start=1):
+            line = raw.strip()
+            key = []
+            if line.startswith("["):
+                header = [part.strip(" \"'") for part in line.split("#")[0].strip("[] ").split(".")]
+                number_of_block += line.startswith("[[") and header == wanted[:1]
+            elif "=" in line and not line.startswith("#"):
+                key = [part.strip(" \"'") for part in line.split("=")[0].split(".")]
+            here = header + key
+            inside = block is None or (number_of_block == block and here[:1] == wanted[:1])
+            if inside and len(here) > depth and here == wanted[: len(here)]:
+                best, depth = number, len(here)
+        return best if self.text else None
+
+    def error(self, problem: str, *keys: str | int, remedy: str) -> InputError:
+        """An `InputError` at the place of `keys`."""
+        return InputError(problem, remedy=remedy, path=self.path, line=self.line(*keys))
+
+
+def read_toml(path: Path) -> TomlFile:
+    """Read a TOML file. Raises `InputError` with line and column where it is not TOML, or holds NaN or
+    infinity."""
+    return parse_toml(path, read_text(path, at_most=MAX_TOML_BYTES))
+
+
+def parse_toml(path: Path, text: str) -> TomlFile:
+    """The same of a text; `path` is only named in errors."""
+    if not text.strip():
+        raise InputError("the file is empty", path=path, line=1, remedy="check that it is the right file")
+    try:
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        line, column = _place_in_message(str(error), text)
+        problem = f"not valid TOML: {str(error).split(' (at ')[0]}"
+        raise InputError(problem, path=path, line=line, column=column, remedy="correct the syntax there") from None
+    file = TomlFile(path, text, data, tuple(_comments(text)))
+    for keys, value in _leaves(data):
+        if isinstance(value, float) and not math.isfinite(value):
+            raise file.error(f"{keys[-1]} = {value} is not a finite number", *keys, remedy="write a number")
+    return file
+
+
+def _leaves(value: Any, keys: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield from _leaves(entry, (*keys, key))
+    elif isinstance(value, list):
+        for number, entry in enumerate(value):
+            yield from _leaves(entry, (*keys, number) if isinstance(entry, Mapping) else keys)
+    else:
+        yield keys, value
+
+
+def _place_in_message(message: str, text: str) -> tuple[int | None, int | None]:
+    words = message.replace(",", " ").replace(")", " ").split()
+    if "line" in words and "column" in words:
+        return int(words[words.index("line") + 1]), int(words[words.index("column") + 1])
+    return (text.count("\n") + 1 if "end of document" in message else 1), None
+
+
+def _comments(text: str) -> Iterator[str]:
+    """Comments of a valid TOML text (a `#` outside strings)."""
+    in_multi: str | None = None
+    for line in text.split("\n"):
+        i, quote = 0, None
+        while i < len(line):
+            here = line[i : i + 3]
+            if in_multi:
+                if here == in_multi:
+                    in_multi, i = None, i + 2
+            elif quote:
+                if line[i] == "\\" and quote == '"':
+                    i += 1
+                elif line[i] == quote:
+                    quote = None
+            elif here in ('"""', "'''"):
+                in_multi, i = here, i + 2
+            elif line[i] in "\"'":
+                quote = line[i]
+            elif line[i] == "#":
+                yield line[i + 1 :].strip()
+                break
+            i += 1
+
+
+def toml_text(data: Mapping[str, Any], comments: Sequence[str] = (), *, sections: Sequence[str] = ()) -> str:
+    """TOML text of nested mappings.
+
+    Entries of the top-level tables named in `sections` become tables of their own (`[axes.X]`); every other
+    mapping below the first level is written inline.
+    """
+    document = tomlkit.document()
+    for comment in comments:
+        document.add(tomlkit.comment(comment))
+    for key, value in data.items():
+        document.add(key, _toml_item(value, 0 if key in sections else 1))
+    return tomlkit.dumps(document)
+
+
+def _toml_item(value: Any, level: int) -> Any:
+    """`level` 0 a table of tables, 1 a table, 2 all inline."""
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table() if level > 1 else tomlkit.table(is_super_table=level == 0 and bool(value))
+        for key, entry in value.items():
+            table.add(key, _toml_item(entry, level + 1))
+        return table
+    if isinstance(value, (list, tuple)):
+        if value and all(isinstance(v, Mapping) for v in value) and level == 1:
+            tables = tomlkit.aot()
+            for entry in value:
+                tables.append(_toml_item(entry, 1))
+            return tables
+        array = tomlkit.array()
+        for entry in value:
+            array.append(_toml_item(entry, 2))
+        return array
+    return tomlkit.item(value.item() if hasattr(value, "item") else value)  # numpy's numbers as Python's
+
+
+def edited_toml(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
+    """The TOML `text` with what differs between `old` and `new` changed, its comments and layout kept.
+
+    None where that cannot be done, as when the order of tables has to change.
+    """
+    try:
+        document = tomlkit.parse(text)
+        _edit(document, old, new, level=1)
+        return tomlkit.dumps(document)
+    except (TOMLKitError, LookupError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def _edit(table: Any, old: Mapping[str, Any], new: Mapping[str, Any], level: int) -> None:
+    for key in old:
+        if key not in new:
+            del table[key]
+    for key, value in new.items():
+        if key in old and old[key] == value:
+            continue
+        if isinstance(value, Mapping) and isinstance(old.get(key), Mapping) and key in table:
+            _edit(table[key], old[key], value, level + 1)
+        else:
+            table[key] = _toml_item(value, level)

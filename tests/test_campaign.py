@@ -1,0 +1,305 @@
+"""Campaigns: read, written, joined without loss; every wrong row named by file, line, column and remedy."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign
+from symfive.errors import InputError
+from symfive.machine import preset
+from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid
+
+SHARED = Path(__file__).parent / "data" / "campaigns"
+FOLDERS = sorted(path.parent for path in SHARED.glob("*/*/campaign.toml"))
+
+MACHINE = """schema = "symfive.machine/1"
+structure = "w C' b X t"
+[axes.X]
+travel = [-100.0, 100.0]
+[axes.C]
+"""
+CAMPAIGN = """# the first comment
+schema = "symfive.campaign/1"
+machine = "machine.toml"
+operator = "me"            # unknown, kept
+
+[[run]]
+id = "one"
+file = "sub/one.csv"       # in a folder
+instrument = "ball_bar"
+sampling = "static"
+table_ball = [50.0, 0.0, 100.0]
+tool_ball = [0.0, 0.0, -120.0]
+length = 100.0
+noise_um = 0.25
+setup_sigma_um = { table_ball = 15.0, tool_ball = 10.0, length = 0.4, by = "hand" }
+temperature = 20.5
+[[run]]
+id = "two"
+instrument = ["r_test", "encoder"]
+encoder_axes = ["X"]
+sampling = "dynamic"
+start_s = 100.0
+noise_um = { r_test = 0.4, encoder = 0.1 }
+"""
+ONE = "t_s,C_deg,X_mm,dL_um\n0.0,0.0,1.5,-3.25\n6.0,10.0,2.5,1e-3\n"
+TWO = "t_s,C_deg,X_mm,dx_um,dy_um,dz_um,X_act_mm\n0.0,0.0,1.5,1,2,3,1.5\n0.01,0.5,1.6,1,2,3,1.6\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    path = tmp_path / "c"
+    (path / "sub").mkdir(parents=True)
+    (path / "machine.toml").write_text(MACHINE)
+    (path / "campaign.toml").write_text(CAMPAIGN)
+    (path / "sub" / "one.csv").write_text(ONE)
+    (path / "two.csv").write_text(TWO)
+    return path
+
+
+def assert_same(a: Campaign, b: Campaign) -> None:
+    assert a.machine == b.machine
+    assert a.extra == b.extra
+    for x, y in zip(a.runs, b.runs, strict=True):
+        plain = ["id", "file", "instrument", "sampling", "table_ball", "tool_ball", "length", "u", "v", "start_s"]
+        for name in [*plain, "noise_um", "setup_sigma_um", "options"]:
+            assert getattr(x, name) == getattr(y, name), name
+        assert np.array_equal(x.time, y.time)
+        for left, right in ((x.commands, y.commands), (x.readings, y.readings)):
+            assert list(left) == list(right)
+            assert all(np.array_equal(left[k], right[k]) for k in left)
+
+
+def test_everything_is_read(folder):
+    campaign = read_campaign(folder)
+    one, two = campaign.runs
+    assert one.options == {"temperature": 20.5} and one.setup_sigma_um.extra == {"by": "hand"}
+    assert one.readings["dL_um"].tolist() == [-3.25, 1e-3]
+    assert two.file == "two.csv" and two.noise("encoder") == 0.1 and two.dynamic
+    assert campaign.comments == ("the first comment", "unknown, kept", "in a folder")
+    said = " ".join(campaign.notes)
+    assert '"operator"' in said and '"temperature"' in said and "run two declares no setup_sigma_um" in said
+    assert campaign.measured and campaign.rows == 4
+
+
+def test_written_verbatim_and_the_same(folder, tmp_path):
+    campaign = read_campaign(folder)
+    write_campaign(campaign, tmp_path / "again")
+    assert (tmp_path / "again" / "campaign.toml").read_text() == CAMPAIGN
+    assert (tmp_path / "again" / "machine.toml").read_text() == MACHINE
+    assert_same(read_campaign(tmp_path / "again"), campaign)
+    write_campaign(replace(campaign, text=""), tmp_path / "new")
+    assert_same(read_campaign(tmp_path / "new"), campaign)
+    assert read_campaign(tmp_path / "new").comments == campaign.comments
+
+
+def test_changed_campaign_is_the_same_after_reading(folder, tmp_path):
+    campaign = read_campaign(folder)
+    one = replace(campaign.runs[0], noise_um=0.5, readings={})
+    for runs in ((one, campaign.runs[1]), (one,)):
+        changed = replace(campaign, runs=runs, name="night shift")
+        write_campaign(changed, tmp_path / f"changed{len(runs)}")
+        again = read_campaign(tmp_path / f"changed{len(runs)}")
+        assert_same(again, changed)
+        assert again.name == "night shift" and "the first comment" in again.comments
+        assert not again.runs[0].measured
+
+
+def test_numbers_are_written_exactly(tmp_path):
+    rng = np.random.default_rng(3)
+    values = np.concatenate([rng.normal(size=50) * 10.0 ** rng.integers(-12, 2, 50), [0.1 + 0.2, 1e-300, -0.0]])
+    machine = preset("three-axis")
+    commands = {name: np.clip(values, -40.0, 40.0) for name in machine.axis_names}
+    run = Run(
+        id="r", instrument=("r_test",), sampling="static", time=np.arange(53) / 3.0, commands=commands,
+        readings={f"d{c}_um": values * k for k, c in enumerate("xyz", start=1)},
+    )  # fmt: skip
+    campaign = Campaign(machine=machine, runs=(run,))
+    write_campaign(campaign, tmp_path / "c")
+    assert_same(read_campaign(tmp_path / "c"), campaign)
+
+
+@pytest.mark.parametrize("path", FOLDERS, ids=lambda p: f"{p.parent.name}-{p.name}")
+def test_shared_campaigns_round_trip(path, tmp_path):
+    campaign = read_campaign(path)
+    assert campaign.measured and not campaign.notes
+    write_campaign(campaign, tmp_path / path.name)
+    assert (tmp_path / path.name / "campaign.toml").read_text() == (path / "campaign.toml").read_text()
+    assert_same(read_campaign(tmp_path / path.name), campaign)
+
+
+@pytest.mark.parametrize("path", FOLDERS, ids=lambda p: f"{p.parent.name}-{p.name}")
+def test_shared_campaigns_stand_in_the_nest_or_on_the_bar(path):
+    """Independent of our procedures: commands have 7 decimals, so 1e-5 mm of distance is all that may remain."""
+    campaign = read_campaign(path)
+    nominal = Nominal(campaign.machine)
+    for run in campaign.runs:
+        offset = nominal.ball(run.commands, run.tool_ball) - run.table_ball
+        wanted = run.length or 0.0
+        assert np.abs(np.linalg.norm(offset, axis=1) - wanted).max() < 1e-5
+
+
+def test_joining_keeps_runs_apart():
+    machine = preset("table-bc")
+    campaign = campaign_of(machine, planar_circle(machine, radius=50.0))
+    joined = campaign.joined(campaign, prefix="second-")
+    assert [run.id for run in joined.runs] == ["xy-ccw", "xy-cw", "second-xy-ccw", "second-xy-cw"]
+    with pytest.raises(InputError, match="xy-ccw"):
+        campaign.joined(campaign)
+    with pytest.raises(InputError, match="one machine"):
+        campaign.joined(campaign_of(preset("head-bc"), r_test_grid(preset("head-bc"))))
+
+
+BAD_ROWS = {
+    "no column": ("dL_um", "", 1, None, "missing|no name"),
+    "missing command": (ONE, "t_s,X_mm,dL_um\n0,1,2\n", 1, None, "C_deg"),
+    "missing time": (ONE, "C_deg,X_mm,dL_um\n0,1,2\n", 1, None, "t_s"),
+    "unknown column": ("dL_um", "dL_um,depth_um", 1, 5, "depth_um"),
+    "axis the machine lacks": ("C_deg", "B_deg", 1, 2, "no axis B"),
+    "unit suffix": ("X_mm", "X_um", 1, 3, "X_mm"),
+    "unit suffix of a reading": ("dL_um", "dL_mm", 1, 4, "dL_um"),
+    "twice": ("C_deg", "X_mm", 1, 3, "twice"),
+    "text": ("2.5", "two", 3, 3, "'two'"),
+    "decimal comma": ("2.5", "2,5", 3, None, "5 cells"),
+    "empty cell": ("2.5", "", 3, 3, "not a number"),
+    "nan": ("1e-3", "nan", 3, 4, "finite"),
+    "inf": ("10.0", "-inf", 3, 2, "finite"),
+    "overflow": ("10.0", "1e999", 3, 2, "finite"),
+    "underscore": ("10.0", "1_0", 3, 2, "not a number"),
+    "other digits": ("10.0", "١٠", 3, 2, "not a number"),
+    "time stands": ("6.0", "0.0", 3, 1, "increase"),
+    "time goes back": ("6.0", "-1.0", 3, 1, "increase"),
+    "outside travel": ("2.5", "100.1", 3, 3, "travel"),
+    "truncated row": ("10.0,2.5,1e-3\n", "10.0,2", 3, None, "3 cells"),
+    "row too long": ("1e-3", "1e-3,4", 3, None, "5 cells"),
+    "empty row": ("\n6.0", "\n\n6.0", 3, None, "empty"),
+    "no rows": (ONE, "t_s,C_deg,X_mm,dL_um\n", 1, None, "no rows"),
+    "empty": (ONE, "", 1, None, "empty"),
+    "blank": (ONE, "\n \n\n", 1, None, "empty"),
+    "no header": (ONE, "0.0,0.0,1.5,-3.25\n", 1, 1, "header"),
+    "semicolons": (ONE, ONE.replace(",", ";"), 1, None, "commas"),
+    "tabs": (ONE, ONE.replace(",", "\t"), 1, None, "commas"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_ROWS)
+def test_bad_rows(folder, name):
+    old, new, line, column, said = BAD_ROWS[name]
+    path = folder / "sub" / "one.csv"
+    path.write_text(ONE.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError, match=said) as caught:
+        read_campaign(folder)
+    error = caught.value
+    assert error.path == path and error.line == line and error.remedy
+    assert column is None or error.column == column
+    assert "one.csv" in str(error) and "\n" not in str(error)
+
+
+@pytest.mark.parametrize("text", [ONE.replace("\n", "\r\n"), "\ufeff" + ONE, ONE.rstrip("\n"), ONE + "\n\n",
+                                  ONE.replace("\n", "\r"), ONE.replace(",", " , ")])  # fmt: skip
+def test_harmless_differences(folder, text):
+    (folder / "sub" / "one.csv").write_bytes(text.encode("utf-8"))
+    assert read_campaign(folder).runs[0].commands["X"].tolist() == [1.5, 2.5]
+
+
+def test_time_column_may_stand_anywhere(folder):
+    (folder / "sub" / "one.csv").write_text("X_mm,t_s,dL_um,C_deg\n1.5,0,1,0\n2.5,0,1,0\n")
+    with pytest.raises(InputError, match="increase") as caught:
+        read_campaign(folder)
+    assert (caught.value.line, caught.value.column) == (3, 2)
+
+
+def test_plan_has_no_readings_or_all(folder):
+    (folder / "sub" / "one.csv").write_text("t_s,C_deg,X_mm\n0,0,1\n")
+    assert not read_campaign(folder).runs[0].measured
+    (folder / "two.csv").write_text(TWO.replace("dz_um,", "").replace("3,1.", "1."))
+    with pytest.raises(InputError, match="dz_um"):
+        read_campaign(folder)
+
+
+def test_a_pause_in_a_recording_is_refused(folder):
+    (folder / "two.csv").write_text(TWO + "0.02,0.5,1.6,1,2,3,1.6\n1e9,0.5,1.6,1,2,3,1.6\n")
+    with pytest.raises(InputError, match="pauses") as caught:
+        read_campaign(folder)
+    assert caught.value.line == 5
+
+
+BAD_RUNS = {
+    'id = "one"': ['id = "../one"', 'id = ""', "id = 1", 'id = "two"'],
+    'file = "sub/one.csv"': ['file = "../one.csv"', 'file = "/etc/passwd"', "file = 3", 'file = "two.csv"',
+                             'file = "campaign.toml"', 'file = "C:\\\\one.csv"', 'file = "sub"', 'file = "no.csv"'],
+    'instrument = "ball_bar"': ['instrument = "ruler"', "instrument = []", "instrument = 1", "", 'instrument = [["a"]]',
+                                'instrument = ["ball_bar", "ball_bar"]'],
+    'sampling = "static"': ['sampling = "slow"', "", "sampling = 1"],
+    "table_ball = [50.0, 0.0, 100.0]": ["table_ball = [50.0, 0.0]", 'table_ball = "abc"', "table_ball = 5",
+                                        "table_ball = [1, 2, true]", "table_ball = [nan, 0.0, 0.0]"],
+    "length = 100.0": ["length = -1.0", "length = true", 'length = "long"', "", "length = inf"],
+    "noise_um = 0.25": ["noise_um = 0.0", "noise_um = [1.0]", 'noise_um = "low"', "noise_um = { laser = 0.1 }",
+                        "noise_um = {}x"],
+    "start_s = 100.0": ['start_s = "now"', "start_s = [1]"],
+    'encoder_axes = ["X"]': ['encoder_axes = ["Q"]', "encoder_axes = 5", "encoder_axes = [[1]]"],
+    'setup_sigma_um = { table_ball = 15.0, tool_ball = 10.0, length = 0.4, by = "hand" }': [
+        "setup_sigma_um = 5", "setup_sigma_um = { table_ball = -1.0 }", 'setup_sigma_um = { length = "x" }'],
+    'schema = "symfive.campaign/1"': ['schema = "symfive.campaign/2"', ""],
+    'machine = "machine.toml"': ['machine = "no.toml"', "machine = 7", 'machine = ""', 'machine = "sub"',
+                                 'machine = "a\\u0000b"', 'machine = "campaign.toml"'],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new"), [(o, n) for o, news in BAD_RUNS.items() for n in news])
+def test_bad_runs(folder, old, new):
+    assert old in CAMPAIGN
+    (folder / "campaign.toml").write_text(CAMPAIGN.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_campaign(folder)
+    error = caught.value
+    assert error.path is not None and error.remedy and "\n" not in str(error)
+    if error.path.name == "campaign.toml":
+        assert error.line is not None
+
+
+def test_no_run_and_no_file(folder):
+    (folder / "campaign.toml").write_text(CAMPAIGN.split("[[run]]")[0])
+    with pytest.raises(InputError, match="no runs"):
+        read_campaign(folder)
+    shutil.rmtree(folder)
+    with pytest.raises(InputError, match="no such file"):
+        read_campaign(folder)
+
+
+def test_runs_validate_themselves():
+    machine = preset("three-axis")
+    run = planar_circle(machine, direction="cw")[0]
+    for wrong in ({"u": (2.0, 0.0, 0.0)}, {"u": (0.0, 0.0)}, {"time": run.time[:3]}, {"time": []}, {"id": "a/b"}):
+        with pytest.raises(InputError):
+            replace(run, **wrong)
+    with pytest.raises(InputError, match="differ in Z"):
+        Campaign(machine=machine, runs=(replace(run, commands={k: run.commands[k] for k in "XY"}),))
+    with pytest.raises(InputError):
+        SetupSigma(plate=-1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        run.time[0] = 1.0
+
+
+def test_writing_is_whole_or_not_at_all(folder, tmp_path, monkeypatch):
+    campaign = read_campaign(folder)
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("symfive.files.os.replace", fail)
+    with pytest.raises(InputError, match="No space left"):
+        write_campaign(campaign, tmp_path / "full")
+    assert not (tmp_path / "full").exists()
+    assert [p.name for p in tmp_path.iterdir()] == ["c"]
+
+
+def test_output_over_a_file_is_refused(folder, tmp_path):
+    (tmp_path / "taken").write_text("x")
+    with pytest.raises(InputError, match="taken"):
+        write_campaign(read_campaign(folder), tmp_path / "taken")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_campaign(read_campaign(folder), tmp_path / "taken" / "below")

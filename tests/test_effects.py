@@ -1,0 +1,489 @@
+"""Effects: exact sensitivities, plain formulas, the independent plant, what they leave alone, how they are reported."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import plant
+import pytest
+from scipy.spatial.transform import Rotation
+
+from symfive.campaign import Campaign, read_campaign
+from symfive.effects import EFFECTS, VOCABULARY, Effect, make_effect
+from symfive.errors import InputError
+from symfive.machine import machine_from_data
+from symfive.model import Model, effect_to_data, effects_from_data, signature
+from symfive.motion import PreSliding, RunMotion
+from symfive.report.signature import plot_signature
+
+NO_SETUP = {"table_ball": [0.0] * 3, "tool_ball": [0.0] * 3, "length": 0.0, "zero": [0.0] * 3}
+
+
+@dataclass(frozen=True)
+class Case:
+    """An effect on a campaign; `plant` the same in the plant's words, `sizes` in symfive's, `agree` to how many µm."""
+
+    effect: str
+    where: str
+    axis: str | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+    plant: dict[str, Any] | None = None
+    sizes: dict[str, float] = field(default_factory=dict)
+    agree: float = 1e-6
+    rows: float = 0.0  # share of the rows at which the two may differ: reversals fall between rows
+
+    def __str__(self) -> str:
+        return "-".join(map(str, (self.effect, self.where, *self.options.values())))
+
+    def make(self) -> Effect:
+        return make_effect(self.effect, self.axis, **self.options)
+
+
+def polar(amplitude: float, phase: float, *names: str) -> dict[str, float]:
+    return dict(zip(names, (amplitude * math.cos(phase), amplitude * math.sin(phase)), strict=True))
+
+
+def along(name: str, size: float) -> dict[str, float]:
+    return {f"{name}.{c}": size * v for c, v in zip("xyz", SLANTED, strict=True)}
+
+
+SLANTED = (0.6, 0.0, 0.8)
+TONE = {
+    f"{c}.{part}": v * w
+    for c, v in zip("xz", (1.2, 1.6), strict=True)
+    for part, w in polar(1.0, 0.4, "sin", "cos").items()
+}
+MATRIX = [[1.01, 0.02, 0.0], [0.01, 0.98, 0.03], [0.0, -0.02, 1.0]]
+ENTRIES = {f"matrix.{i + 1}{j + 1}": v for i, line in enumerate(MATRIX) for j, v in enumerate(line)}
+START = "start of the first motion"
+
+CASES = [
+    Case("backlash", "planar", "X", plant={"width": 12.0, "start": START}, sizes={"width": 12.0}),
+    Case("backlash", "circle", "C", plant={"width": 80.0, "start": START}, sizes={"width": 80.0}),
+    Case("backlash", "static", "C", plant={"width": 80.0}, sizes={"width": 80.0}),
+    Case("backlash", "planar", "X", {"shape": "pre_sliding"},
+         {"width": 12.0, "form": "presliding", "distance": 60.0, "start": START}, {"width": 12.0, "distance": 60.0}),
+    Case("backlash", "planar", "X", {"shape": "wind_up"},
+         {"width": 12.0, "form": "wind_up", "slope": 0.03, "start": START}, {"width": 12.0, "slope": 0.03}),
+    Case("transmission_error", "planar", "X", {"period": 10.0}, {"period": 10.0, "amplitude": 3.0, "phase": 0.7},
+         polar(3.0, 0.7, "sin", "cos")),
+    Case("transmission_error", "circle", "C", {"period": 4.0, "harmonics": 2},
+         {"period": 4.0, "form": "harmonics", "harmonics": [[1, 60.0, 0.7], [2, 20.0, -1.0]]},
+         polar(60.0, 0.7, "sin", "cos") | polar(20.0, -1.0, "sin2", "cos2")),
+    Case("transmission_error", "static", "C", {"period": 90.0, "period_sigma": 0.0}),
+    Case("servo_mismatch", "planar", "X", {}, {"position_gain": 40.0, "velocity_gain": 200.0, "feedforward": 0.1},
+         {"position_gain": 40.0, "velocity_gain": 200.0, "feedforward": 0.1}),
+    Case("servo_mismatch", "circle", "C", {"gains": ("position_gain", "integral_time", "viscous")}),
+    Case("friction", "planar", "X", {}, {"coulomb": 150.0}, {"coulomb": 150.0}, agree=0.05),
+    Case("friction", "circle", "C", {}, {"coulomb": 1.0}, {"coulomb": 1.0}, agree=0.01),
+    Case("friction", "planar", "X", {"shape": "stribeck"},
+         {"coulomb": 150.0, "form": "stribeck", "breakaway": 220.0, "stribeck_speed": 2.0},
+         {"coulomb": 150.0, "stiction": 70.0, "stribeck_speed": 2.0}, agree=0.08),
+    # the plant's command is linear between rows even where the delay reads it: 0.03 µm of sagitta
+    Case("latency", "planar", None, {}, {"delay_ms": 7.0}, {"delay_ms": 7.0}, agree=0.04),
+    Case("latency", "circle", None, {}, {"delay_ms": 7.0}, {"delay_ms": 7.0}, agree=0.05),
+    Case("sensor_low_pass", "planar", None, {}, {"effect": "latency", "form": "low_pass", "cutoff_hz": 5.0},
+         {"time_constant_ms": 100.0 / math.pi}, agree=0.04),
+    Case("location_error", "static", None, {"component": "EY0B"},
+         {"component": "EY0B", "value": 30.0}, {"value": 30.0}),
+    Case("location_error", "static", None, {"component": "EC0C", "drift": True},
+         {"component": "EC0C", "value": 30.0, "form": "drift", "time_constant_s": 300.0},
+         {"value": 30.0, "time_constant_s": 300.0}),
+    Case("location_error", "planar", None, {"component": "EB0Y"}),
+    Case("error_motion", "static", None, {"component": "EAC"},
+         {"component": "EAC", "harmonics": [[1, 3.0, 4.0], [2, -2.0, 5.0]]},
+         {"cos1": 3.0, "sin1": 4.0, "cos2": -2.0, "sin2": 5.0}),
+    Case("error_motion", "planar", None, {"component": "EXX", "basis": "polynomial", "order": 3}),
+    Case("error_motion", "static", None, {"component": "EZB", "basis": "bspline", "order": 4}),
+    Case("error_motion", "static", None,
+         {"component": "EAC", "over": ("B", "C"), "basis": ("polynomial", "fourier"), "order": (2, 1)}),
+    Case("scale_error", "planar", "Y", {}, {"ppm": 30.0}, {"ppm": 30.0}),
+    Case("scale_error", "planar", "X", {"growth": True, "at": -100.0},
+         {"ppm": 30.0, "form": "growing", "time_constant_s": 5.0, "at": -100.0}, {"ppm": 30.0, "time_constant_s": 5.0}),
+    Case("gravity_sag", "static", "B", {"component": "EZB"},
+         {"component": "EZB", "amplitude": 15.0, "constant_cos": 4.0}, {"sin": 15.0, "one_minus_cos": 4.0}),
+    Case("gravity_sag", "static", "B", {"component": "EAB", "parts": ("one_minus_cos",)},
+         {"component": "EAB", "amplitude": 15.0, "form": "one_minus_cos"}, {"one_minus_cos": 15.0}),
+    Case("gravity_sag", "static", "C", {"component": "EAC"}),
+    Case("thermal_drift", "static", None, {}, {"direction": SLANTED, "amplitude": 20.0, "time_constant_s": 300.0},
+         along("amplitude", 20.0) | {"time_constant_s": 300.0}),
+    Case("thermal_drift", "static", None, {"shape": "mixture"},
+         {"direction": SLANTED, "amplitude": 20.0, "time_constant_s": 300.0, "form": "two", "share": 0.25,
+          "time_constant2_s": 2000.0},
+         along("amplitude", 15.0) | along("slow", 5.0) | {"time_constant_s": 300.0, "slow_time_constant_s": 2000.0}),
+    Case("thermal_drift", "static", None, {"shape": "linear"},
+         {"direction": SLANTED, "amplitude": 20.0, "time_constant_s": 3600.0, "form": "ramp"}, along("rate", 20.0)),
+    Case("setup_shift", "static", None, {"run": "n1", "t_s": 60.0},
+         {"run": "n1", "t_s": 60.0, "shift": [3.0, -2.0, 1.0]}, {"shift.x": 3.0, "shift.y": -2.0, "shift.z": 1.0}),
+    Case("setup_shift", "planar", None, {"run": "cw", "t_s": 2.0, "shape": "creep", "artefact": "tool"}),
+    Case("sensor_error", "planar", None, {}, {"gain": 1.03}, {"gain.dL_um": 1.03}),
+    Case("sensor_error", "static", None, {"shape": "matrix"}, {"matrix": MATRIX}, ENTRIES),
+    Case("lateral_play", "planar", None, {"component": "EYX"},
+         {"component": "EYX", "width": 8.0, "takeup": 1e-3, "start": START}, {"width": 8.0}, rows=0.01),
+    Case("lateral_play", "static", None, {"component": "EAC"}, {"component": "EAC", "width": 20.0}, {"width": 20.0}),
+    Case("lateral_play", "circle", None, {"component": "EYX", "shape": "pre_sliding"},
+         {"component": "EYX", "form": "presliding", "width": 8.0, "distance": 90.0, "start": START},
+         {"width": 8.0, "distance": 90.0}),
+    Case("vibration", "planar", None, {"frequency_hz": 12.3},
+         {"frequency_hz": 12.3, "amplitude": 2.0, "direction": SLANTED, "phase": 0.4},
+         TONE | {"y.sin": 0.0, "y.cos": 0.0, "frequency_hz": 12.3}),
+    Case("vibration", "planar", None, {"frequency_hz": 17.3, "place": "reading", "run": "cw"}),
+    Case("inertial_compliance", "planar", "X", {},
+         {"direction": SLANTED, "compliance": 50.0}, along("compliance", 50.0)),
+    Case("inertial_compliance", "circle", "C", {}, {"direction": SLANTED, "compliance": 5.0}, along("compliance", 5.0)),
+    Case("structural_resonance", "planar", "X", {"frequency_hz": 25.0},
+         {"direction": SLANTED, "frequency_hz": 25.0, "damping": 0.04},
+         along("participation", 1.0) | {"frequency_hz": 25.0, "damping": 0.04}, agree=0.05),
+    Case("structural_resonance", "circle", "C", {"frequency_hz": 25.0},
+         {"direction": SLANTED, "frequency_hz": 25.0, "damping": 0.04},
+         along("participation", 100.0) | {"frequency_hz": 25.0, "damping": 0.04}),
+    Case("unknown", "static", None, {"over": ("B",)}),
+    Case("unknown", "planar", None, {"over": ("t",), "basis": "fourier", "order": 3}),
+    Case("unknown", "planar", None, {"over": ("X velocity",), "place": "reading", "order": 4}),
+    Case("unknown", "static", None, {"over": ("B", "C"), "basis": ("bspline", "fourier"), "order": (3, 1),
+                                      "directions": "z"}),
+    Case("reversal_spike", "planar", "X"),
+    Case("reversal_spike", "planar", "X", {"shape": "pulse"},
+         {"effect": "reversal_pulse", "amplitude": 6.0, "delay_ms": 120.0, "width_ms": 60.0},
+         {"height": 6.0, "delay_ms": 120.0, "width_ms": 60.0}, rows=0.1),
+    Case("table_step", "planar", "X", {"at": 20.0, "ramp": 5.0},
+         {"effect": "compensation_table_step", "at": 20.0, "ramp": 5.0, "step": 6.0}, {"height": 6.0}),
+    Case("table_step", "static", "C", {"at": 100.0, "ramp": 20.0, "shape": "dent"},
+         {"effect": "compensation_table_step", "form": "dent", "at": 100.0, "ramp": 20.0, "step": 60.0},
+         {"height": 60.0}),
+    Case("bar_temperature", "planar", None, {}, {"amplitude": 3.0, "time_constant_s": 5.0},
+         {"amplitude": 3.0, "time_constant_s": 5.0}),
+    Case("bar_temperature", "circle", None, {"clock": "campaign"}),
+    Case("spindle_growth", "static"),
+    Case("counterbalance", "static", "Z", {}, {"amplitude": 5.0, "slope": 0.002, "distance": 1e-3},
+         {"drop": 5.0, "slope": 0.01}),
+    Case("eccentric_mass", "static", "C"),
+]  # fmt: skip
+
+
+@cache
+def plants() -> dict[str, tuple[dict[str, Any], list[dict[str, Any]]]]:
+    """The plant's machines and runs, without set-up errors."""
+    planar, circle, static = plant.planar_table(), plant.dynamic_table(), plant.static_table()
+    poses = plant.grid_poses([-90, -45, 0, 45, 90], range(0, 360, 60))
+    path = {"feed": 2400.0, "sweep_deg": 120.0, "centre": (20.0, -10.0, 80.0)}
+    turn = {"x_t": 55.0, "feed": 2400.0, "sweep_deg": 120.0}
+    found = {
+        "planar": (planar, [plant.planar_circle(planar, "ccw", **path),
+                            plant.planar_circle(planar, "cw", direction=-1, start_deg=60.0, **path)]),
+        "circle": (circle, [plant.synchronous_circle(circle, "ccw", **turn),
+                            plant.synchronous_circle(circle, "cw", direction=-1, **turn)]),
+        "static": (static, [plant.r_test(static, "n1", nest=(90.0, -20.0, 50.0), poses=poses),
+                            plant.r_test(static, "n2", nest=(50.0, 40.0, 150.0), poses=poses[::-1], start_s=600.0)]),
+    }  # fmt: skip
+    for _, runs in found.values():
+        for run in runs:
+            zero = [0.0] * (3 if run["instrument"] == "r_test" else 0)
+            run["setup_um"] = {**NO_SETUP, "zero": zero}
+    return found
+
+
+@cache
+def campaign(where: str) -> Campaign:
+    """The same as a plan that symfive reads."""
+    machine, runs = plants()[where]
+    with tempfile.TemporaryDirectory() as folder:
+        plant.write_campaign(folder, machine, runs, readings=False)
+        return read_campaign(folder)
+
+
+@cache
+def model_of(number: int) -> Model:
+    """The model of a case, assembled once for all tests."""
+    return Model(campaign(CASES[number].where), [CASES[number].make()])
+
+
+@cache
+def baseline(where: str) -> Model:
+    return Model(campaign(where))
+
+
+def own(model: Model, values: dict[str, float]) -> dict[str, float]:
+    """Values by the last effect's own names, as the model's names."""
+    return {f"{model.effects[-1].key}.{name}": value for name, value in values.items()}
+
+
+def around(model: Model) -> np.ndarray:
+    """A point at which nothing is zero: errors and set-ups of the baseline, effects of usual size."""
+    small = {p.name: 17.0 for p in model.parameters if p.kind in ("location_error", "setup")}
+    typical = {n: v for e in model.effects for n, v in e.typical(model.campaign).items()}
+    values = model.vector(small | typical)
+    return values * (1.0 + 0.013 * np.arange(len(values)) / len(values))
+
+
+def assert_exact(model: Model, names: list[str], *, events: float = 0.0) -> None:
+    """Sensitivities against central differences of fourth order; `events`: share of rows that may fall on a kink."""
+    values = around(model)
+    for run in [run for run in model.campaign.runs if model.effects[0].applies(run)][:1]:
+        at = model.linearise(run, values)
+        np.testing.assert_allclose(at.prediction, model.predict_run(run, values), rtol=0, atol=1e-9)
+        for name in names:
+            i, p = model.index[name], model.parameters[model.index[name]]
+            step = 1e-3 * p.sigma
+
+            def moved(steps: int, i: int = i, step: float = step, run: Any = run) -> np.ndarray:
+                shifted = values.copy()
+                shifted[i] += steps * step
+                return model.predict_run(run, shifted)
+
+            wanted = (8.0 * (moved(1) - moved(-1)) - (moved(2) - moved(-2))) / (12.0 * step)
+            wrong = np.abs(at.jacobian[:, :, list(at.columns).index(i)] - wanted).max(axis=1)
+            allowed = 1e-6 * np.abs(wanted).max() + 2e-9 / step
+            assert np.mean(wrong > allowed) <= events, f"{name} in {run.id}: {wrong.max()} > {allowed}"
+
+
+every_case = pytest.mark.parametrize("number", range(len(CASES)), ids=lambda number: str(CASES[number]))
+
+
+@every_case
+def test_sensitivities_are_exact(number: int) -> None:
+    model = model_of(number)
+    names = [p.name for p in model.effects[-1].parameters(model.campaign)]
+    assert_exact(model, names, events=0.01)
+
+
+@every_case
+def test_at_zero_size_nothing_changes(number: int) -> None:
+    case, model = CASES[number], model_of(number)
+    zero = model.predict({p.name: p.mean for p in model.effects[-1].parameters(model.campaign)})
+    for run, readings in baseline(case.where).predict({}).items():
+        np.testing.assert_allclose(zero[run], readings, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.plant is not None], ids=str)
+def test_plant_agrees(case: Case) -> None:
+    model = model_of(CASES.index(case))
+    machine, runs = plants()[case.where]
+    spec = {"effect": case.effect, "axis": case.axis} | (case.plant or {})
+    shift = {p: 40.0 for p in ("EX0C", "EA0C") if p in machine["errors"]}
+    predicted = model.predict(own(model, case.sizes) | shift)
+    for run in runs:
+        told = dict(spec)
+        if told.get("start") == START:
+            steps = np.diff(run["command"][told["axis"] or told["component"][2:]])
+            told["start"] = float(np.sign(steps[np.abs(steps) > 1e-6][0]))
+        truth = plant.simulate_run(machine, run, shift, effects=[told], noise_options=plant.QUIET).values
+        wrong = np.abs(truth - predicted[run["id"]]).max(axis=1)
+        assert np.mean(wrong > case.agree) <= case.rows, wrong.max()
+
+
+@pytest.mark.parametrize("case", [c for c in CASES if EFFECTS[c.effect].dynamic_only], ids=str)
+def test_dynamic_effects_rest_in_static_runs(case: Case) -> None:
+    still = campaign(case.where)
+    still = replace(still, runs=tuple(replace(run, sampling="static") for run in still.runs))
+    model = Model(still, [case.make()])
+    sized = model.predict(model.effects[-1].typical(still))
+    for run, readings in Model(still).predict({}).items():
+        np.testing.assert_array_equal(sized[run], readings)
+
+
+FORMULAS = {
+    "scale_error": ("Y", {}, {"ppm": 30.0}, lambda run: (30e-6 * run.commands["Y"] * 1e3, (0, 1, 0))),
+    "transmission_error": ("Y", {"period": 40.0}, {"sin": 3.0, "cos": 4.0},
+        lambda run: (5.0 * np.sin(2.0 * np.pi * run.commands["Y"] / 40.0 + math.atan2(4.0, 3.0)), (0, 1, 0))),
+    "thermal_drift": (None, {}, {"amplitude.z": 20.0, "time_constant_s": 300.0},
+        lambda run: (20.0 * (1.0 - np.exp(-(run.start_s + run.time) / 300.0)), (0, 0, 1))),
+    "lateral_play": (None, {"component": "EZX"}, {"width": 10.0},
+        lambda run: (-5.0 * came_from(run.commands["X"]), (0, 0, 1))),
+    "backlash": ("Z", {}, {"width": 10.0}, lambda run: (-5.0 * came_from(run.commands["Z"]), (0, 0, 1))),
+    "table_step": ("Y", {"at": 20.0, "ramp": 1e-6}, {"height": 7.0},
+        lambda run: (7.0 * (run.commands["Y"] > 20.0), (0, 1, 0))),
+    "gravity_sag": ("B", {"component": "EZB"}, {"sin": 6.0, "one_minus_cos": 2.0},
+        lambda run: (-6.0 * np.sin(tilt(run)) - 2.0 * (1.0 - np.cos(tilt(run))), (0, 0, 1))),
+}  # fmt: skip
+
+
+def tilt(run: Any) -> np.ndarray:
+    return np.deg2rad(run.commands["B"])
+
+
+def came_from(command: np.ndarray) -> np.ndarray:
+    signs = np.zeros(len(command))
+    for k in range(1, len(command)):
+        step = command[k] - command[k - 1]
+        signs[k] = np.sign(step) if abs(step) > 1e-9 else signs[k - 1]
+    first = signs[np.flatnonzero(signs)[0]]
+    return np.where(signs == 0.0, first, signs)
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_plain_formulas(name: str) -> None:
+    """R-test readings by hand: a shift e of the tool in the machine frame reads Rᵀ·e at the turned table."""
+    axis, options, sizes, formula = FORMULAS[name]
+    plan = campaign("static")
+    change = signature(make_effect(name, axis, **options), plan, zero_but(name, axis, options, sizes))
+    for run in plan.runs:
+        value, direction = formula(run)
+        pairs = zip(tilt(run), np.deg2rad(run.commands["C"]), strict=True)
+        turned = [Rotation.from_euler("YZ", [-b, -c]).as_matrix() for b, c in pairs]
+        wanted = np.stack([r.T @ np.asarray(direction) for r in turned]) * value[:, None]
+        np.testing.assert_allclose(change[run.id], wanted, rtol=0, atol=2e-6 * max(1.0, np.abs(value).max()))
+
+
+def zero_but(name: str, axis: str | None, options: dict[str, Any], sizes: dict[str, float]) -> dict[str, float]:
+    effect = Model(campaign("static"), [make_effect(name, axis, **options)]).effects[-1]
+    means = {p.name.removeprefix(effect.key + "."): p.mean for p in effect.parameters(campaign("static"))}
+    return means | sizes
+
+
+@pytest.mark.parametrize("code", ["w C' B' X' Y' b Z t", "w C' X' Y' b Z B t"])
+@pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (0.0, 1.0, 1.0), (1.0, 2.0, -0.5)])
+def test_gravity_turns_in_the_tilted_frame(code: str, direction: tuple[float, float, float]) -> None:
+    """Against gravity turned by a numerical rotation about the axis' own direction, on either side of the machine."""
+    axes: dict[str, Any] = {n: {} for n in "CXYZ"} | {"B": {"direction": list(direction)}}
+    machine = machine_from_data({"schema": "symfive.machine/1", "structure": code, "axes": axes})
+    poses = np.array([0.0, 20.0, 50.0, -70.0])
+    commands = {n: np.zeros(4) for n in "CXYZ"} | {"B": poses}
+    plan = replace(campaign("static"), machine=machine)
+    runs = (replace(plan.runs[0], time=np.arange(4.0), commands=commands, readings={}, tool_ball=(0.0, 0.0, -100.0)),)
+    plan = replace(plan, runs=runs)
+    unit, down = np.asarray(direction) / np.linalg.norm(direction), np.array([0.0, 0.0, -1.0])
+    sign = -1.0 if "B'" in code else 1.0
+    across = -sign * np.cross(unit, down)
+    change = [Rotation.from_rotvec(sign * q * unit).inv().apply(down) - down for q in np.deg2rad(poses)]
+    wanted = np.array(change) @ (across / np.linalg.norm(across))
+    got = signature(make_effect("gravity_sag", "B", component="EZB"), plan, {"sin": 8.0, "one_minus_cos": 0.0})
+    moved = got[runs[0].id]
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 8.0 * np.abs(wanted), rtol=0, atol=1e-6)
+    if sign > 0.0:
+        np.testing.assert_allclose(moved[:, 2], 8.0 * wanted, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(wanted, np.sin(np.deg2rad(poses)) * np.linalg.norm(across), rtol=0, atol=1e-12)
+
+
+def test_pre_sliding_after_a_reversal_is_the_catalogue_s_formula() -> None:
+    plan = campaign("static")
+    way = np.concatenate([np.linspace(0.0, 5.0, 60), np.linspace(5.0, 3.0, 200)])
+    commands = {name: np.zeros(len(way)) for name in plan.machine.axis_names} | {"X": way}
+    run = replace(plan.runs[0], time=np.arange(len(way), dtype=float), commands=commands)
+    motion = RunMotion(run, plan.machine, {}, {"distance": 0.2})
+    state = PreSliding("X", "distance").series(motion).value
+    after = 5.0 - way[60:]
+    np.testing.assert_allclose(state[:60], 1.0)
+    np.testing.assert_allclose(state[60:], -(1.0 - 2.0 * np.exp(-after / 0.2)), atol=1e-12)
+
+
+COMBINED = [
+    ("planar", [("friction", "X", {}), ("servo_mismatch", "X", {})], 0.03),
+    ("circle", [("servo_mismatch", "C", {}), ("backlash", "C", {}),
+                ("structural_resonance", "X", {"frequency_hz": 30.0})], 0.03),
+    ("planar", [("latency", None, {}), ("servo_mismatch", "X", {"gains": ("position_gain",)}),
+                ("sensor_low_pass", None, {}), ("sensor_error", None, {})], 0.03),
+    ("static", [("gravity_sag", "B", {"component": "EZB"}), ("thermal_drift", None, {}), ("eccentric_mass", "C", {}),
+                ("transmission_error", "C", {"period": 90.0})], 0.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("where", "effects", "events"), COMBINED, ids=lambda v: v if isinstance(v, str) else "")
+def test_effects_join(where: str, effects: list[tuple[str, str | None, dict[str, Any]]], events: float) -> None:
+    model = Model(campaign(where), [make_effect(name, axis, **options) for name, axis, options in effects])
+    names = [p.name for e in model.effects for p in e.parameters(model.campaign)]
+    names += [p.name for p in model.parameters if p.kind == "location_error"][:1]
+    assert_exact(model, names, events=events)
+
+
+def test_latency_leaves_the_control_s_own_recording_alone() -> None:
+    plan = campaign("planar")
+    runs = tuple(replace(run, instrument=("ball_bar", "encoder")) for run in plan.runs)
+    change = signature(make_effect("latency"), replace(plan, runs=runs), {"delay_ms": 8.0})
+    for run in runs:
+        assert np.abs(change[run.id][:, 0]).max() > 0.01
+        assert np.abs(change[run.id][:, 1:]).max() == 0.0
+
+
+REFUSED = [
+    ("static", "location_error", None, {"component": "EX0C"}, "already varies EX0C"),
+    ("static", "location_error", None, {"component": "EX0Y"}, "no position of its own"),
+    ("planar", "scale_error", "X", {}, "already varies the scale"),
+    ("planar", "error_motion", None, {"component": "EXX", "basis": "polynomial", "order": 1}, "already holds EXX"),
+    ("planar", "error_motion", None, {"component": "EXX", "basis": "bspline", "order": 4}, "holds EXX as polynomial"),
+    ("static", "gravity_sag", "Y", {"component": "EZB"}, "does not tilt"),
+    ("planar", "gravity_sag", "X", {"component": "EZA"}, "does not tilt"),
+    ("static", "friction", "X", {}, "needs the drive"),
+    ("static", "backlash", None, {}, "belongs to an axis"),
+    ("static", "backlash", "Q", {}, "the machine lacks"),
+    ("static", "backlash", "C", {"shape": "round"}, "shape 'round' is unknown"),
+    ("static", "transmission_error", "C", {}, "needs its period"),
+    ("static", "lateral_play", None, {"component": "EXX"}, "lies along the motion"),
+    ("static", "setup_shift", None, {"run": "n1", "t_s": -5.0}, "outside the run"),
+    ("static", "unknown", None, {"over": ("speed",)}, "is unknown"),
+    ("planar", "unknown", None, {"over": ("Z",)}, "does not move"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("where", "name", "axis", "options", "message"), REFUSED)
+def test_refused_with_one_sentence(
+    where: str, name: str, axis: str | None, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        Model(campaign(where), [make_effect(name, axis, **options)])
+
+
+def test_make_effect_names_what_is_missing() -> None:
+    with pytest.raises(InputError, match="needs its option component"):
+        make_effect("error_motion")
+    with pytest.raises(InputError, match='has no option "size"'):
+        make_effect("backlash", "X", size=3.0)
+
+
+def test_further_harmonics_join_those_of_the_baseline() -> None:
+    plan = campaign("planar")
+    effect = make_effect("error_motion", component="EXX", basis="polynomial", order=3)
+    assert [p.name for p in effect.parameters(plan)] == ["error_motion.EXX.P2", "error_motion.EXX.P3"]
+
+
+@every_case
+def test_described_and_written(number: int) -> None:
+    """Every report is finite JSON in the vocabulary's words; an effect survives model.json."""
+    model = model_of(number)
+    effect = model.effects[-1]
+    covariance = {(p.name, p.name): (0.1 * p.sigma) ** 2 for p in model.parameters}
+    values = dict(zip(model.index, around(model), strict=True))
+    found = {name: quantity.as_data() for name, quantity in effect.describe(model.campaign, values, covariance).items()}
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert effect.vocabulary in VOCABULARY and effect.says and effect.hidden_by
+    again = effects_from_data(json.loads(json.dumps([effect_to_data(effect)])), "model.json")
+    assert again == (effect,)
+
+
+def test_amplitude_and_phase_are_reported_with_their_uncertainty() -> None:
+    plan = campaign("planar")
+    effect = make_effect("transmission_error", "X", period=10.0)
+    values = {f"{effect.key}.{n}": v for n, v in (polar(3.0, 2.9, "sin", "cos") | {"period": 10.0}).items()}
+    names = [f"{effect.key}.sin", f"{effect.key}.cos"]
+    matrix = np.array([[0.04, 0.01], [0.01, 0.09]])
+    covariance = {(a, b): matrix[i, j] for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}
+    found = effect.describe(plan, values, covariance)
+    along_it = np.array([math.cos(2.9), math.sin(2.9)])
+    assert found["amplitude"].value == pytest.approx(3.0) and found["phase"].value == pytest.approx(2.9)
+    assert found["amplitude"].std == pytest.approx(math.sqrt(along_it @ matrix @ along_it), rel=1e-6)
+    assert found["phase"].std == pytest.approx(
+        math.sqrt(along_it[::-1] * (-1, 1) @ matrix @ (along_it[::-1] * (-1, 1))) / 3.0
+    )
+    assert (found["period"].unit, found["amplitude"].unit, found["phase"].unit) == ("mm", "um", "rad")
+
+
+def test_vocabulary_is_that_of_the_conventions() -> None:
+    assert set(VOCABULARY) == {
+        "backlash", "transmission_error", "servo_mismatch", "friction", "latency", "location_error", "error_motion",
+        "scale_error", "gravity_sag", "thermal_drift", "setup_shift", "sensor_error", "lateral_play", "vibration",
+        "inertial_compliance", "structural_resonance", "unknown",
+    }  # fmt: skip
+    assert {case.effect for case in CASES} == set(EFFECTS)
+
+
+def test_signature_is_drawn() -> None:
+    figure = plot_signature(make_effect("backlash", "X"), campaign("planar"), {"width": 12.0})
+    assert len(figure.axes) == 2 and figure.axes[0].lines
+    with pytest.raises(InputError, match='no parameter "depth"'):
+        signature(make_effect("backlash", "X"), campaign("planar"), {"depth": 12.0})

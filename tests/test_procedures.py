@@ -1,0 +1,450 @@
+"""Procedures: nobody types poses, every pose stands where it should, and every axis can do it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symfive.campaign import read_campaign, write_campaign
+from symfive.errors import InputError
+from symfive.machine import ErrorTerm, Machine, machine_from_data, machine_to_data, preset, presets
+from symfive.model import Model
+from symfive.procedures import (
+    PROCEDURES,
+    Nominal,
+    campaign_of,
+    grid_encoder_lines,
+    linear_positioning,
+    make_procedure,
+    planar_circle,
+    polar_angle,
+    procedures_for,
+    r_test_grid,
+    rotary_circle,
+    serpentine,
+    static_ball_bar,
+    synchronous_circle,
+)
+
+SHARED = Path(__file__).parent / "data" / "campaigns"
+PAIRS = [(name, p.name) for name in presets() for p in procedures_for(preset(name))]
+
+
+def changed(machine: Machine, **axes: dict) -> Machine:
+    data = machine_to_data(machine)
+    for name, fields in axes.items():
+        data["axes"][name] = {**data["axes"][name], **fields}
+    return machine_from_data(data)
+
+
+def offset_of(machine, run):
+    """From the table ball to the nominal tool ball, workpiece frame, (N, 3) mm."""
+    return Nominal(machine).ball(run.commands, run.tool_ball) - run.table_ball
+
+
+def spin(run, name):
+    return np.gradient(run.commands[name], run.time)
+
+
+@pytest.mark.parametrize(("name", "procedure"), PAIRS)
+def test_defaults_suit_every_machine(name, procedure):
+    machine = preset(name)
+    runs = make_procedure(procedure, machine)
+    campaign = campaign_of(machine, runs, procedure)
+    assert not campaign.measured
+    clock = 0.0
+    for run in campaign.runs:
+        assert run.start_s >= clock and set(run.commands) == set(machine.axes)
+        clock = run.start_s + run.duration
+        assert run.instrument[0] in PROCEDURES[procedure].instruments
+        for axis in machine.axes.values():
+            values = run.commands[axis.name]
+            assert axis.travel[0] <= values.min() and values.max() <= axis.travel[1]
+            if run.dynamic:
+                assert np.abs(np.diff(values) / np.diff(run.time)).max() * 60 <= axis.max_feed
+                assert values[0] == pytest.approx(values[1], abs=1e-3)  # it starts from rest
+        if run.instrument == ("r_test",):
+            assert np.abs(offset_of(machine, run)).max() < 1e-9
+        if run.instrument == ("ball_bar",):
+            assert np.abs(np.linalg.norm(offset_of(machine, run), axis=1) - run.length).max() < 1e-9
+
+
+@pytest.mark.parametrize("procedure", PROCEDURES)
+def test_plans_are_written_and_read(procedure, tmp_path):
+    machine = preset("table-bc")
+    plan = campaign_of(machine, make_procedure(procedure, machine), procedure)
+    write_campaign(plan, tmp_path / "plan")
+    again = read_campaign(tmp_path / "plan")
+    assert [run.id for run in again.runs] == [run.id for run in plan.runs] and again.name == procedure
+    assert all(np.array_equal(a.commands["Z"], b.commands["Z"]) for a, b in zip(again.runs, plan.runs, strict=True))
+    assert Model(again).predict_run(again.runs[0], Model(again).start).shape[0] == plan.runs[0].rows
+
+
+def test_table_says_what_a_machine_lacks():
+    three = preset("three-axis")
+    names = [p.name for p in procedures_for(three)]
+    assert names == ["planar_circle", "grid_encoder_lines", "linear_positioning"]
+    assert [p.name for p in procedures_for(preset("head-bc"), "r_test")] == ["r_test_grid"]
+    for name, options in (("r_test_grid", {}), ("no", {}), ("planar_circle", {"speed": 1})):
+        with pytest.raises(InputError) as caught:
+            make_procedure(name, three, **options)
+        assert caught.value.remedy
+
+
+# ---- against the shared campaigns
+
+
+def test_r_test_grid_is_the_shared_one():
+    shared = read_campaign(SHARED / "static-none" / "fit")
+    runs = r_test_grid(shared.machine, nests=[run.table_ball for run in shared.runs], tool_ball=(0.0, 0.0, -150.0))
+    for ours, theirs in zip(runs, shared.runs, strict=True):
+        assert np.array_equal(ours.time, theirs.time)
+        for name in shared.machine.axes:
+            assert np.abs(ours.commands[name] - theirs.commands[name]).max() < 6e-8  # seven decimals in the file
+
+
+def test_static_ball_bar_is_the_shared_one():
+    shared = read_campaign(SHARED / "static-ball-bar-two-heights" / "fit")
+    runs = static_ball_bar(shared.machine, table_balls=[r.table_ball for r in shared.runs], tool_ball=(0, 0, -150))
+    for ours, theirs in zip(runs, shared.runs, strict=True):
+        assert ours.length == theirs.length == 100.0
+        for name in shared.machine.axes:
+            assert np.abs(ours.commands[name] - theirs.commands[name]).max() < 6e-8
+
+
+def test_synchronous_circle_lies_on_the_shared_path():
+    """Same points: where C agrees, X agrees, though our run-up is smoother than the plant's."""
+    shared = read_campaign(SHARED / "dynamic-none" / "fit")
+    theirs = shared.run("x110-f800-cw")
+    machine = changed(shared.machine, C={"max_acceleration": 1e6})
+    ours = synchronous_circle(machine, x_t=55.0, feed=800.0, direction="cw", height=60.0, tool_ball=(0, 0, -130))[0]
+    assert ours.table_ball == pytest.approx(theirs.table_ball) and ours.length == theirs.length
+
+    def place(run):
+        x, c = run.commands["X"], np.radians(run.commands["C"])
+        return np.arctan2(x * np.sin(c), x * np.cos(c) - 55.0), np.hypot(x * np.sin(c), x * np.cos(c) - 55.0)
+
+    assert np.abs(place(ours)[1] - 50.0).max() < 1e-9 and np.abs(place(theirs)[1] - 50.0).max() < 1e-6
+    assert np.ptp(np.unwrap(place(ours)[0])) == pytest.approx(np.ptp(np.unwrap(place(theirs)[0])), abs=1e-6)
+    assert ours.commands["Z"][0] == pytest.approx(theirs.commands["Z"][0])
+
+
+# ---- paper 3
+
+
+FAST = changed(preset("tsutsumi-2007"), C={"max_feed": 1e5, "max_acceleration": 1e6})
+
+
+def paper_3(x_t, feed=1000.0, **more):
+    return synchronous_circle(FAST, x_t=x_t, radius=50.0, feed=feed, direction="ccw", rate_hz=1000.0, **more)[0]
+
+
+@pytest.mark.parametrize(("x_t", "most"), [(45.0, 11459.2), (55.0, 11459.2), (50.0, 573.0)])
+def test_p3_1_speed_of_c(x_t, most):
+    assert np.abs(spin(paper_3(x_t), "C")).max() * 60 == pytest.approx(most, abs=0.1)
+
+
+def test_p3_2_reversals():
+    run = paper_3(55.0)
+    x, c = run.commands["X"], np.radians(run.commands["C"])
+    phi = np.degrees(np.unwrap(np.arctan2(x * np.sin(c), x * np.cos(c) - 55.0)))
+    speed = np.diff(run.commands["C"])
+    turns = np.flatnonzero((speed[:-1] * speed[1:] < 0) & (phi[1:-1] > 60) & (phi[1:-1] < 300)) + 1
+    assert phi[turns] == pytest.approx([155.38, 204.62], abs=0.02)
+    speed = np.diff(paper_3(45.0).commands["C"])
+    assert speed.min() > -1e-12  # u < 1: C never reverses
+
+
+@pytest.mark.parametrize(("x_t", "most"), [(45.0, 900.0), (50.0, 1000.0), (55.0, 1000.0)])
+def test_p3_3_speed_of_x(x_t, most):
+    assert np.abs(spin(paper_3(x_t), "X")).max() * 60 == pytest.approx(most, abs=1.0)
+
+
+def test_p3_4_speed_and_acceleration_of_theta():
+    """Equations (6) and (7) against complex-step derivatives of (3)."""
+    phi = np.linspace(-2.9, 2.9, 59)
+    for u in (0.9, 1.1):
+        first = (1 + u * np.cos(phi)) / (1 + 2 * u * np.cos(phi) + u * u)
+        second = u * np.sin(phi) * (1 - u * u) / (1 + 2 * u * np.cos(phi) + u * u) ** 2
+        h = 1e-4
+        values = [polar_angle(phi + k * h, 50.0 * u, 50.0) for k in (-2, -1, 0, 1, 2)]
+        slope = (values[0] - 8 * values[1] + 8 * values[3] - values[4]) / (12 * h)
+        bend = (-values[0] + 16 * values[1] - 30 * values[2] + 16 * values[3] - values[4]) / (12 * h * h)
+        assert slope == pytest.approx(first, abs=1e-8) and bend == pytest.approx(second, abs=1e-5)
+
+
+def test_at_equal_radii_x_passes_through_zero():
+    run = paper_3(50.0)
+    assert run.commands["X"].min() < -40.0
+    assert np.ptp(run.commands["C"]) == pytest.approx(240.0, abs=1e-6)  # (360 + 2·60)/2
+    assert np.abs(np.linalg.norm(offset_of(FAST, run), axis=1) - 50.0).max() < 1e-9
+
+
+def test_y_rests_in_a_synchronous_circle():
+    for name in ("tsutsumi-2007", "table-bc", "mixed-bc", "nutating-table"):
+        run = synchronous_circle(preset(name), radius=50.0)[0]
+        assert np.ptp(run.commands["Y"]) < 1e-9 and np.ptp(run.commands["Z"]) < 1e-9
+        assert run.commands["X"].min() > 0.0
+
+
+def test_paper_3_limits():
+    """The printed limit of 33 1/min at F = 1000 needs |x_t - r| of at least 4.8 mm (SEEDS, feasibility note)."""
+    machine = preset("tsutsumi-2007")
+    assert synchronous_circle(machine, x_t=45.0)
+    with pytest.raises(InputError, match="axis C would move") as caught:
+        synchronous_circle(machine, x_t=46.0)
+    feed = float(caught.value.remedy.split()[-2])
+    assert synchronous_circle(machine, x_t=46.0, feed=feed) and feed > 800.0
+
+
+# ---- planar circles
+
+
+@pytest.mark.parametrize("plane", ["XY", "YZ", "ZX"])
+@pytest.mark.parametrize("instrument", ["ball_bar", "grid_encoder"])
+def test_planar_circle(plane, instrument):
+    machine = preset("three-axis")
+    runs = planar_circle(machine, plane=plane, instrument=instrument, radius=100.0, feed=1200.0)
+    for run, sense in zip(runs, (1.0, -1.0), strict=True):
+        i, j = ("XYZ".index(letter) for letter in plane)
+        d = offset_of(machine, run)
+        assert np.abs(np.hypot(d[:, i], d[:, j]) - 100.0).max() < 1e-9
+        phi = np.unwrap(np.arctan2(d[:, j], d[:, i]))
+        assert phi[-1] - phi[0] == pytest.approx(sense * np.radians(540.0))
+        rate = np.gradient(phi, run.time)
+        middle = slice(run.rows // 3, run.rows // 2)
+        assert rate[middle] * 100.0 * 60.0 == pytest.approx(sense * 1200.0, rel=1e-6)
+        if instrument == "grid_encoder":
+            assert run.length is None and run.u == tuple(np.eye(3)[i]) and run.v == tuple(np.eye(3)[j])
+        assert np.ptp(run.commands[plane[0]]) == pytest.approx(200.0, abs=1e-3)
+
+
+def test_planar_circle_on_a_turned_table_keeps_the_machines_plane():
+    machine = preset("table-bc")
+    run = planar_circle(machine, plane="ZX", radius=50.0, hold={"C": 90.0, "B": 0.0}, direction="ccw")[0]
+    assert np.ptp(run.commands["Y"]) < 1e-9 and np.ptp(run.commands["X"]) == pytest.approx(100.0, abs=0.01)
+
+
+# ---- rotary circles
+
+
+TABLES = [("table-bc", "C"), ("table-bc", "B"), ("tsutsumi-2007", "A"), ("nutating-table", "B"), ("mixed-bc", "C")]
+HEADS = [("mixed-bc", "B"), ("head-bc", "B"), ("head-bc", "C")]
+
+
+@pytest.mark.parametrize(("name", "axis"), TABLES + HEADS)
+@pytest.mark.parametrize("arrangement", ["radial", "tangential", "axial"])
+def test_following_bar_keeps_its_direction_to_the_axis(name, axis, arrangement):
+    machine = preset(name)
+    run = rotary_circle(machine, axis=axis, arrangement=arrangement, length=100.0, direction="ccw", rate_hz=20.0)[0]
+    nominal = Nominal(machine)
+    rotation = nominal.workpiece_rotation(run.commands)
+    bar = np.einsum("nij,nj->ni", rotation, offset_of(machine, run)) / 100.0
+    point, line = nominal.axis_line(axis, {})
+    assert bar @ line == pytest.approx(np.full(run.rows, arrangement == "axial") * np.sign(bar[0] @ line), abs=1e-9)
+    if arrangement != "axial":  # it turns as far as the axis does
+        turn = np.degrees(np.unwrap(np.arctan2(np.cross(bar[0], bar) @ line, bar @ bar[0])))
+        assert np.abs(turn[-1]) == pytest.approx(np.ptp(run.commands[axis]), abs=1e-6)
+    others = [n for n, a in machine.axes.items() if a.rotary and n != axis]
+    assert all(np.ptp(run.commands[n]) == 0.0 for n in others)
+    assert point.shape == (3,)
+
+
+@pytest.mark.parametrize(("name", "axis"), [("table-bc", "C"), ("mixed-bc", "C"), ("mixed-bc", "B"), ("head-bc", "B")])
+def test_resting_radial_bar(name, axis):
+    machine = preset(name)
+    for run in rotary_circle(machine, axis=axis, linear="standing"):
+        assert all(np.ptp(run.commands[n]) == 0.0 for n in machine.axes if n != axis)
+        assert np.abs(np.linalg.norm(offset_of(machine, run), axis=1) - run.length).max() < 1e-9
+
+
+@pytest.mark.parametrize("arrangement", ["radial", "tangential", "axial"])
+@pytest.mark.parametrize(("name", "axis"), [("table-bc", "C"), ("head-bc", "C")])
+def test_resting_bar_on_the_axis(name, axis, arrangement):
+    """Paper 1, (16)-(18): the ball on the axis, the bar along one direction of the machine."""
+    machine = preset(name)
+    ball = (0.0, 0.0, 100.0)
+    run = rotary_circle(machine, axis=axis, linear="standing", arrangement=arrangement, table_ball=ball)[0]
+    assert all(np.ptp(run.commands[n]) == 0.0 for n in machine.axes if n != axis)
+    rotation = Nominal(machine).workpiece_rotation(run.commands)
+    bar = np.einsum("nij,nj->ni", rotation, offset_of(machine, run))
+    along = {"radial": 0, "tangential": 1, "axial": 2}[arrangement]
+    assert np.abs(bar[:, along]) == pytest.approx(np.full(run.rows, run.length), abs=1e-9)
+
+
+def test_resting_circle_sees_what_paper_1_says():
+    """(14)-(15): with the tool ball on C at height h, dR = ±[(x_c + h beta_c) cos c + (y_c - h alpha_c) sin c]."""
+    machine = preset("wang-li-2016")
+    h = 120.0
+    runs = rotary_circle(machine, axis="C", linear="standing", table_ball=(100.0, 0.0, h), direction="ccw")
+    plan = campaign_of(machine, runs)
+    model = Model(plan)
+    linear = model.linearise(runs[0].id, model.start)
+    column = {model.parameters[i].name: linear.jacobian[:, 0, k] for k, i in enumerate(linear.columns)}
+    c = np.radians(runs[0].commands["C"])
+    cos, sin = np.cos(c), np.sin(c)
+    assert np.abs(column["EX0C"]) == pytest.approx(np.abs(cos), abs=1e-9)
+    assert np.abs(column["EY0C"]) == pytest.approx(np.abs(sin), abs=1e-9)
+    assert column["EB0C"] == pytest.approx(h * column["EX0C"] * 1e-3, abs=1e-9)  # µm per µrad
+    assert column["EA0C"] == pytest.approx(-h * column["EY0C"] * 1e-3, abs=1e-9)
+    assert column["EX0B"] == pytest.approx(column["EX0C"], abs=1e-9)
+    assert column["EA0B"] == pytest.approx(column["EA0C"], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"linear": "standing", "arrangement": "axial", "table_ball": (50.0, 0.0, 80.0)},
+     {"linear": "standing", "arrangement": "tangential", "table_ball": (50.0, 0.0, 80.0)},
+     {"linear": "standing", "table_ball": (50.0, 0.0, 80.0), "length": 100.0},
+     {"linear": "gliding"}, {"arrangement": "diagonal"}, {"axis": "Q"}, {"axis": "X"}, {"start_deg": 10.0, "end_deg": 5.0},
+     {"direction": "up"}, {"feed": 0.0}, {"rate_hz": float("nan")}, {"hold": {"Q": 1.0}}, {"table_ball": (0.0, 1.0)},
+     {"axis": "B", "start_deg": -110.0, "end_deg": 0.0}, {"feed": 1e9}, {"start_deg": float("nan")}],
+)  # fmt: skip
+def test_impossible_rotary_circles(options):
+    with pytest.raises(InputError) as caught:
+        rotary_circle(preset("table-bc"), **options)
+    assert caught.value.remedy
+
+
+# ---- grids
+
+
+@pytest.mark.parametrize("name", ["nutating-table", "head-bc", "mixed-bc", "tsutsumi-2007"])
+def test_r_test_on_any_topology(name):
+    machine = preset(name)
+    tilt, turn = {"tsutsumi-2007": ("A", "C"), "nutating-table": ("B", "C")}.get(name, ("B", "C"))
+    run = r_test_grid(machine)[0]
+    assert run.rows == 2 * 7 * 12
+    poses = {(b, c) for b, c in zip(run.commands[tilt], run.commands[turn], strict=True)}
+    assert len(poses) == 84
+    assert np.abs(offset_of(machine, run)).max() < 1e-9
+    steps = [np.abs(np.diff(run.commands[n])) for n in (tilt, turn)]
+    assert np.all((steps[0] < 1e-9) | (steps[1] < 1e-9))  # one rotary axis at a time
+
+
+def test_serpentine():
+    poses = serpentine({"A": [0, 1], "B": [0, 1], "C": [0, 1, 2]}, returning=True)
+    rows = list(zip(*(v.tolist() for v in poses.values()), strict=True))
+    assert len(rows) == 24 and rows[:12] == rows[:11:-1]
+    assert len(set(rows)) == 12
+    assert all(sum(abs(x - y) for x, y in zip(a, b, strict=True)) <= 1 for a, b in zip(rows, rows[1:], strict=False))
+    with pytest.raises(InputError):
+        serpentine({"A": []})
+
+
+def test_ball_bar_along_given_directions():
+    machine = preset("table-bc")
+    directions = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 1.0, 1.0]])
+    poses = {"B": [0.0, 30.0, -30.0], "C": [10.0, 20.0, 30.0]}
+    run = static_ball_bar(machine, poses=poses, direction=directions, table_balls=[(40.0, 0.0, 60.0)], length=100.0)[0]
+    bar = np.einsum("nij,nj->ni", Nominal(machine).workpiece_rotation(run.commands), offset_of(machine, run))
+    assert bar == pytest.approx(100.0 * directions / np.linalg.norm(directions, axis=1)[:, None], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "said"),
+    [(r_test_grid, {"nests": [(500.0, 0.0, 50.0)]}, "travel"),
+     (r_test_grid, {"seconds_per_pose": 0.2}, "seconds_per_pose"),
+     (r_test_grid, {"grid": {"B": [-120.0]}}, "travel"),
+     (r_test_grid, {"grid": {"Q": [0.0]}}, "no axis Q"),
+     (r_test_grid, {"grid": {"B": [0.0], "X": [0.0]}}, "miss"),
+     (static_ball_bar, {"poses": {"B": [0.0], "C": [0.0, 1.0]}}, "number"),
+     (static_ball_bar, {"direction": (0.0, 0.0, 0.0)}, "no length"),
+     (static_ball_bar, {"length": -5.0}, "length"),
+     (planar_circle, {"plane": "XC"}, "plane"),
+     (planar_circle, {"instrument": "laser"}, "laser"),
+     (planar_circle, {"radius": 0.0}, "radius"),
+     (planar_circle, {"radius": 290.0}, "travel"),
+     (planar_circle, {"feed": 14000.0, "radius": 10.0}, "accelerate"),
+     (planar_circle, {"feed": 40000.0}, "lower the feed"),
+     (planar_circle, {"rate_hz": 1e7}, "rows"),
+     (synchronous_circle, {"linear": "Z"}, "square"),
+     (synchronous_circle, {"x_t": float("inf")}, "centre"),
+     (linear_positioning, {"axis": "C"}, "linear axis"),
+     (linear_positioning, {"targets": [0.0, -1.0]}, "ascend"),
+     (linear_positioning, {"targets": [-299.0, 0.0, 299.0]}, "travel"),
+     (grid_encoder_lines, {"offsets": [(0, 0), (10, 10), (20, 20)]}, "one plane"),
+     (grid_encoder_lines, {"offsets": [(0, 0), (100, 0), (0, 100)]}, "roll"),
+     (grid_encoder_lines, {"reach": (0.0, 1.0)}, "fit"),
+     (grid_encoder_lines, {"axis": "B"}, "linear axis")],
+)  # fmt: skip
+def test_impossible_plans(make, options, said):
+    with pytest.raises(InputError, match=said) as caught:
+        make(preset("table-bc"), **options)
+    assert caught.value.remedy and "\n" not in str(caught.value)
+
+
+def test_the_suggested_feed_is_possible():
+    machine = preset("table-bc")
+    for radius in (5.0, 20.0, 100.0):
+        with pytest.raises(InputError, match="lower the feed") as caught:
+            planar_circle(machine, radius=radius, feed=100_000.0)
+        assert planar_circle(machine, radius=radius, feed=float(caught.value.remedy.split()[-2]))
+
+
+def test_heads_cannot_drive_a_synchronous_circle():
+    with pytest.raises(InputError, match="carries the tool"):
+        synchronous_circle(preset("head-bc"), rotary="C")
+
+
+# ---- lines
+
+
+@pytest.mark.parametrize(("x", "spacing", "condition"), [(0.0, 200.0, 3.7), (300.0, 200.0, 9.4), (0.0, 100.0, 6.3)])
+def test_paper_1_condition_of_the_six_readings(x, spacing, condition):
+    """SEEDS on (10): angles scaled by 200 mm; lines (0, 0), (0, s), (s, 0)."""
+    machine = preset("wang-li-2016")
+    errors = {f"E{c}X": ErrorTerm(name=f"E{c}X", sigma=1.0, basis=("polynomial",), order=(1,)) for c in "XYZABC"}
+    machine = Machine(
+        name="X only", structure=machine.structure, axes=machine.axes, errors=errors, workspace=machine.workspace
+    )
+    offsets = ((0.0, 0.0), (0.0, spacing), (spacing, 0.0))
+    runs = grid_encoder_lines(
+        machine, offsets=offsets, centre=(0, 0, 0), reach=(-300.0, 300.0), pitch=100.0, both_ways=False
+    )
+    moved = 300.0 if x == 0.0 else x  # at x = 0 the Legendre function P1 is 0, so shift the lever instead
+    model = Model(campaign_of(machine, runs))
+    matrix = []
+    for run, kept in zip(runs, ((0, 1), (1,), (0, 1), (0,)), strict=True):
+        linear = model.linearise(run.id, model.start)
+        row = int(np.flatnonzero(run.commands["X"] == moved)[0])
+        names = [model.parameters[i].name for i in linear.columns]
+        columns = [names.index(f"E{c}X.P1") for c in "XYZABC"]
+        part = linear.jacobian[row][:, columns][list(kept)]
+        part[:, 3:] *= 1000.0 / 200.0  # µm per µrad → per radian at 200 mm
+        matrix.append(part)
+    stacked = np.vstack(matrix)
+    if x == 0.0:  # take off the lever x of EB on dz and EC on dy
+        stacked[:, 4] -= np.where(np.abs(stacked[:, 2]) > 0.5, stacked[:, 4], 0.0)
+        stacked[:, 5] -= np.where(np.abs(stacked[:, 1]) > 0.5, stacked[:, 5], 0.0)
+    assert np.linalg.matrix_rank(stacked) == 6
+    assert np.linalg.cond(stacked) == pytest.approx(condition, abs=0.1)
+
+
+@pytest.mark.parametrize("name", ["three-axis", "tsutsumi-2007", "head-bc"])
+@pytest.mark.parametrize("axis", ["X", "Y", "Z"])
+def test_only_the_axis_moves_along_its_line(name, axis):
+    machine = preset(name)
+    for run in grid_encoder_lines(machine, axis=axis, pitch=50.0, offsets=((0, 0), (0, 60), (60, 0))):
+        assert all(np.ptp(run.commands[n]) == 0.0 for n in machine.axes if n != axis)
+        d = Nominal(machine).ball(run.commands, run.tool_ball)
+        moved = "XYZ".index(axis)
+        assert np.ptp(d[:, moved] - run.commands[axis]) < 1e-9
+        assert np.abs(np.delete(d - run.table_ball, moved, axis=1)).max() < 1e-9
+        assert run.u == tuple(np.eye(3)[moved]) and np.dot(run.u, run.v) == 0.0
+
+
+def test_laser_targets_after_iso_230_2():
+    machine = preset("table-bc")
+    run = linear_positioning(machine, axis="Z", cycles=5)[0]
+    z = run.commands["Z"]
+    low, high = machine.axes["Z"].travel
+    stops = sorted(set(z))[1:-1]
+    assert len(stops) >= 5 and len(stops) / (high - low) >= 5 / 1000
+    gaps = np.diff(stops)
+    assert gaps.min() > 0.3 * gaps.max() and np.ptp(gaps) > 1.0  # uneven, but everywhere
+    before = np.sign(np.diff(z))
+    for stop in stops:
+        sides = before[np.flatnonzero(z[1:] == stop)]
+        assert (sides > 0).sum() == 5 and (sides < 0).sum() == 5
+    assert run.options["axis"] == "Z" and np.ptp(run.commands["X"]) == 0.0
