@@ -128,7 +128,7 @@ def test_the_unchanged_ones_are_right(campaign_folder):
     assert isinstance(read_campaign(campaign_folder), Campaign)
 
 
-many = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+many = settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @many
@@ -307,19 +307,19 @@ def test_no_rights(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "said"),
+    ("old", "new", "said"),
     [
-        ('schema = "symfive.machine/1"', 'schema = "other"', 1, "schema"),
-        ('name = "m"', "name = ", 2, "TOML"),
-        ("structure = \"w C' B' X' b Y Z t\"", 'structure = "XYZ"', 3, "XYZ"),
-        ("max_feed = 9000.0", 'max_feed = "fast"', 8, "max_feed"),
-        ("max_feed = 9000.0", "max_feed = nan", 8, "finite"),
-        ("sigma = 5.0", "sigma = -5.0", 31, "sigma"),
-        ('effect = "backlash", axis = "C"', 'effect = "backlash", axis = "Q"', 43, "axis"),
-        ("EX0C", "EX0X", 30, "no position of its own"),
+        ('schema = "symfive.machine/1"', 'schema = "other"', "schema"),
+        ('name = "m"', "name = ", "TOML"),
+        ("structure = \"w C' B' X' b Y Z t\"", 'structure = "XYZ"', "XYZ"),
+        ("max_feed = 9000.0", 'max_feed = "fast"', "max_feed"),
+        ("max_feed = 9000.0", "max_feed = nan", "finite"),
+        ("sigma = 5.0", "sigma = -5.0", "sigma"),
+        ('effect = "backlash", axis = "C"', 'effect = "backlash", axis = "Q"', "axis"),
+        ("EX0C", "EX0X", "no position of its own"),
     ],
 )
-def test_lines_are_named(campaign_folder, tmp_path, old, new, line, said):
+def test_lines_are_named(tmp_path, old, new, said):
     text = toml_text(MACHINE, sections=("axes",))
     assert old in text
     path = tmp_path / "machine.toml"
@@ -328,11 +328,10 @@ def test_lines_are_named(campaign_folder, tmp_path, old, new, line, said):
         read_machine(path)
     lines = path.read_text().splitlines()
     assert new.split("=")[0].strip() in lines[caught.value.line - 1], (caught.value.line, lines)
-    assert line is None or caught.value.line is not None
 
 
 def test_line_of_keys():
-    text = "# x\na = 1\n[[run]]\nid = 1\n[run.more]\ny = 2\n[[run]]\nid = 2 # id = 3\n[b.\"c\"]\nd = { e = 1 }\n"
+    text = '# x\na = 1\n[[run]]\nid = 1\n[run.more]\ny = 2\n[[run]]\nid = 2 # id = 3\n[b."c"]\nd = { e = 1 }\n'
     file = parse_toml(Path("f"), text)
     assert file.line("a") == 2
     assert file.line("run", 0, "id") == 4 and file.line("run", 1, "id") == 8
@@ -343,7 +342,7 @@ def test_line_of_keys():
 
 
 def test_comments_are_found_outside_strings_only():
-    text = 'a = "# no" # yes\nb = \'\'\'\n# no\n\'\'\' # too\n#\nc = "\\"#no" #end\n'
+    text = "a = \"# no\" # yes\nb = '''\n# no\n''' # too\n#\nc = \"\\\"#no\" #end\n"
     assert parse_toml(Path("f"), text).comments == ("yes", "too", "", "end")
     assert tomlkit.parse(toml_text({"x": 1}, ["yes", "", "end"]))["x"] == 1
 

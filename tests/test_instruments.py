@@ -79,9 +79,7 @@ def campaign(name, run_fields):
     errors |= {n: {"basis": "fourier", "order": 1, "sigma": 9.0} for n in ("EXC", "EAC")}
     errors |= {"EYX": {"basis": "polynomial", "order": 2, "sigma": 9.0}}
     errors |= {"ECX": {"basis": "polynomial", "order": 1, "sigma": 9.0}}
-    machine = machine_from_data(
-        {"schema": "symfive.machine/1", "structure": structure, "axes": axes, "errors": errors}
-    )
+    machine = machine_from_data({"schema": "symfive.machine/1", "structure": structure, "axes": axes, "errors": errors})
     rng = np.random.default_rng(5)
     commands = {n: rng.uniform(-90, 90, N) if n in "BC" else rng.uniform(-300, 300, N) for n in machine.axis_names}
     run = Run(id="r", sampling="static", time=np.arange(N) * 6.0, commands=commands, **run_fields)

@@ -33,9 +33,7 @@ def machines(draw, least=1, linear=()):
 
 @st.composite
 def poses(draw, machine):
-    return {
-        name: draw(numbers) * (3.0 if machine.axes[name].rotary else 200.0) for name in machine.axis_names
-    }
+    return {name: draw(numbers) * (3.0 if machine.axes[name].rotary else 200.0) for name in machine.axis_names}
 
 
 def ball(machine, position, tool, **more):

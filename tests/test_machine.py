@@ -147,7 +147,7 @@ def test_changed_machine_keeps_comments_and_layout(full, tmp_path):
     text = (tmp_path / "changed.toml").read_text()
     assert same(read_machine(tmp_path / "changed.toml"), changed)
     assert "travel = [-200.0, 300.0]        # mm" in text.replace("]# mm", "]        # mm")
-    assert 'direction = [0.0, 1.0, 1.0]     # nutating' in text
+    assert "direction = [0.0, 1.0, 1.0]     # nutating" in text
     assert read_machine(tmp_path / "changed.toml").comments == full.comments
 
 

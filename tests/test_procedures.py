@@ -1,5 +1,6 @@
 """Procedures: nobody types poses, every pose stands where it should, and every axis can do it."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -274,7 +275,10 @@ def test_resting_bar_on_the_axis(name, axis, arrangement):
 
 def test_resting_circle_sees_what_paper_1_says():
     """(14)-(15): with the tool ball on C at height h, dR = ±[(x_c + h beta_c) cos c + (y_c - h alpha_c) sin c]."""
-    machine = preset("wang-li-2016")
+    data = machine_to_data(preset("wang-li-2016"))
+    for axis in data["axes"].values():
+        axis.pop("drive")
+    machine = machine_from_data(data)
     h = 120.0
     runs = rotary_circle(machine, axis="C", linear="standing", table_ball=(100.0, 0.0, h), direction="ccw")
     plan = campaign_of(machine, runs)
@@ -296,7 +300,8 @@ def test_resting_circle_sees_what_paper_1_says():
     [{"linear": "standing", "arrangement": "axial", "table_ball": (50.0, 0.0, 80.0)},
      {"linear": "standing", "arrangement": "tangential", "table_ball": (50.0, 0.0, 80.0)},
      {"linear": "standing", "table_ball": (50.0, 0.0, 80.0), "length": 100.0},
-     {"linear": "gliding"}, {"arrangement": "diagonal"}, {"axis": "Q"}, {"axis": "X"}, {"start_deg": 10.0, "end_deg": 5.0},
+     {"linear": "gliding"}, {"arrangement": "diagonal"}, {"axis": "Q"}, {"axis": "X"},
+     {"start_deg": 10.0, "end_deg": 5.0},
      {"direction": "up"}, {"feed": 0.0}, {"rate_hz": float("nan")}, {"hold": {"Q": 1.0}}, {"table_ball": (0.0, 1.0)},
      {"axis": "B", "start_deg": -110.0, "end_deg": 0.0}, {"feed": 1e9}, {"start_deg": float("nan")}],
 )  # fmt: skip
@@ -327,7 +332,7 @@ def test_serpentine():
     rows = list(zip(*(v.tolist() for v in poses.values()), strict=True))
     assert len(rows) == 24 and rows[:12] == rows[:11:-1]
     assert len(set(rows)) == 12
-    assert all(sum(abs(x - y) for x, y in zip(a, b, strict=True)) <= 1 for a, b in zip(rows, rows[1:], strict=False))
+    assert all(sum(abs(x - y) for x, y in zip(a, b, strict=True)) <= 1 for a, b in pairwise(rows))
     with pytest.raises(InputError):
         serpentine({"A": []})
 
@@ -345,6 +350,7 @@ def test_ball_bar_along_given_directions():
     ("make", "options", "said"),
     [(r_test_grid, {"nests": [(500.0, 0.0, 50.0)]}, "travel"),
      (r_test_grid, {"seconds_per_pose": 0.2}, "seconds_per_pose"),
+        (r_test_grid, {"seconds_per_pose": 0.0}, "increase"),
      (r_test_grid, {"grid": {"B": [-120.0]}}, "travel"),
      (r_test_grid, {"grid": {"Q": [0.0]}}, "no axis Q"),
      (r_test_grid, {"grid": {"B": [0.0], "X": [0.0]}}, "miss"),
@@ -355,8 +361,9 @@ def test_ball_bar_along_given_directions():
      (planar_circle, {"instrument": "laser"}, "laser"),
      (planar_circle, {"radius": 0.0}, "radius"),
      (planar_circle, {"radius": 290.0}, "travel"),
-     (planar_circle, {"feed": 14000.0, "radius": 10.0}, "accelerate"),
-     (planar_circle, {"feed": 40000.0}, "lower the feed"),
+     (planar_circle, {"feed": 14000.0, "radius": 10.0, "rate_hz": 500.0}, "accelerate"),
+     (planar_circle, {"feed": 29000.0}, "lower the feed"),
+     (planar_circle, {"feed": 40000.0}, "sample rate"),
      (planar_circle, {"rate_hz": 1e7}, "rows"),
      (synchronous_circle, {"linear": "Z"}, "square"),
      (synchronous_circle, {"x_t": float("inf")}, "centre"),
@@ -377,9 +384,9 @@ def test_impossible_plans(make, options, said):
 def test_the_suggested_feed_is_possible():
     machine = preset("table-bc")
     for radius in (5.0, 20.0, 100.0):
-        with pytest.raises(InputError, match="lower the feed") as caught:
-            planar_circle(machine, radius=radius, feed=100_000.0)
-        assert planar_circle(machine, radius=radius, feed=float(caught.value.remedy.split()[-2]))
+        with pytest.raises(InputError, match="lower the feed to at most") as caught:
+            planar_circle(machine, radius=radius, feed=50_000.0, rate_hz=2000.0)
+        assert planar_circle(machine, radius=radius, feed=float(caught.value.remedy.split()[-2]), rate_hz=2000.0)
 
 
 def test_heads_cannot_drive_a_synchronous_circle():

@@ -33,7 +33,7 @@ def _frozen_array(values: Any) -> Array:
 
 def _inside(owner: str, name: object) -> str:
     """The name of a file that stays below the campaign's folder."""
-    if not isinstance(name, str) or not name.strip() or any(ord(c) < 32 for c in name) or len(name) > 200:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 200:
         raise InputError(f"{owner}: file {shown(name)} is not a file name", remedy='write file = "….csv"')
     parts = PureWindowsPath(name)  # knows both kinds of separators
     if parts.anchor or ".." in parts.parts:

@@ -33,7 +33,7 @@ def read_campaign(path: Path | str) -> Campaign:
     data = file.data
     _check_schema(file)
     machine_file = data.get("machine", "machine.toml")
-    if not isinstance(machine_file, str) or not machine_file or "\0" in machine_file:
+    if not isinstance(machine_file, str) or not machine_file.strip() or not machine_file.isprintable():
         problem = f"machine = {shown(machine_file)} is not a file name"
         raise file.error(problem, "machine", remedy='write machine = "machine.toml"')
     machine = read_machine(folder / machine_file)

@@ -32,6 +32,7 @@ Indices = NDArray[np.int64]
 GAP = 2e-3
 ROUNDS = 25
 COARSE = 4096
+KEPT = 1e-5
 TORUS = 48
 MARGIN_MM = 2.0
 MOST_CELLS = 300_000
@@ -75,7 +76,7 @@ def certify(space: Space, task: Task, rows: Rows, value: float | None = None, ga
         bound = max(bound, _bound(task, relaxed, rows.groups, points, top))
         if relaxed.value - bound < gap or not len(fresh):
             break
-        kept = relaxed.weights > 0.0
+        kept = relaxed.weights > KEPT * points
         columns = _joined(columns.take(np.flatnonzero(kept)), fresh)
         weights = np.concatenate([relaxed.weights[kept], np.full(len(fresh), 0.02 * points / len(fresh))])
     rigour = "a dense search with local refinement over poses: numerically global, not proved"

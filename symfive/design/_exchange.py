@@ -135,14 +135,19 @@ def _state(task: Task, candidates: Candidates, groups: int, chosen: Indices) -> 
     return _State(task, layout, whole, task.prior_information(groups) + taken @ taken.T)
 
 
-def greedy(task: Task, candidates: Candidates, groups: int, points: int, start: Indices | None = None) -> Indices:
-    """`points` candidates, each the best one to add to those before it."""
-    chosen = [] if start is None else [int(i) for i in start]
-    state = _state(task, candidates, groups, np.array(chosen, dtype=np.int64))
+def greedy(task: Task, candidates: Candidates, groups: int, points: int, quota: int | None = None) -> Indices:
+    """`points` candidates, each the best one to add to those before it, at most `quota` from a set-up."""
+    chosen: list[int] = []
+    state = _state(task, candidates, groups, np.zeros(0, dtype=np.int64))
+    count = np.zeros(groups, dtype=np.int64)
     while len(chosen) < points:
-        best = int(np.argmax(state.gains()))
+        gains = state.gains()
+        if quota is not None:
+            gains = np.where(count[candidates.group] < quota, gains, -np.inf)
+        best = int(np.argmax(gains))
         state.change(best, None)
         chosen.append(best)
+        count[candidates.group[best]] += 1
     return np.array(chosen, dtype=np.int64)
 
 
@@ -170,5 +175,16 @@ def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, p
 
 
 def choose(task: Task, candidates: Candidates, groups: int, points: int) -> Indices:
-    """Greedy and exchange."""
-    return exchange(task, candidates, groups, greedy(task, candidates, groups, points))
+    """Greedy and exchange, once freely and once from a start with the poses shared evenly among the set-ups.
+
+    The first reading in a set-up tells nothing but its zero, so a free greedy search may never begin a second one.
+    """
+    designs = [exchange(task, candidates, groups, greedy(task, candidates, groups, points))]
+    if groups > 1:
+        shared = greedy(task, candidates, groups, points, -(-points // groups))
+        designs.append(exchange(task, candidates, groups, shared))
+
+    def value(chosen: Indices) -> float:
+        return task.value(task.information(candidates.rows[chosen], candidates.group[chosen], groups))
+
+    return min(designs, key=value)

@@ -22,8 +22,9 @@ __all__ = ["Relaxed", "relax", "sensitivity"]
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
-ITERATIONS = 2000
-NEGLIGIBLE = 1e-5
+NEGLIGIBLE = 1e-6
+MULTIPLICATIVE, MOST_LIVE, FRESH = 40, 160, 40
+ROUNDS, INTERIOR = 12, 40
 
 
 @dataclass(frozen=True)
@@ -51,43 +52,103 @@ def sensitivity(pull: Array, whole: Array) -> Array:
 def relax(
     task: Task, candidates: Candidates, groups: int, points: float, start: Array | None = None, tolerance: float = TOLERANCE
 ) -> Relaxed:
-    """Multiplicative algorithm (D. M. Titterington 1976; square root for criteria that are no determinant).
+    """Weights on the candidates, optimal to `tolerance` in ψ.
 
-    Stops when the bound is within `tolerance` of what is reached. Candidates with a negligible weight and a sensitivity
-    below the mean are dropped on the way and looked at again at the end.
+    Few multiplicative steps (D. M. Titterington 1976) find the candidates that matter; an interior point with exact second
+    derivatives finishes on them; candidates whose sensitivity exceeds the bound come back until none does.
     """
     layout = task.layout(groups)
     whole = layout.embed(candidates.rows, candidates.group)
     prior = task.prior_information(groups)
-    power = 1.0 if task.criterion.determinant else 0.5
-    weights = np.full(len(candidates), points / len(candidates)) if start is None else start * points / start.sum()
-    live = np.flatnonzero(weights > 0.0)
+    n = len(candidates)
+    weights = np.full(n, points / n) if start is None else 0.9 * start * points / start.sum() + 0.1 * points / n
+    if n > MOST_LIVE:
+        weights = _multiplied(task, whole, prior, points, weights)
+    live = np.sort(np.argsort(weights)[::-1][:MOST_LIVE])
     best: Relaxed | None = None
-    for iteration in range(ITERATIONS):
-        if iteration % 200 == 0 and iteration:  # whatever has become worth a weight comes back
-            weights[:] = np.where(weights > 0.0, weights, NEGLIGIBLE * points)
-            live = np.arange(len(weights))
-        flat, ny = whole[live].transpose(1, 0, 2).reshape(layout.size, -1), whole.shape[2]
-        information = prior + (flat * np.repeat(weights[live], ny)) @ flat.T
-        covariance = inverse(information)
+    for _ in range(ROUNDS):
+        inner = weights[live] / weights[live].sum() * points
+        inner = _interior(task, whole[live], prior, points, inner, 0.2 * tolerance)
+        covariance = inverse(prior + _gathered(whole[live], inner))
         pull = task.pull(covariance)
-        every = iteration % 20 == 0
-        seen = sensitivity(pull, whole if every else whole[live])
-        active = seen[live] if every else seen
-        if every:
-            value = task.criterion.value(task.of_interest(covariance))
-            bound = value - float(np.log(np.sum(pull * prior) + points * seen.max()))
-            if best is None or bound > best.bound or value < best.value:
-                lowest = bound if best is None else max(bound, best.bound)
-                best = Relaxed(weights.copy(), value, lowest, pull)
-            if best.value - best.bound < tolerance:
-                break
-            fresh = np.flatnonzero((weights == 0.0) & (seen > active.max()))
-            weights[fresh] = NEGLIGIBLE * points
-            live, active = np.flatnonzero(weights > 0.0), seen[weights > 0.0]
-        weights[live] *= active**power
-        weights[live[(weights[live] < NEGLIGIBLE * weights[live].max()) & (active < active.mean())]] = 0.0
-        live = np.flatnonzero(weights > 0.0)
-        weights *= points / weights.sum()
+        seen = sensitivity(pull, whole)
+        value = task.criterion.value(task.of_interest(covariance))
+        bound = value - float(np.log(np.sum(pull * prior) + points * seen.max()))
+        weights = np.zeros(n)
+        weights[live] = inner
+        highest = bound if best is None else max(bound, best.bound)
+        best = Relaxed(weights, value, highest, pull)
+        if value - highest < tolerance:
+            break
+        fresh = np.setdiff1d(np.argsort(seen)[::-1][:FRESH], live)
+        kept = live[inner > NEGLIGIBLE * points]
+        live = np.concatenate([kept, fresh])
+        weights[fresh] = 0.02 * points / max(len(fresh), 1)
     assert best is not None
     return best
+
+
+def _gathered(whole: Array, weights: Array) -> Array:
+    """Σ w JᵀJ of rows in all columns (n, size, ny)."""
+    flat = whole.transpose(1, 0, 2).reshape(whole.shape[1], -1)
+    return np.asarray((flat * np.repeat(weights, whole.shape[2])) @ flat.T)
+
+
+def _multiplied(task: Task, whole: Array, prior: Array, points: float, weights: Array) -> Array:
+    """w ← w·⟨G, F⟩ (square root for criteria that are no determinant), normalised, a few times."""
+    power = 1.0 if task.criterion.determinant else 0.5
+    live = np.arange(len(weights))
+    for _ in range(MULTIPLICATIVE):
+        seen = sensitivity(task.pull(inverse(prior + _gathered(whole[live], weights[live]))), whole[live])
+        weights[live] *= seen**power
+        weights *= points / weights.sum()
+        floor = NEGLIGIBLE * weights.max()
+        live = live[weights[live] > floor]
+    return weights
+
+
+def _interior(task: Task, whole: Array, prior: Array, points: float, weights: Array, tolerance: float) -> Array:
+    """Primal-dual interior point for min exp ψ(w), Σw = points, w ≥ 0 (exp ψ is convex)."""
+    weights = np.maximum(weights, 1e-4 * points / len(weights))
+    weights *= points / weights.sum()
+    multiplier = 0.0
+    duals = np.full(len(weights), 0.0)
+    for iteration in range(INTERIOR):
+        slope, bent = _derivatives(task, whole, prior, weights)
+        if iteration == 0:
+            multiplier = float(-slope @ weights / points)
+            duals = np.maximum(slope + multiplier, 0.1 * multiplier / len(weights) ** 0.5 + 1e-9)
+        gap = float(duals @ weights)
+        residual = slope + multiplier - duals
+        if gap < tolerance and np.abs(residual).max() * points < tolerance:
+            break
+        barrier = 0.15 * gap / len(weights)
+        matrix = bent + np.diag(duals / weights + 1e-12)
+        right = np.stack([-(slope + multiplier) + barrier / weights, -np.ones(len(weights))], axis=1)
+        solved = np.linalg.solve(matrix, right)
+        change = -solved[:, 0].sum() / solved[:, 1].sum()
+        step = solved[:, 0] + change * solved[:, 1]
+        dual_step = (barrier - duals * step) / weights - duals
+        length = min(1.0, 0.99 / max(float((-step / weights).max()), 1e-12))
+        dual_length = min(1.0, 0.99 / max(float((-dual_step / duals).max()), 1e-12))
+        weights = weights + length * step
+        duals = duals + dual_length * dual_step
+        multiplier += dual_length * change
+        weights *= points / weights.sum()
+    return weights
+
+
+def _derivatives(task: Task, whole: Array, prior: Array, weights: Array) -> tuple[Array, Array]:
+    """Slope (n,) and second derivatives (n, n) of exp ψ, divided by its value."""
+    information = prior + _gathered(whole, weights)
+    root = np.linalg.inv(np.linalg.cholesky(information))
+    covariance = root.T @ root
+    S = task.of_interest(covariance)
+    bent = task.criterion.slope(S)
+    values, vectors = np.linalg.eigh(bent)
+    half = vectors * np.sqrt(np.maximum(values, 0.0))
+    seen = whole.transpose(0, 2, 1) @ covariance[:, task.interest]
+    slope = -np.einsum("nya,ab,nyb->n", seen, bent, seen, optimize=True)
+    changes = -(seen.transpose(0, 2, 1) @ seen)
+    flat = ((root @ whole) @ (seen @ half)).reshape(len(weights), -1)
+    return slope, task.criterion.curvature(S, changes) + 2.0 * (flat @ flat.T) + np.outer(slope, slope)

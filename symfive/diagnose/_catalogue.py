@@ -74,9 +74,7 @@ class MotionOffset(Effect):
 def moving_axes(campaign: Campaign) -> tuple[str, ...]:
     """Axes whose command changes within a run."""
     return tuple(
-        name
-        for name in campaign.machine.axis_names
-        if any(np.ptp(run.commands[name]) > 0.0 for run in campaign.runs)
+        name for name in campaign.machine.axis_names if any(np.ptp(run.commands[name]) > 0.0 for run in campaign.runs)
     )
 
 

@@ -105,7 +105,9 @@ def _finding(found: Search, member: Member) -> Finding:
     runs = tuple(run for run, s in square.items() if s > 0.05 * strongest)
     name, axis = effect.vocabulary, _axis(effect)
     board = found.board
-    visible = next((board.score(e).visible for e in board.effects if e.key == effect.key), 1.0) if board is not None else 1.0
+    visible = (
+        next((board.score(e).visible for e in board.effects if e.key == effect.key), 1.0) if board is not None else 1.0
+    )
     moved = _moved(without[0], after)
     draft = Finding(
         effect=effect, name=name, axis=axis, confidence=confidence, parameters=parameters, rivals=rivals, runs=runs,
@@ -120,7 +122,9 @@ def _pairs(result: Identification, effect: Effect) -> dict[tuple[str, str], floa
     names = [p.name for p in effect.parameters(result.model.campaign)]
     place = [result.model.index[n] for n in names]
     return {
-        (a, b): float(result.covariance[i, j]) for a, i in zip(names, place, strict=True) for b, j in zip(names, place, strict=True)
+        (a, b): float(result.covariance[i, j])
+        for a, i in zip(names, place, strict=True)
+        for b, j in zip(names, place, strict=True)
     }
 
 
@@ -258,13 +262,19 @@ def _held_out(result: Identification) -> float | None:
         rest = campaign.select(*(i for i in ids if i not in fold))
         effects = tuple(e for e in _own(result) if any(e.applies(run) for run in rest.runs))
         model = Model(rest, effects)
-        start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index}
+        start = {
+            p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index
+        }
         noises = {key: noise for key, noise in result.noises.items() if key[0] not in fold}
-        problem = _problem(model, replace(result, noises=noises, outliers=tuple(o for o in result.outliers if o.run not in fold)))
+        problem = _problem(
+            model, replace(result, noises=noises, outliers=tuple(o for o in result.outliers if o.run not in fold))
+        )
         values, _ = gauss_newton(problem, model.vector(start), 1e-2)
         fitted = fitted_model(result)
         known = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True) if p.run is None}
-        prediction = predict(replace(fitted, effects=effects, values={**fitted.values, **known}), campaign.select(*fold))
+        prediction = predict(
+            replace(fitted, effects=effects, values={**fitted.values, **known}), campaign.select(*fold)
+        )
         for run in fold:
             size = campaign.run(run).rows
             squares += prediction.rms[run] ** 2 * size
@@ -285,7 +295,9 @@ def _sentence(finding: Finding) -> str:
             sizes.append(f"{name} {q.value}")
     text = f"{finding.name.replace('_', ' ').capitalize()}{where} ({effect.says})"
     text += f": {', '.join(sizes[:4])}" if sizes else ""
-    text += f"; it acts over {finding.coordinate} in {len(finding.runs)} runs, confidence {100 * finding.confidence:.0f} %"
+    text += (
+        f"; it acts over {finding.coordinate} in {len(finding.runs)} runs, confidence {100 * finding.confidence:.0f} %"
+    )
     if finding.moved:
         name, (before, after) = next(iter(finding.moved.items()))
         text += f"; before it was modelled it hid in the geometry ({name} {before:.3g} → {after:.3g})"

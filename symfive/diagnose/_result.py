@@ -167,7 +167,9 @@ class Diagnosis:
         return " ".join(f.says for f in self.findings)
 
     def __str__(self) -> str:
-        lines = ["What these recordings can see at all (share of an effect that the fit leaves, σ of one of usual size):"]
+        lines = [
+            "What these recordings can see at all (share of an effect that the fit leaves, σ of one of usual size):"
+        ]
         shown = sorted(self.observability, key=lambda o: -o.sigmas)
         lines += [f"  {o.form:<34} {100 * o.visible:6.2f} %  {o.sigmas:8.1f} σ" for o in shown[:25]]
         if len(shown) > 25:

@@ -24,7 +24,6 @@ from symfive.instruments import instruments_of
 __all__ = ["Finding", "probes", "scan"]
 
 Array = NDArray[np.float64]
-BATCH = 256
 PEAKS = 2
 
 
@@ -83,6 +82,33 @@ class _Channels:
         """g·ρ summed over the columns (N,), for the channel at `index`."""
         return np.einsum("nc,nc->n", self.board.tangents[run.id][:, :, index], self.twice[run.id])
 
+    def step_scores(self, run: Run, rows: NDArray[np.int64]) -> Array:
+        """Score of a step of the tool (three directions) at each of `rows`, orthogonal to what the run fits itself."""
+        line = self.board.result.model.linearise(run, self.board.result.values)
+        noise, interval = self.noise(run), _interval(run)
+        size = line.jacobian.shape[0] * line.jacobian.shape[1]
+
+        def white(table: Array) -> Array:
+            return whiten(table, noise, interval)[0].reshape(size, -1)
+
+        fitted = white(line.jacobian)
+        residual = white(np.asarray(self.board.result.residuals[run.id])[:, :, None])[:, 0]
+        sigma = self.board.result.model.prior_sigma[line.columns]
+        normal = fitted.T @ fitted + np.diag(sigma**-2.0)
+        steps = np.arange(run.rows)[:, None] >= rows[None, :]
+        tangents = self.board.tangents[run.id][:, :, :3]
+        columns = white(np.einsum("ncd,nk->nckd", tangents, steps).reshape(*tangents.shape[:2], -1))
+        cross = fitted.T @ columns
+        solved = np.linalg.solve(normal, np.column_stack([cross, fitted.T @ residual]))
+        answer = (columns.T @ residual - cross.T @ solved[:, -1]).reshape(len(rows), 3)
+        scores = np.zeros(len(rows))
+        for k in range(len(rows)):
+            part = slice(3 * k, 3 * k + 3)
+            h = columns[:, part].T @ columns[:, part] - cross[:, part].T @ solved[:, part]
+            # tangents are per µm; a prior of 10 µm keeps unseen directions out
+            scores[k] = answer[k] @ np.linalg.solve(h + 1e-2 * np.eye(3), answer[k])
+        return scores
+
     def axis_index(self, axis: str) -> int:
         """Where an axis' channel stands."""
         return 3 + self.axes.index(axis)
@@ -98,15 +124,19 @@ def _twice(residual: Array, noise: Noise, interval: float) -> Array:
     return backward[::-1]
 
 
-def _spectrum(coordinate: Array, answer: Array, power: Array, frequencies: Array) -> tuple[Array, Array, Array]:
-    """(cos numerator, sin numerator, denominator) over a grid of angular frequencies."""
-    cos, sin = np.empty(len(frequencies)), np.empty(len(frequencies))
-    step = max(1, BATCH * 4096 // max(len(coordinate), 1))
-    for first in range(0, len(frequencies), step):
-        part = slice(first, first + step)
-        phase = np.outer(coordinate, frequencies[part])
-        cos[part], sin[part] = answer @ np.cos(phase), answer @ np.sin(phase)
-    return cos, sin, np.full(len(frequencies), 0.5 * float(power.sum()))
+def _spectrum(coordinate: Array, answer: Array, origin: float, step: float, count: int) -> Array:
+    """Σ answer·exp(-iωq) (count // 2 + 1,) at ω = 2πk/(count·step), by gridding and one FFT.
+
+    The answer is shared linearly between the two neighbours on a grid of `step`; the loss of that, sinc², is undone.
+    """
+    position = (coordinate - origin) / step
+    left = np.floor(position).astype(int)
+    share = position - left
+    grid = (
+        np.bincount(left, answer * (1.0 - share), count)[:count] + np.bincount(left + 1, answer * share, count)[:count]
+    )
+    spectrum = np.fft.rfft(grid)
+    return np.asarray(spectrum / np.sinc(np.arange(len(spectrum)) / count) ** 2)
 
 
 def _peaks(score: Array, count: int = PEAKS) -> list[int]:
@@ -115,34 +145,40 @@ def _peaks(score: Array, count: int = PEAKS) -> list[int]:
     return [int(i) for i in inner[np.argsort(-score[inner])][:count]]
 
 
+def _grid(reach: float, shortest: float) -> tuple[float, int]:
+    """Step and length of a grid that resolves the shortest period eightfold, padded to twice the reach."""
+    step = shortest / 8.0
+    return step, int(2 ** np.ceil(np.log2(2.0 * reach / step + 2.0)))
+
+
 def _periods(channels: _Channels) -> Iterator[Finding]:
     """Periodic transmission error: a tone in an axis' own coordinate, the same in all runs."""
     campaign = channels.campaign
     for axis in channels.axes:
-        spans = [np.ptp(run.commands[axis]) for run in campaign.runs]
-        steps = [np.median(np.abs(np.diff(run.commands[axis]))[np.diff(run.commands[axis]) != 0.0])
-                 for run in campaign.runs if np.ptp(run.commands[axis]) > 0.0]  # fmt: skip
-        reach = float(max(np.concatenate([run.commands[axis] for run in campaign.runs]))
-                      - min(np.concatenate([run.commands[axis] for run in campaign.runs])))  # fmt: skip
-        shortest = 2.5 * float(np.median(steps))
-        if max(spans) <= 0.0 or reach / shortest < 3.0:
+        commands = [np.asarray(run.commands[axis]) for run in campaign.runs]
+        changes = np.concatenate([np.abs(np.diff(c)) for c in commands])
+        low = min(float(c.min()) for c in commands)
+        reach = max(float(c.max()) for c in commands) - low
+        shortest = 2.5 * float(np.median(changes[changes > 0.0]))
+        if reach < 3.0 * shortest:
             continue
-        count = int(min(3.0 * reach / shortest, 6000))
-        inverse = np.linspace(1.0 / reach, 1.0 / shortest, count)
-        if not any(run.dynamic for run in campaign.runs):
-            inverse = inverse[inverse <= 0.5 / float(np.median(steps))]
-        total = np.zeros((3, len(inverse)))
-        for run in campaign.runs:
-            index = channels.axis_index(axis)
-            coordinate = np.asarray(run.commands[axis])
-            parts = _spectrum(coordinate, channels.answer(run, index), channels.power[run.id][:, index], 2 * np.pi * inverse)
-            total += np.stack(parts)
-        score = (total[0] ** 2 + total[1] ** 2) / np.maximum(total[2], 1e-300)
+        step, count = _grid(reach, shortest)
+        index = channels.axis_index(axis)
+        total = np.zeros(count // 2 + 1, dtype=complex)
+        power = 0.0
+        for run, coordinate in zip(campaign.runs, commands, strict=True):
+            total += _spectrum(coordinate, channels.answer(run, index), low, step, count)
+            power += 0.5 * float(channels.power[run.id][:, index].sum())
+        inverse = np.arange(len(total)) / (count * step)
+        seen = (inverse >= 1.0 / reach) & (inverse <= 1.0 / shortest)
+        score = np.where(seen, np.abs(total) ** 2 / max(power, 1e-300), 0.0)
         for peak in _peaks(score):
-            period = 1.0 / inverse[peak]
-            sigma = 0.5 * period**2 * (inverse[1] - inverse[0]) if len(inverse) > 1 else 0.0
-            effect = make_effect("transmission_error", axis, period=float(period), period_sigma=float(max(sigma, 1e-4 * period)))
-            yield Finding(effect, max(1, len(inverse) // 2))
+            if score[peak] > 0.0:
+                period = 1.0 / float(inverse[peak])
+                sigma = 0.5 * period**2 * float(inverse[1])
+                yield Finding(
+                    make_effect("transmission_error", axis, period=period, period_sigma=sigma), int(seen.sum()) // 2 + 1
+                )
 
 
 def _tones(channels: _Channels) -> Iterator[Finding]:
@@ -150,43 +186,46 @@ def _tones(channels: _Channels) -> Iterator[Finding]:
     runs = [run for run in channels.campaign.runs if run.dynamic]
     if not runs:
         return
-    longest = max(run.time[-1] - run.time[0] for run in runs)
-    highest = min(0.5 / _interval(run) for run in runs)
-    count = int(min(2.0 * highest * longest, 8000))
-    if count < 4:
+    longest = max(float(run.time[-1] - run.time[0]) for run in runs)
+    shortest = max(2.0 * _interval(run) for run in runs)
+    if longest < 8.0 * shortest:
         return
-    frequencies = np.linspace(max(0.5, 4.0 / longest), 0.98 * highest, count)
-    score = np.zeros(count)
+    step, count = _grid(longest, shortest)
+    score = np.zeros(count // 2 + 1)
     for run in runs:
         for index in range(3):
-            power = channels.power[run.id][:, index]
-            if power.sum() <= 0.0:
-                continue
-            cos, sin, scale = _spectrum(run.time, channels.answer(run, index), power, 2 * np.pi * frequencies)
-            score += (cos**2 + sin**2) / np.maximum(scale, 1e-300)
-    for peak in _peaks(score, 1):
-        yield Finding(make_effect("vibration", frequency_hz=float(frequencies[peak])), count // 2)
+            power = 0.5 * float(channels.power[run.id][:, index].sum())
+            if power > 0.0:
+                spectrum = _spectrum(np.asarray(run.time), channels.answer(run, index), float(run.time[0]), step, count)
+                score += np.abs(spectrum) ** 2 / power
+    frequency = np.arange(len(score)) / (count * step)
+    seen = (frequency >= 4.0 / longest) & (frequency <= 0.98 / shortest)
+    for peak in _peaks(np.where(seen, score, 0.0), 1):
+        yield Finding(make_effect("vibration", frequency_hz=float(frequency[peak])), int(seen.sum()) // 2 + 1)
+
+
+PLACES = 150
 
 
 def _shifts(channels: _Channels) -> Iterator[Finding]:
     """Set-up shift: the tool against the ball by a constant from one instant of one run on."""
     best: tuple[float, Finding] | None = None
     for run in channels.campaign.runs:
-        if run.rows < 12:
-            continue
-        answers = np.stack([channels.answer(run, i) for i in range(3)], axis=1)
-        power = channels.power[run.id][:, :3]
-        after = np.cumsum(answers[::-1], axis=0)[::-1]
-        left = np.cumsum(power[::-1], axis=0)[::-1]
-        share = left / np.maximum(power.sum(axis=0), 1e-300)
-        # what a constant over the whole run explains belongs to the set-up: the variance left is share·(1 - share)
-        score = np.sum(np.where(power.sum(axis=0) > 0, after**2 / np.maximum(left * (1.0 - share), 1e-300), 0.0), axis=1)
         margin = max(3, run.rows // 50)
-        at = margin + int(np.argmax(score[margin : run.rows - margin]))
+        if run.rows < 4 * margin:
+            continue
+        stride = max(1, run.rows // PLACES)
+        rows = np.arange(margin, run.rows - margin, stride)
+        scores = channels.step_scores(run, rows)
+        if stride > 1:
+            middle = int(rows[np.argmax(scores)])
+            rows = np.arange(max(margin, middle - stride), min(run.rows - margin, middle + stride + 1))
+            scores = channels.step_scores(run, rows)
+        at = int(rows[np.argmax(scores)])
         instant = 0.5 * float(run.time[at - 1] + run.time[at])
         finding = Finding(make_effect("setup_shift", run=run.id, t_s=instant), channels.campaign.rows)
-        if best is None or score[at] > best[0]:
-            best = (float(score[at]), finding)
+        if best is None or scores.max() > best[0]:
+            best = (float(scores.max()), finding)
     if best is not None:
         yield best[1]
 

@@ -22,7 +22,7 @@ from symfive.identify import Identification, Problem
 from symfive.identify._noise import whiten
 from symfive.model import Model
 
-__all__ = ["Board", "Extra", "Score", "score_catalogue"]
+__all__ = ["Board", "Score", "score_catalogue"]
 
 Array = NDArray[np.float64]
 
@@ -42,17 +42,9 @@ class Score:
     step: Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class Extra:
-    """Nuisance columns without a name of their own: run → (N, ny, m) per unit, with prior 1σ (m,)."""
-
-    columns: Mapping[str, Array]
-    sigma: Array
-
-
 @dataclass
 class Board:
-    """The whitened system of one fit: Gram matrix of [fitted | extra | candidates | residual], and who is where."""
+    """The whitened system of one fit: Gram matrix of [fitted | shapes | candidates | residual], and who is where."""
 
     result: Identification
     model: Model
@@ -83,7 +75,15 @@ class Board:
         left = float(np.trace(scaled_h))
         step = {p.name: float(x) for p, x in zip(parameters, solution * sigma, strict=True)}
         log_p = float(chi2.logsf(drop, max(dof, 0.5)))
-        return Score(effect, drop, dof, log_p, max(left, 0.0) / energy if energy > 0 else 0.0, float(np.sqrt(max(left, 0.0))), step)
+        return Score(
+            effect,
+            drop,
+            dof,
+            log_p,
+            max(left, 0.0) / energy if energy > 0 else 0.0,
+            float(np.sqrt(max(left, 0.0))),
+            step,
+        )
 
     def reduced(self, columns: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         """(H, s, GᵀG) of some columns."""
@@ -114,14 +114,17 @@ def _canonical(a: Array, b: Array, cross: Array) -> float:
 
 
 def score_catalogue(
-    result: Identification, effects: Sequence[Effect], extra: Extra | None = None, probes: Sequence[Effect] = ()
+    result: Identification, effects: Sequence[Effect], shapes: Sequence[Effect] = (), probes: Sequence[Effect] = ()
 ) -> Board:
-    """Tangents of all `effects` (and `probes`) in one linearisation, whitened and gathered. `extra` joins the fit."""
+    """Tangents of all `effects` (and `probes`) in one linearisation, whitened and gathered.
+
+    `shapes` join the fit at zero with their priors: what they can explain does not count for any effect.
+    """
     fitted = result.model
-    model = Model(fitted.campaign, [*_added(fitted), *effects, *probes])
+    model = Model(fitted.campaign, [*_added(fitted), *shapes, *effects, *probes])
     values = model.vector({p.name: float(v) for p, v in zip(fitted.parameters, result.values, strict=True)})
-    size, more = len(model.parameters), 0 if extra is None else len(extra.sigma)
-    gram = np.zeros((size + more + 1, size + more + 1))
+    size = len(model.parameters)
+    gram = np.zeros((size + 1, size + 1))
     problem = Problem.of(fitted, noises=result.noises)
     for outlier in result.outliers:
         names = [c.name for c in fitted.columns(outlier.run)]
@@ -135,15 +138,16 @@ def score_catalogue(
         if probe_columns:
             place = {int(c): i for i, c in enumerate(line.columns)}
             tangents[run] = np.stack([jacobian[:, :, place[c]] for c in probe_columns], axis=2)
-        parts = [jacobian, *([extra.columns[run]] if extra is not None else []), block.residual[:, :, None]]
+        parts = [jacobian, block.residual[:, :, None]]
         table = np.where(block.left_out[:, :, None], 0.0, np.concatenate(parts, axis=2))
         white, _ = whiten(table, result.noises[key], block.interval)
         flat = white.reshape(-1, white.shape[2])
-        where = np.concatenate([line.columns, np.arange(size, size + more + 1)])
+        where = np.append(line.columns, size)
         gram[np.ix_(where, where)] += flat.T @ flat
-    base = np.array([model.index[p.name] for p in fitted.parameters] + list(range(size, size + more)), dtype=np.int64)
-    prior = np.concatenate([fitted.prior_sigma**-2.0, np.array([]) if extra is None else extra.sigma**-2.0])
-    return Board(result, model, gram, base, prior, effects, tangents, size + more)
+    shape_names = [p.name for shape in shapes for p in shape.parameters(fitted.campaign)]
+    names = [*(p.name for p in fitted.parameters), *shape_names]
+    base = np.array([model.index[name] for name in names], dtype=np.int64)
+    return Board(result, model, gram, base, model.prior_sigma[base] ** -2.0, effects, tangents, size)
 
 
 def _added(model: Model) -> list[Effect]:

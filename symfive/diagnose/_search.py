@@ -12,7 +12,7 @@ from symfive.campaign import Campaign
 from symfive.diagnose._catalogue import catalogue
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scan import probes, scan
-from symfive.diagnose._scores import Board, Score, score_catalogue
+from symfive.diagnose._scores import Board, Score, _added, score_catalogue
 from symfive.diagnose._variants import variants
 from symfive.effects import Effect
 from symfive.identify import Identification, Problem, identify
@@ -24,6 +24,8 @@ __all__ = ["Member", "Rival", "Search", "Trial", "search"]
 Array = NDArray[np.float64]
 MAX_EFFECTS = 5
 TRIALS = 6
+DECISIVE = 5.0
+"""Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
 """An effect counts only if what the fit cannot absorb of it has at least this rms in units of the noise: less changes the
 residual's rms by under 1 % (0.15²/2)."""
@@ -92,25 +94,29 @@ def search(
             break
         trial, log_p, rivals = best
         refit = _shaped(campaign, state.after, trial)
-        state.members.append(Member(refit.model.effects[-1], log_p, rivals))
+        state.members.append(Member(_newest(refit), log_p, rivals))
         state.after = refit
         progress(f"found {trial.effect.key}")
         _prune(campaign, state)
     return state
 
 
+def _newest(result: Identification) -> Effect:
+    return [e for e in result.model.effects if e.id != "family_shape"][-1]
+
+
 def _scores(result: Identification, exclude: Sequence[str]) -> tuple[Board, list[Score], int]:
     campaign = result.model.campaign
     held = result.model.effects
-    extra = remainder(result)
+    shapes = remainder(result.model, result.values, _own(result))
     plain = [e for e in catalogue(campaign, held) if e.id not in exclude]
-    board = score_catalogue(result, plain, extra, probes(campaign))
+    board = score_catalogue(result, plain, shapes, probes(campaign))
     scores = [board.score(e) for e in plain]
     taken = {e.key for e in held}
     found = [f for f in scan(board) if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}
     if unique:
-        second = score_catalogue(result, [f.effect for f in unique.values()], extra)
+        second = score_catalogue(result, [f.effect for f in unique.values()], shapes)
         for f in unique.values():
             score = second.score(f.effect)
             scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks))))
@@ -174,13 +180,13 @@ def _start(model: Model, score: Score) -> dict[str, float]:
         value = p.mean + step
         if p.start is not None and p.start != p.mean and step == 0.0:
             value = p.start
-        start[name] = float(np.clip(value, p.lower if np.isfinite(p.lower) else value, p.upper if np.isfinite(p.upper) else value))
+        start[name] = float(
+            np.clip(value, p.lower if np.isfinite(p.lower) else value, p.upper if np.isfinite(p.upper) else value)
+        )
     return start
 
 
 def _own(result: Identification) -> tuple[Effect, ...]:
-    from symfive.diagnose._scores import _added
-
     return tuple(_added(result.model))
 
 
@@ -193,12 +199,41 @@ def _problem(model: Model, result: Identification) -> Problem:
 
 
 def _evidence(problem: Problem, values: Array) -> float:
-    """Log marginal likelihood by Laplace, up to what does not depend on the model: -½ cost - ½ log det(1 + H σ²)."""
-    information = problem.information(problem.blocks(values))
-    sigma = problem.model.prior_sigma
-    departure = (values - problem.model.prior_mean) / sigma
+    """Log marginal likelihood, up to what does not depend on the model, of a fit that may or may not need the rest of
+    its effects' own families: the mean of both.
+
+    Where the library's form is right the plain fit decides; where it is a little off, what counts is whether the family
+    explains the readings, and a form that needs less of the rest is better.
+    """
+    return float(np.logaddexp(_plain_evidence(problem, values), _family_evidence(problem, values)) - np.log(2.0))
+
+
+def _plain_evidence(problem: Problem, values: Array) -> float:
+    """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, linear in what is small."""
+    return _marginal(problem, problem.model, values)
+
+
+def _family_evidence(problem: Problem, values: Array) -> float:
+    """The same with the rest of every effect's family integrated out."""
+    model = problem.model
+    shapes = remainder(model, values, model.effects)
+    if not shapes:
+        return -np.inf
+    return _marginal(problem, Model(model.campaign, [*_added(model), *shapes]), values)
+
+
+def _marginal(problem: Problem, wide: Model, values: Array) -> float:
+    full = wide.vector({p.name: float(v) for p, v in zip(problem.model.parameters, values, strict=True)})
+    inner = Problem.of(wide, noises=problem.noises)
+    inner.left_out = problem.left_out
+    information = inner.information(inner.blocks(full))
+    sigma = wide.prior_sigma
+    departure = (full - wide.prior_mean) / sigma
     scaled = information.matrix * np.outer(sigma, sigma) + np.eye(len(sigma))
-    return -0.5 * (information.square + float(departure @ departure)) - 0.5 * float(np.linalg.slogdet(scaled)[1])
+    pull = information.gradient * sigma - departure
+    gain = float(pull @ np.linalg.solve(scaled, pull))
+    cost = information.square + float(departure @ departure) - gain
+    return -0.5 * cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
 
 
 def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identification:
@@ -218,18 +253,39 @@ def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identif
             evidence = _evidence(problem, values)
         except (ValueError, np.linalg.LinAlgError):
             continue
-        if evidence > best_evidence + 3.0:
+        if evidence > best_evidence + DECISIVE:
             named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
             best, best_evidence = identify(model, start=named), evidence
-    return best
+    return _with_family(campaign, best)
+
+
+def _with_family(campaign: Campaign, result: Identification) -> Identification:
+    """The fit with the rest of its last effect's family in the model, where the evidence for it is decisive.
+
+    Family right, shape different: the rest is a part of the finding, not a second one.
+    """
+    newest = [e for e in _own(result) if e.id != "family_shape"][-1:]
+    shapes = remainder(result.model, result.values, newest)
+    problem = _problem(result.model, result)
+    if not shapes:
+        return result
+    wide = Model(campaign, (*_own(result), *shapes))
+    if _marginal(problem, wide, result.values) < _plain_evidence(problem, result.values) + DECISIVE:
+        return result
+    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+    return identify(wide, start=start)
 
 
 def _prune(campaign: Campaign, state: Search) -> None:
     """Drop an earlier effect that the later ones have made needless."""
     for member in state.members[:-1]:
-        kept = tuple(e for e in _own(state.after) if e.key != member.effect.key)
+        kept = tuple(e for e in _own(state.after) if member.effect.key not in (e.key, getattr(e, "of", "")))
         model = Model(campaign, kept)
-        start = {p.name: float(v) for p, v in zip(state.after.parameters, state.after.values, strict=True) if p.name in model.index}
+        start = {
+            p.name: float(v)
+            for p, v in zip(state.after.parameters, state.after.values, strict=True)
+            if p.name in model.index
+        }
         problem = _problem(model, state.after)
         values, _ = gauss_newton(problem, model.vector(start), 1e-2)
         full = _evidence(_problem(state.after.model, state.after), state.after.values)

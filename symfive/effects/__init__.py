@@ -12,6 +12,7 @@ from symfive.effects.bar_temperature import BarTemperature
 from symfive.effects.counterbalance import Counterbalance
 from symfive.effects.eccentric_mass import EccentricMass
 from symfive.effects.error_motion import ErrorMotion
+from symfive.effects.family_shape import FamilyShape
 from symfive.effects.friction import Friction
 from symfive.effects.gravity_sag import GravitySag
 from symfive.effects.inertial_compliance import InertialCompliance
@@ -65,6 +66,7 @@ _TABLE: tuple[type[Effect], ...] = (
     TableStep,
     Counterbalance,
     EccentricMass,
+    FamilyShape,
 )
 EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _TABLE}
 VOCABULARY: tuple[str, ...] = tuple(name for name, effect in EFFECTS.items() if not effect.reported_as)

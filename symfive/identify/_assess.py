@@ -86,7 +86,11 @@ def assess(campaign: Campaign | Model, *, effects: Iterable[Effect] = ()) -> Ass
         gain = {run: _log_volume(prior + total - part, kept) - full for run, part in by_run.items()}
     sigma = model.prior_sigma
     return Assessment(
-        model, np.linalg.inv(prior + total), data_rank(total, sigma), confounded_combinations(total, model.parameters), gain
+        model,
+        np.linalg.inv(prior + total),
+        data_rank(total, sigma),
+        confounded_combinations(total, model.parameters),
+        gain,
     )
 
 

@@ -46,7 +46,9 @@ def calibrate_sensors(moves: Array, signals: Array) -> SensorCalibration:
     design = np.column_stack([moves, np.ones(len(moves))])
     singular = np.linalg.svd(design - design.mean(axis=0) * [1, 1, 1, 0], compute_uv=False)
     if len(moves) < 5 or singular[-1] < 1e-9 * singular[0]:
-        raise InputError("the known moves do not span the three directions", remedy="move the ball in X, Y and Z, 5 times or more")
+        raise InputError(
+            "the known moves do not span the three directions", remedy="move the ball in X, Y and Z, 5 times or more"
+        )
     solution, *_ = np.linalg.lstsq(design, signals, rcond=None)
     residual = signals - design @ solution
     variance = np.sum(residual**2, axis=0) / (len(moves) - 4)

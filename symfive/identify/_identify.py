@@ -87,7 +87,9 @@ def _place(model: Model, name: str) -> int:
     return model.index[name]
 
 
-def summarise(problem: Problem, values: Array, converged: bool, notes: tuple[str, ...] = (), method: str = "joint") -> Identification:
+def summarise(
+    problem: Problem, values: Array, converged: bool, notes: tuple[str, ...] = (), method: str = "joint"
+) -> Identification:
     """Covariance, rank, confounded combinations and residual statistics at the solution."""
     model = problem.model
     blocks = problem.blocks(values)

@@ -118,7 +118,12 @@ def estimate_noise(blocks: Sequence[Block], declared: float, precision: Array) -
     best, best_score = white_only, score(white_only)
     scaled = _scaled(blocks, declared)
     if scaled.white > 1.005 * declared:
-        better = _minimise(lambda x: Noise(declared * np.exp(abs(x[0])), declared=declared), [np.log(scaled.white / declared)], score, 20)
+        better = _minimise(
+            lambda x: Noise(declared * np.exp(abs(x[0])), declared=declared),
+            [np.log(scaled.white / declared)],
+            score,
+            20,
+        )
         if best_score - score(better) > chi2.isf(2 * LEVEL, 1):
             best, best_score = better, score(better)
     coloured = _with_coloured_part(blocks, declared, best, score)
@@ -153,14 +158,23 @@ def _with_coloured_part(
 
     def noise(x: Sequence[float]) -> Noise:
         tau = interval * np.exp(np.clip(x[2], -1.5, span + 1.0))
-        return Noise(float(declared * np.exp(abs(x[0]))), float(declared * np.exp(np.clip(x[1], -7.0, 9.0))), float(tau), declared)
+        return Noise(
+            float(declared * np.exp(abs(x[0]))),
+            float(declared * np.exp(np.clip(x[1], -7.0, 9.0))),
+            float(tau),
+            declared,
+        )
 
     start_white = np.log(max(white.white / declared, 1.0)) + 0.05
     starts = [[start_white, level, 0.25 * k * span] for k in (1, 2, 3) for level in (-1.0, 0.5)]
     rough = _minimise(noise, min(starts, key=lambda x: plain(noise(x))), plain, evaluations=150)
     if plain(white) - plain(rough) < chi2.isf(0.1, 2):
         return None
-    x = [np.log(rough.white / declared) + 1e-3, np.log(rough.coloured / declared), np.log(rough.time_constant / interval)]
+    x = [
+        np.log(rough.white / declared) + 1e-3,
+        np.log(rough.coloured / declared),
+        np.log(rough.time_constant / interval),
+    ]
     return _minimise(noise, x, score, evaluations=45)
 
 
@@ -169,7 +183,9 @@ def _minimise(
 ) -> Noise:
     options = {"xatol": 5e-3, "fatol": 5e-2, "maxfev": evaluations}
     simplex = np.vstack([start, *(np.array(start) + 0.3 * row for row in np.eye(len(start)))])
-    found = minimize(lambda x: score(make(x)), start, method="Nelder-Mead", options={**options, "initial_simplex": simplex})
+    found = minimize(
+        lambda x: score(make(x)), start, method="Nelder-Mead", options={**options, "initial_simplex": simplex}
+    )
     return make(found.x)
 
 

@@ -18,6 +18,7 @@ __all__ = ["Information", "Outlier", "Problem"]
 Array = NDArray[np.float64]
 OUTLIER_LEVEL = 0.01
 LONGEST_OUTLIER = 3
+RESPONSE_ROWS = 200
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ class Problem:
     outliers: list[Outlier] = field(default_factory=list)
 
     @classmethod
-    def of(cls, model: Model, free: NDArray[np.bool_] | None = None, noises: Mapping[tuple[str, str], Noise] | None = None) -> Problem:
+    def of(
+        cls, model: Model, free: NDArray[np.bool_] | None = None, noises: Mapping[tuple[str, str], Noise] | None = None
+    ) -> Problem:
         """The problem with declared white noise and no outliers."""
         problem = cls(model, np.ones(len(model.parameters), dtype=bool) if free is None else free)
         for run in model.campaign.runs:
@@ -108,7 +111,9 @@ class Problem:
         groups: dict[tuple[str, bool, float], list[tuple[str, str]]] = {}
         for run, instrument in blocks:
             data = self.model.campaign.run(run)
-            groups.setdefault((instrument, data.dynamic, self.noises[run, instrument].declared), []).append((run, instrument))
+            groups.setdefault((instrument, data.dynamic, self.noises[run, instrument].declared), []).append(
+                (run, instrument)
+            )
         for (_, _, declared), keys in groups.items():
             others = {key: block for key, block in blocks.items() if key not in keys}
             precision = np.diag(self.prior_precision) + self.information(others).matrix
@@ -119,7 +124,7 @@ class Problem:
     def flag_outliers(self, blocks: Mapping[tuple[str, str], Block]) -> bool:
         """Mark isolated readings beyond what noise gives once in 1/OUTLIER_LEVEL campaigns; True where the set changed.
 
-        More than a few neighbouring rows are no outlier but a mismatch, and stay.
+        More than a few neighbouring rows, or a level that stays, are no outlier but a mismatch, and count.
         """
         total = sum(block.residual.size for block in blocks.values())
         limit = float(norm.isf(0.5 * OUTLIER_LEVEL / max(total, 1)))
@@ -130,8 +135,11 @@ class Problem:
             first = place.get(run, 0)
             place[run] = first + block.residual.shape[1]
             table, _ = whiten(block.residual, self.noises[run, name], block.interval)
+            response = _response(self.noises[run, name], block.interval)
             for j in range(block.residual.shape[1]):
                 for rows in _isolated(np.flatnonzero(np.abs(table[:, j]) > limit)):
+                    if not _returns(table[rows[0] :, j], response):
+                        continue
                     worst = max(rows, key=lambda r: abs(block.residual[r, j]))
                     fresh[run][worst, first + j] = True
                     column = self.model.columns(run)[first + j].name
@@ -142,6 +150,22 @@ class Problem:
             self.left_out[run] = mask
         self.outliers = found
         return changed
+
+
+def _response(noise: Noise, interval: float) -> Array:
+    """Innovations that a disturbance of one reading causes, long after the start of a run."""
+    impulse = np.zeros((2 * RESPONSE_ROWS, 1))
+    impulse[RESPONSE_ROWS] = 1.0
+    return whiten(impulse, noise, interval)[0][RESPONSE_ROWS:, 0]
+
+
+def _returns(innovations: Array, response: Array) -> bool:
+    """Whether a disturbance is one of a single reading and not a new level, by the larger of both likelihood ratios
+    (I. Chang, G. Tiao & C. Chen 1988)."""
+    count = min(len(innovations), len(response))
+    single, level = response[:count], np.cumsum(response[:count])
+    part = innovations[:count]
+    return bool(abs(part @ single) / np.linalg.norm(single) >= abs(part @ level) / np.linalg.norm(level))
 
 
 def _isolated(rows: NDArray[np.int64]) -> list[list[int]]:

@@ -67,7 +67,12 @@ def _expand(model: Model, patterns: Iterable[str]) -> set[str]:
 
 
 def identify_by_position(
-    campaign: Campaign, axis: str, components: Sequence[str] = ("X", "Y", "Z", "A", "B", "C"), *, sigma: float = 50.0, **options: str
+    campaign: Campaign,
+    axis: str,
+    components: Sequence[str] = ("X", "Y", "Z", "A", "B", "C"),
+    *,
+    sigma: float = 50.0,
+    **options: str,
 ) -> Identification:
     """Errors of one axis as free values at each of its commanded positions (Oyama, Ibaraki & Otsubo 2010, (10)–(15)).
 
@@ -81,11 +86,14 @@ def identify_by_position(
     positions = np.unique(np.concatenate([np.round(run.commands[axis], 6) for run in campaign.runs]))
     if not 2 <= len(positions) <= 200:
         raise InputError(
-            f"axis {axis} stands at {len(positions)} positions", remedy="this scheme needs from 2 to 200; use a basis instead"
+            f"axis {axis} stands at {len(positions)} positions",
+            remedy="this scheme needs from 2 to 200; use a basis instead",
         )
     errors = dict(machine.errors)
     for component in components:
         name = f"E{component}{axis}"
-        errors[name] = ErrorTerm(name=name, sigma=sigma, basis=("bspline",), order=(1,), knots=(tuple(positions.tolist()),))
+        errors[name] = ErrorTerm(
+            name=name, sigma=sigma, basis=("bspline",), order=(1,), knots=(tuple(positions.tolist()),)
+        )
     free = campaign.with_machine(replace(machine, errors=errors))
     return replace(identify(free, **options), method=f"by position of {axis}")

@@ -183,8 +183,9 @@ class Play:
     """State of a play of total `width` (a parameter's name): -1 and +1 at the flanks, between them while it is
     crossed.
 
-    Behind the play the coordinate is q - (width/2)·state; it starts on the flank of the first motion. Where `slope`
-    names a parameter, the width is width + slope·q along the axis.
+    Behind the play the coordinate is q - (width/2)·state. Where in the play a recording begins is unknown; it is taken
+    in the middle, from where it is never wrong by more than half the width, until the first flank. Where `slope` names
+    a parameter, the width is width + slope·q along the axis.
     """
 
     axis: str
@@ -206,7 +207,7 @@ class Play:
         if not motion.run.dynamic or half.max() < 1e-15:
             return Series(approach, steps=True)
         half = np.maximum(half, 1e-15)
-        state = _play_states(position.value, float(approach[0]), half)
+        state = _play_states(position.value, 0.0, half)
         sign = np.sign(signed)
         halves = {self.width: 0.5 * sign}
         if self.slope:

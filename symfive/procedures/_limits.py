@@ -26,6 +26,8 @@ def checked(machine: Machine, run: Run, *, place: str, feed: float | None = None
         _check_travel(run, axis, run.commands[name], place)
     if run.rows < 2:
         return run
+    if not np.all(np.diff(run.time) > 0.0):
+        raise InputError(f"run {run.id}: time does not increase", remedy="give seconds_per_pose above 0")
     if run.dynamic:
         _check_rates(machine, run, feed, unit)
     else:
@@ -88,6 +90,7 @@ def _move_time(way: Array, axis: Axis) -> Array:
 
 
 def _below(value: float) -> float:
-    """Three digits, rounded down."""
+    """Three digits, rounded down from 0.2 % less, since rows see a little less than the greatest acceleration."""
+    value *= 0.998
     scale = 10.0 ** (np.floor(np.log10(value)) - 2.0)
     return float(np.floor(value / scale) * scale)

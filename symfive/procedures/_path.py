@@ -15,6 +15,7 @@ DWELL_S = 0.3
 
 DIRECTIONS = {"ccw": 1, "cw": -1}
 MAX_ROWS = 2_000_000
+MOST_PER_ROW = 0.1
 
 
 def senses(direction: str) -> tuple[str, ...]:
@@ -25,14 +26,20 @@ def senses(direction: str) -> tuple[str, ...]:
 
 
 def along(length: float, speed: float, run_up: float, rate_hz: float) -> tuple[Array, Array]:
-    """Times (N,) s at `rate_hz` and the way (N,) from 0 to `length` at `speed` (its unit per s).
+    """Times (N,) s at `rate_hz` and the angle (N,) rad from 0 to `length` at `speed` rad/s.
 
-    Within `run_up` at either end the speed rises or falls as 3x² - 2x³, so that speed and acceleration scale
-    with the feed and its square and neither jumps.
+    Within `run_up` rad at either end the speed rises or falls as 3x² - 2x³, so that speed and acceleration
+    scale with the feed and its square and neither jumps. Raises `InputError` where a row would cover more than
+    0.1 rad, since between rows the command is a straight line.
     """
     for name, value in (("path", length), ("feed", speed), ("run-up", run_up), ("sample rate", rate_hz)):
         if not 0.0 < value < np.inf:
             raise InputError(f"the {name} is not positive and finite", remedy=f"give a {name} above 0")
+    if speed / rate_hz > MOST_PER_ROW:
+        problem = f"at this feed a row covers {speed / rate_hz:.2g} rad of the circle"
+        raise InputError(
+            problem, remedy=f"raise the sample rate to {np.ceil(speed / MOST_PER_ROW):g} Hz or lower the feed"
+        )
     run_up = min(run_up, length / 2.0)
     ramp = 2.0 * run_up / speed
     end = 2.0 * ramp + (length - 2.0 * run_up) / speed

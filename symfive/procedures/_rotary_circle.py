@@ -69,7 +69,9 @@ def rotary_circle(
         raise InputError(f'linear "{linear}" is unknown', remedy='use "following" or "standing"')
     name = turning_axis(machine, axis)
     first, last = _range(machine.axes[name], start_deg, end_deg, run_up_deg)
-    time, way = along(last - first + 2.0 * run_up_deg, feed / 60.0, run_up_deg, rate_hz)
+    reach = float(np.radians(last - first + 2.0 * run_up_deg))
+    time, turned = along(reach, float(np.radians(feed / 60.0)), float(np.radians(run_up_deg)), rate_hz)
+    way = np.degrees(turned)
     geometry = _Geometry(machine, name, dict(hold or {}), tool_ball_of(machine, tool_ball))
     following = linear == "following"
     ball = geometry.table_ball(table_ball, arrangement, following, bar_length(machine, length))

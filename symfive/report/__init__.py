@@ -1,1 +1,19 @@
 """Figures and reports of what symfive found."""
+
+from symfive.report._bands import error_motion_bands
+from symfive.report._correlation import correlation_matrix
+from symfive.report._over_coordinates import residuals_over_coordinates
+from symfive.report._over_time import residuals_over_time
+from symfive.report._parameters import parameters_chart
+from symfive.report._polar import polar_trace
+from symfive.report._prediction import prediction_chart
+from symfive.report._report import identification_report
+from symfive.report._save import save_figures
+from symfive.report._spectrum import residual_spectrum
+from symfive.report.signature import plot_signature
+
+__all__ = [
+    "correlation_matrix", "error_motion_bands", "identification_report", "parameters_chart", "plot_signature",
+    "polar_trace", "prediction_chart", "residual_spectrum", "residuals_over_coordinates", "residuals_over_time",
+    "save_figures",
+]  # fmt: skip

@@ -21,8 +21,8 @@ NORMAL_95 = 1.959964
 def error_motion_bands(identification: Identification, points: int = 73) -> Figure:
     """Each identified error motion of the baseline over the travel that was used, with 1σ and 95 % bands.
 
-    A function of two axes is a pair of maps (value and 1σ); of more axes, the maps over the first two with the others in
-    mid-travel. Location errors are not part of them. Raises `InputError` where the baseline has no error motion.
+    A function of two axes is a pair of maps (value and 1σ); of more axes, the maps over the first two with the others
+    in mid-travel. Location errors are not part of them. Raises `InputError` where the baseline has no error motion.
     """
     machine = identification.model.machine
     terms = machine.error_motions
@@ -70,8 +70,8 @@ def _maps(figure: Figure, left: Axes, right: Axes, curve: MotionCurve, units: li
     names = list(curve.at)
     coordinates = [np.unique(at) for at in curve.at.values()]
     shape = tuple(len(c) for c in coordinates)
-    middle = tuple(n // 2 for n in shape[2:])
-    value, std = (v.reshape(shape)[(slice(None), slice(None), *middle)] for v in (curve.value, curve.std))
+    flat = int(np.ravel_multi_index([n // 2 for n in shape[2:]], shape[2:])) if shape[2:] else 0
+    value, std = (v.reshape((*shape[:2], -1))[:, :, flat] for v in (curve.value, curve.std))
     reach = max(float(np.abs(value).max()), 1e-12)
     unit = unit_words(curve.unit)
     for axes, table, title, look in (

@@ -159,7 +159,7 @@ def _centre(path: Array) -> Array:
 
 
 def _turned(arm: Array) -> tuple[Array, Array] | None:
-    """Angle (N,) of an arm (N, 3) that goes round, and the frame (3, 3) of zero, quarter and axis; None if it does not."""
+    """Angle (N,) of an arm (N, 3) that goes round, and the frame (3, 3) of zero, quarter and axis, else None."""
     area = np.cross(arm[:-1], arm[1:]).sum(axis=0)
     size, length = float(np.linalg.norm(area)), float(np.median(np.linalg.norm(arm, axis=1)))
     if length < 1e-6 or size < 0.1 * length**2 * LEAST_SWEEP:

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Group = tuple[str, list[tuple[str, int]]]
 MOST_SINGLE = 70
 NUMBERED = 26
+DIAGONAL = "#b4bec8"
 
 
 @styled
@@ -44,9 +45,10 @@ def correlation_matrix(identification: Identification) -> Figure:
     n = len(labels)
     letters = 8.0 if n <= NUMBERED else 6.5 if n <= 50 else 5.8
     side = float(np.clip(0.155 * n, 2.4, 9.0) if n > NUMBERED else max(0.28 * n, 2.4))
-    figure, axes, beside = _layout(side, 0.0092 * letters * max(map(len, labels)) + 0.2)
+    figure, axes, beside = _layout(side, 0.0078 * letters * max(map(len, labels)) + 0.2)
     masked = np.ma.masked_array(table, mask=np.eye(n, dtype=bool))
-    image = axes.imshow(masked, cmap=DIVERGING.with_extremes(bad=FAINT), vmin=-1.0, vmax=1.0, interpolation="nearest")
+    colours = DIVERGING.with_extremes(bad=DIAGONAL)
+    image = axes.imshow(masked, cmap=colours, vmin=-1.0, vmax=1.0, interpolation="nearest")
     _labels(axes, labels, letters)
     if n <= NUMBERED:
         _numbers(axes, table)
@@ -128,5 +130,5 @@ def _headings(axes: Axes, headings: list[str], edges: list[int]) -> None:
     """Run ids along the right edge, beside their set-up parameters."""
     for heading, (first, last) in zip(headings, pairwise(edges), strict=True):
         if heading:
-            axes.text(edges[-1] - 0.2, 0.5 * (first + last) - 0.5, f" set-up of\n {short(heading, 18)}", fontsize=7, va="center",
-                      color=FAINT)  # fmt: skip
+            words = f" set-up of\n {short(heading, 18)}"
+            axes.text(edges[-1] - 0.2, 0.5 * (first + last) - 0.5, words, fontsize=7, va="center", color=FAINT)

@@ -73,20 +73,21 @@ def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace]) -> int:
     runs = [trace.run for trace in traces]
     fold = _folded(axis, runs)
     parts = [trace for trace in traces if np.ptp(trace.run.commands[axis.name]) > 1e-9]
-    axes.axhline(0.0, color=INK, linewidth=0.6)
     if not parts:
         axes.text(0.5, 0.5, "at rest", transform=axes.transAxes, ha="center", va="center")
         return 1
+    axes.axhline(0.0, color=INK, linewidth=0.6)
     place = np.concatenate([trace.run.commands[axis.name] for trace in parts])
     place = np.mod(place, 360.0) if fold else place
     sense = np.concatenate([direction_of(trace.run.commands[axis.name]) for trace in parts])
     value = np.concatenate([trace.kept for trace in parts])
     index, step = spread(len(place), MOST_POINTS)
-    few = len(index) < 1500
+    few = not any(trace.run.dynamic for trace in parts)
     for which, colour, _ in SENSES:
         dots = index[sense[index] == which]
         style = {"linestyle": "none", "marker": "o", "markersize": 2.4 if few else 1.2, "markeredgewidth": 0.0}
-        axes.plot(place[dots], value[dots], color=colour, alpha=0.6 if few else 0.3, rasterized=len(index) > 400, **style)  # type: ignore[arg-type]
+        style |= {"color": colour, "alpha": 0.6 if few else 0.3, "rasterized": len(index) > 400}
+        axes.plot(place[dots], value[dots], **style)  # type: ignore[arg-type]
         means = _means(place[sense == which], value[sense == which])
         axes.plot(*means, color=colour, linewidth=1.5, marker="o" if few else "", markersize=3.5)
     return step

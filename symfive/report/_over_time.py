@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -61,7 +61,7 @@ def residuals_over_time(identification: Identification, runs: str | Iterable[str
     for place in range(len(drawn), rows * columns):
         grid[place // columns, place % columns].set_visible(False)
     figure.suptitle("Residuals over time", x=0.01, ha="left")
-    _legend(figure, [trace for _, traces in drawn for trace in traces])
+    _legend(figure, [trace for _, traces in drawn for trace in traces], limits)
     footnote(
         figure,
         f"Drawn: one row in {max(steps)} of long runs; all rows count in the means and in the fit."
@@ -118,16 +118,21 @@ def _outliers(axes: Axes, trace: Trace, limit: float, colour: str) -> None:
         axes.plot(at, value, marker="o", clip_on=False, **ring)  # type: ignore[arg-type]
         axes.plot(at, value, ".", color=colour, markersize=3.0)
     beyond = np.flatnonzero(outside)
-    for row in beyond:
+    for row in beyond.tolist():
         up = trace.residual[row] > 0
-        at = np.copysign(0.93 * limit, trace.residual[row])
+        height = np.copysign(0.93 * limit, trace.residual[row])
         edge = INK if trace.outlier[row] else colour
-        axes.plot(trace.run.time[row], at, "^" if up else "v", color=colour, markeredgecolor=edge, markersize=5.0)
-    for row in _apart(sorted(beyond, key=lambda r: -abs(trace.residual[r])), trace.run.time):
-        at = np.copysign(0.93 * limit, trace.residual[row])
-        said = f" {plain_number(trace.residual[row])}"
-        place = {"xy": (trace.run.time[row], at), "xytext": (4, 0), "textcoords": "offset points"}
-        axes.annotate(said, fontsize=7, va="center", in_layout=False, **place)
+        axes.plot(trace.run.time[row], height, "^" if up else "v", color=colour, markeredgecolor=edge, markersize=5.0)
+    for row in _apart(sorted(beyond.tolist(), key=lambda r: -abs(trace.residual[r])), trace.run.time):
+        axes.annotate(
+            f" {plain_number(trace.residual[row])}",
+            (float(trace.run.time[row]), float(np.copysign(0.93 * limit, trace.residual[row]))),
+            fontsize=7,
+            va="center",
+            xytext=(4, 0),
+            textcoords="offset points",
+            in_layout=False,
+        )
 
 
 def _apart(rows: list[int], time: Array) -> list[int]:
@@ -143,17 +148,18 @@ def _colours(traces: list[Trace]) -> list[str]:
     return [SERIES[i % len(SERIES)] for i in range(len(traces))]
 
 
-def _legend(figure: Figure, traces: list[Trace]) -> None:
+def _legend(figure: Figure, traces: list[Trace], limits: Mapping[str, float]) -> None:
     handles: list[Line2D | Patch] = []
-    labels: dict[str, str] = {}
+    labels: dict[str, list[str]] = {}
     groups: dict[tuple[str, str], list[Trace]] = {}
     for trace in traces:
         groups.setdefault((trace.run.id, trace.unit), []).append(trace)
     for group in groups.values():
         for trace, colour in zip(group, _colours(group), strict=True):
-            labels.setdefault(trace.label, colour)
-    if len(labels) <= 8:
-        handles += [Line2D([], [], color=colour, label=label) for label, colour in labels.items()]
+            same = labels.setdefault(colour, [])
+            same += [trace.label] if trace.label not in same else []
+    if all(len(names) <= 3 for names in labels.values()):
+        handles += [Line2D([], [], color=colour, label=", ".join(names)) for colour, names in labels.items()]
     handles.append(Patch(color=FAINT, alpha=0.25, label="±2σ of the declared noise"))
     if any(trace.noise.total > 1.05 * trace.noise.declared for trace in traces):
         handles.append(Line2D([], [], color=FAINT, linestyle=":", label="±2σ of the noise found"))
@@ -162,4 +168,7 @@ def _legend(figure: Figure, traces: list[Trace]) -> None:
             [], [], marker="o", markerfacecolor="none", markeredgecolor=INK, linestyle="none", label="outlier, left out"
         )
         handles.append(ring)
+    if any(np.any(np.abs(trace.residual) > limits[trace.unit]) for trace in traces):
+        edge = Line2D([], [], marker="^", color=SERIES[0], linestyle="none", markersize=5.0, label="beyond the panel")
+        handles.append(edge)
     figure.legend(handles=handles, loc="outside upper right", ncols=min(len(handles), 5))

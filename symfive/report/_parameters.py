@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.parameters import Parameter
-from symfive.report._style import BLUE, FAINT, INK, ORANGE, blank, footnote, short, styled, unit_words
+from symfive.report._style import BLUE, FAINT, INK, ORANGE, blank, footnote, rounded, short, styled, unit_words
 
 __all__ = ["LEARNT", "parameters_chart"]
 
@@ -62,8 +62,7 @@ def _draw(axes: Axes, identification: Identification, parameters: list[Parameter
         axes.plot([low, high], [row, row], color=colour, linewidth=2.0, solid_capstyle="butt")
         face = colour if colour == BLUE else "none"
         axes.plot([value], [row], "o", color=colour, markerfacecolor=face, markersize=4.5)
-        decimals = _decimals(std)
-        said = f"{value:.{decimals}f} ± {std:.{decimals}f}".replace("-", "−")
+        said = f"{rounded(value, std)} ± {rounded(std, std)}"
         axes.text(1.02, row, said, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
         reach += [low, high] + ([p.mean - p.sigma, p.mean + p.sigma] if p.sigma < 50.0 * max(abs(value), std) else [])
     axes.set_yticks(range(len(parameters)), [short(p.name.removeprefix("setup.")) for p in parameters])
@@ -73,10 +72,6 @@ def _draw(axes: Axes, identification: Identification, parameters: list[Parameter
     axes.grid(visible=False, axis="y")
     margin = 0.04 * max(float(np.ptp(reach)), 1e-9)
     axes.set_xlim(min(min(reach), 0.0) - margin, max(max(reach), 0.0) + margin)
-
-
-def _decimals(std: float) -> int:
-    return int(np.clip(1 - np.floor(np.log10(std)), 0, 6)) if std > 0.0 else 3
 
 
 def _legend(figure: Figure) -> None:

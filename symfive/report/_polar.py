@@ -92,8 +92,8 @@ def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | N
 
 
 def _notes(circles: Sequence[Circle], both: bool, groups: int) -> list[str]:
-    notes = ["Measured: least-squares centre and mean radius taken off each run"
-             + (" (the mean only, where less than 3/4 of a turn was measured)." if not all(c.whole for c in circles) else "."),
+    arcs = "" if all(c.whole for c in circles) else " (the mean only, where less than 3/4 of a turn was measured)"
+    notes = [f"Measured: least-squares centre and mean radius taken off each run{arcs}.",
              "Strong lines: running means, of which p–v is the height from peak to valley"
              + ("; pale: each reading; outliers left out." if both else ".")]  # fmt: skip
     return [*notes, f"Drawn: {MOST_GROUPS} of {groups} sets of runs."] if groups > MOST_GROUPS else notes
@@ -161,7 +161,7 @@ def _centring(circle: Circle) -> Array:
 
 
 def _smooth(deviation: _Deviation, values: Array) -> Array:
-    window = max(1, len(values) // 180) if deviation.circle.run.dynamic else 1
+    window = max(9, len(values) // 150) if deviation.circle.run.dynamic else 1
     return running_mean(values, window)
 
 
@@ -222,8 +222,9 @@ def _rings(axes: Axes, scale: _Scale, marks: tuple[str, str] | None) -> None:
         style = {"color": FAINT, "linewidth": 1.0} if k == 0 else {"color": GRID, "linewidth": 0.6}
         axes.plot(radius * np.cos(turn), radius * np.sin(turn), zorder=0.5, **style)  # type: ignore[arg-type]
         if k and (abs(k) == count or (count > 3 and abs(k) == count // 2)):
-            axes.annotate(f"{k * scale.step:+g}".replace("-", "−"), radius * np.array([np.cos(1.18), np.sin(1.18)]),
-                          fontsize=6.5, color=FAINT, ha="center", va="center", zorder=5)  # fmt: skip
+            x, y = radius * float(np.cos(1.18)), radius * float(np.sin(1.18))
+            words = f"{k * scale.step:+g}".replace("-", "−")
+            axes.text(x, y, words, fontsize=6.5, color=FAINT, ha="center", va="center", zorder=5)
     rim = 1.0 + 1.12 * REACH
     for spoke in range(0, 360, 30):
         direction = np.array([np.cos(np.radians(spoke)), np.sin(np.radians(spoke))])
@@ -233,10 +234,12 @@ def _rings(axes: Axes, scale: _Scale, marks: tuple[str, str] | None) -> None:
             name = f"{spoke}°"
             if marks is not None:
                 name = (marks[0], marks[1], _opposite(marks[0]), _opposite(marks[1]))[spoke // 90]
-            axes.text(*(direction * rim), name, ha="center", va="center", fontsize=7.5)
+            axes.text(
+                float(direction[0]) * rim, float(direction[1]) * rim, name, ha="center", va="center", fontsize=7.5
+            )
     axes.set_aspect("equal")
-    axes.set_xlim(-1.6, 1.6)
-    axes.set_ylim(-1.6, 1.6)
+    axes.set_xlim(-1.7, 1.7)
+    axes.set_ylim(-1.7, 1.7)
 
 
 def _opposite(mark: str) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from scipy.fft import next_fast_len
 
 from symfive.errors import InputError
 from symfive.identify import Identification
@@ -59,9 +60,12 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
     figure.suptitle("Spectrum of the residuals", x=0.01, ha="left")
     figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside right upper")
     others = len(groups) - len(drawn)
-    footnote(figure, "Dashed: what declared white noise alone exceeds in one spectrum of a hundred. Over frequency: the highest line in "
-             "each fortieth of a decade.",
-             f"Not drawn: {others} further runs or units." if others else "")  # fmt: skip
+    footnote(
+        figure,
+        "Dashed: what declared white noise alone exceeds in one spectrum of a hundred.",
+        f"Over frequency: the highest line in each piece of 1/{PER_DECADE} decade." if over_time else "",
+        f"Not drawn: {others} further runs or units." if others else "",
+    )
     return figure
 
 
@@ -75,14 +79,20 @@ def _frequencies(traces: list[Trace]) -> tuple[Array, Array, float]:
     interval = float(np.median(np.diff(run.time)))
     time = np.arange(run.time[0], run.time[-1] + 0.5 * interval, interval)
     window = np.hanning(len(time))
-    square = np.zeros(len(time) // 2 + 1)
+    padded = next_fast_len(4 * len(time), real=True)  # so that a tone between two lines keeps its size
+    square = np.zeros(padded // 2 + 1)
     for trace in traces:
         good = ~trace.outlier
         even = np.interp(time, run.time[good], trace.residual[good])
-        square += np.abs(np.fft.rfft((even - even.mean()) * window)) ** 2 * 4.0 / window.sum() ** 2
+        square += np.abs(np.fft.rfft((even - even.mean()) * window, padded)) ** 2 * 4.0 / window.sum() ** 2
     mean_square = sum(4.0 * t.noise.declared**2 * np.sum(window**2) / window.sum() ** 2 for t in traces)
-    frequency = np.fft.rfftfreq(len(time), interval)
-    return frequency[2:], np.sqrt(square[2:]), float(np.sqrt(mean_square * np.log(len(square) / LEVEL)))
+    frequency = np.fft.rfftfreq(padded, interval)
+    first = int(np.ceil(2.0 * padded / len(time)))  # below two periods in the record the window sees only itself
+    return (
+        np.asarray(frequency[first:], dtype=float),
+        np.sqrt(square[first:]),
+        float(np.sqrt(mean_square * np.log(len(time) / LEVEL))),
+    )
 
 
 def _peaks(frequency: Array, amplitude: Array) -> tuple[Array, Array]:
@@ -142,7 +152,7 @@ def _draw_frequencies(
     axes.axhline(level, color=INK, linewidth=0.9, linestyle="--")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_ylim(bottom=level / 20.0)
+    axes.set_ylim(bottom=level / 10.0)
     plain_log(axes)
     axes.set_xlabel("frequency / (1/s)")
     axes.set_ylabel(f"amplitude / {unit_words(unit)}")

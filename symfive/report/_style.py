@@ -6,7 +6,7 @@ import functools
 import io
 import re
 from collections.abc import Callable
-from typing import ParamSpec
+from typing import Any, ParamSpec
 
 import numpy as np
 from matplotlib import rc_context
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "BLUE", "FAINT", "GREEN", "GRID", "INK", "ORANGE", "PAPER", "PURPLE", "SERIES", "blank", "footnote", "label_of",
-    "plain_log", "plain_number", "rendered", "robust_limit", "short", "styled", "unit_words",
+    "plain_log", "plain_number", "rendered", "robust_limit", "rounded", "short", "styled", "unit_words",
 ]  # fmt: skip
 
 BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
@@ -27,7 +27,7 @@ SERIES = (BLUE, ORANGE, GREEN, PURPLE, "#e69f00", "#56b4e9")
 INK, FAINT, GRID, PAPER = "#1d2a36", "#6b7885", "#d9dfe5", "#fdfefe"
 """Lines of the page itself; the report replaces them by the colours of the reader's light or dark theme."""
 
-_LOOK = {
+_LOOK: Any = {
     "font.family": "sans-serif", "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0,
     "xtick.labelsize": 8.0, "ytick.labelsize": 8.0, "legend.fontsize": 8.0, "figure.titlesize": 11.0,
     "text.color": INK, "axes.labelcolor": INK, "axes.titlecolor": INK, "xtick.color": FAINT, "ytick.color": FAINT,
@@ -104,6 +104,17 @@ def plain_log(axes: Axes, which: str = "both") -> None:
         if which in ("both", name):
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def rounded(value: float, std: float) -> str:
+    """A value to the digits that its uncertainty leaves: two of the 1σ; a plain number where `std` is 0."""
+    if not std > 0.0:
+        return plain_number(value)
+    digits = 1 - int(np.floor(np.log10(std)))
+    if digits > 9 or digits < -6:
+        return f"{value:.4g}".replace("-", "−")
+    text = f"{round(value, digits):.{max(digits, 0)}f}"
+    return (text.lstrip("-") if float(text) == 0.0 else text).replace("-", "−")
 
 
 def footnote(figure: Figure, *sentences: str) -> None:

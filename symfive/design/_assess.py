@@ -1,0 +1,222 @@
+"""What a plan or a campaign will tell: expected uncertainties, rank, what stays confounded, what each pose is worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.design._information import inverse
+from symfive.design._space import UNIT_MM, Space, make_space
+from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.identify import Confounding, confounded_combinations, data_rank
+from symfive.instruments import instruments_of
+from symfive.machine import Machine
+from symfive.model import Model
+from symfive.parameters import Parameter
+
+__all__ = ["Assessment", "assess", "machine_information", "workspace_places"]
+
+Array = NDArray[np.float64]
+LEVER_MM = 100.0
+WORTHLESS = 1e-4
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What is to be expected of a campaign, before it is measured.
+
+    `parameters` all of them, `covariance` (k, k) in the files' units with priors, `rank` combinations that the readings
+    determine better than the priors, `confounded` those they do not; `tool_centre_um` mean and largest 1σ of the tool
+    centre point over the workspace (None without a workspace); `valuation` one number per rotary axis; `worth` run →
+    (rows,) how much each row lowers ψ of D, per parameter (nats); `run_worth` the same of whole runs.
+    """
+
+    parameters: tuple[Parameter, ...]
+    covariance: Array
+    rank: int
+    confounded: tuple[Confounding, ...]
+    tool_centre_um: tuple[float, float] | None
+    valuation: Mapping[str, float]
+    worth: Mapping[str, Array]
+    run_worth: Mapping[str, float]
+    value: float
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """Expected 1σ by name, in the parameter's unit."""
+        return {p.name: float(s) for p, s in zip(self.parameters, np.sqrt(np.diag(self.covariance)), strict=True)}
+
+    def most(self) -> tuple[str, int]:
+        """The run and row (from 0) that tell most."""
+        return max(((run, int(np.argmax(w))) for run, w in self.worth.items()), key=lambda place: self.worth[place[0]][place[1]])
+
+    def nothing(self) -> tuple[tuple[str, int], ...]:
+        """Rows that tell next to nothing."""
+        return tuple((run, int(i)) for run, w in self.worth.items() for i in np.flatnonzero(w < WORTHLESS / max(len(w), 1)))
+
+
+def assess(campaign: Campaign, *, effects: Iterable[Effect] = (), given: Campaign | None = None) -> Assessment:
+    """Assess a plan or a campaign (its readings do not matter). `given`: one that was measured before, on this machine."""
+    model = Model(campaign, effects)
+    matrix, rows = _data_information(model)
+    machine = np.array([p.kind != "setup" for p in model.parameters])
+    if given is not None:
+        names = [p.name for p in model.parameters if p.kind != "setup"]
+        matrix[np.ix_(machine, machine)] += machine_information(given, names)
+    precision = np.diag(model.prior_sigma**-2.0)
+    covariance = inverse(matrix + precision)
+    chosen = np.flatnonzero(machine)
+    value = _volume(matrix + precision, chosen, model.prior_sigma)
+    worth = {run: _worth(jacobian, covariance, matrix + precision, chosen) for run, jacobian in rows.items()}
+    whole = {
+        run: _volume(matrix - np.einsum("nyk,nyl->kl", jacobian, jacobian) + precision, chosen, model.prior_sigma) - value
+        for run, jacobian in rows.items()
+    }
+    return Assessment(
+        parameters=model.parameters, covariance=covariance, rank=data_rank(matrix, model.prior_sigma),
+        confounded=confounded_combinations(matrix, model.parameters),
+        tool_centre_um=_tool_centre(campaign.machine, model, covariance),
+        valuation=_valuation(campaign, model, matrix + precision), worth=worth, run_worth=whole, value=value,
+    )  # fmt: skip
+
+
+def _data_information(model: Model) -> tuple[Array, dict[str, Array]]:
+    """Σ JᵀJ/σ² (k, k) of the declared white noise, and each run's whitened rows (N, ny, k)."""
+    size = len(model.parameters)
+    matrix = np.zeros((size, size))
+    rows = {}
+    for run in model.campaign.runs:
+        line = model.linearise(run, model.start)
+        whole = np.zeros((run.rows, line.jacobian.shape[1], size))
+        whole[:, :, line.columns] = line.jacobian / model.noise(run)[:, None]
+        if "encoder" in run.instrument and run.options.get("motion_from") == "encoder":
+            names = [i.name for i in instruments_of(run) for _ in i.columns(run, model.machine)]
+            whole[:, [name == "encoder" for name in names]] = 0.0
+        matrix += np.einsum("nyk,nyl->kl", whole, whole, optimize=True)
+        rows[run.id] = whole
+    return matrix, rows
+
+
+def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
+    """What a campaign tells about the machine's parameters `names`, all else marginalised, priors left out (n, n).
+
+    In the files' units. Parameters that its machine file does not vary are taken as not seen.
+    """
+    model = Model(campaign)
+    matrix, _ = _data_information(model)
+    wanted = list(names)
+    chosen = [model.index[name] for name in wanted if name in model.index]
+    other = np.setdiff1d(np.arange(len(model.parameters)), chosen)
+    inner = matrix[np.ix_(chosen, chosen)]
+    if other.size:
+        rest = matrix[np.ix_(other, other)] + np.diag(model.prior_sigma[other] ** -2.0)
+        cross = matrix[np.ix_(chosen, other)]
+        inner = inner - cross @ inverse(rest) @ cross.T
+    values, vectors = np.linalg.eigh(inner)
+    found = np.zeros((len(wanted), len(wanted)))
+    place = [i for i, name in enumerate(wanted) if name in model.index]
+    found[np.ix_(place, place)] = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return found
+
+
+def _volume(information: Array, chosen: NDArray[np.int64], sigma: Array) -> float:
+    """ψ of D for the parameters `chosen`, per prior 1σ."""
+    covariance = inverse(information)[np.ix_(chosen, chosen)] / np.outer(sigma[chosen], sigma[chosen])
+    return float(np.linalg.slogdet(covariance)[1]) / max(len(chosen), 1)
+
+
+def _worth(rows: Array, covariance: Array, information: Array, chosen: NDArray[np.int64]) -> Array:
+    """How much ψ of D rises when one row is taken out (N,): log det(I - J C Jᵀ) less that of what does not count."""
+    other = np.setdiff1d(np.arange(len(covariance)), chosen)
+    lost = -_log_det_minus(rows @ covariance @ rows.transpose(0, 2, 1))
+    if other.size:
+        of_other = inverse(information[np.ix_(other, other)])
+        lost += _log_det_minus(rows[:, :, other] @ of_other @ rows[:, :, other].transpose(0, 2, 1))
+    return np.asarray(np.maximum(lost, 0.0) / max(len(chosen), 1))
+
+
+def _log_det_minus(forms: Array) -> Array:
+    return np.asarray(np.linalg.slogdet(np.eye(forms.shape[1]) - forms)[1])
+
+
+def workspace_places(space: Space) -> Array:
+    """The tool centre point's sensitivities (places, 3, shared), µm per prior 1σ, over the reachable workspace.
+
+    Centre and rim of the table, lowest and highest ball, each rotary axis at both ends and the middle of its range.
+    """
+    low, high = space.lower, space.upper
+    levels = [np.linspace(low[i], high[i], 5)[:: 1 if i < space.poses else 4] for i in range(len(low))]
+    for i, name in enumerate(space.names):
+        if name.startswith("bar") or name == "tool.length":
+            levels[i] = np.array([0.5 * (low[i] + high[i])])
+        elif name == "table_ball.angle":
+            levels[i] = np.array([0.0, 0.5 * math.pi])
+        elif name == "table_ball.radius":
+            levels[i] = np.unique([0.0, high[i]])
+    z = np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(low))
+    k = np.full((len(z), 1), max(space.lengths[0], 1e-3))
+    z, k = (part[np.all(space.kernel.limits(z, k) >= -1e-9, axis=1)] for part in (z, k))
+    shared = len(space.shared)
+    return space.centre(z, k)[0].reshape(len(z), shared, 3).transpose(0, 2, 1)
+
+
+def _space_of(machine: Machine) -> Space | None:
+    if machine.workspace.table_radius is None:
+        return None
+    for instrument in ("r_test", "ball_bar"):
+        try:
+            return make_space(machine, instrument)
+        except InputError:
+            continue
+    return None
+
+
+def _tool_centre(machine: Machine, model: Model, covariance: Array) -> tuple[float, float] | None:
+    space = _space_of(machine)
+    if space is None:
+        return None
+    places = workspace_places(space)
+    if not len(places):
+        return None
+    index = [model.index[p.name] for p in space.shared]
+    sigma = np.array([p.sigma for p in space.shared])
+    scaled = covariance[np.ix_(index, index)] / np.outer(sigma, sigma)
+    variance = np.einsum("kya,ab,kyb->k", places, scaled, places, optimize=True)
+    return float(np.sqrt(variance.mean())), float(np.sqrt(variance.max()))
+
+
+def _valuation(campaign: Campaign, model: Model, information: Array) -> dict[str, float]:
+    """Per rotary axis: how many times better than one reading its location errors come out (angles at 100 mm).
+
+    The geometric mean over them, zeros, table ball and bar length marginalised, the tool ball and the other axes taken as
+    known: it depends on the poses only. Below 2 the poses suit the axis badly, from 4 on they suit it well.
+    """
+    unknown = [i for i, p in enumerate(model.parameters) if p.kind == "setup" and ".tool_ball." not in p.name]
+    setup = np.array(unknown, dtype=np.int64)
+    noise = float(np.mean([model.noise(run).mean() for run in campaign.runs]))
+    found = {}
+    for name, axis in campaign.machine.axes.items():
+        own = [model.index[t.name] for t in campaign.machine.location_errors if t.axis == name and t.name in model.index]
+        if not axis.rotary or not own:
+            continue
+        inner = information[np.ix_(own, own)]
+        if setup.size:
+            cross = information[np.ix_(own, setup)]
+            inner = inner - cross @ inverse(information[np.ix_(setup, setup)]) @ cross.T
+        lever = np.array([LEVER_MM * 1e-3 if model.parameters[i].unit == "urad" else 1.0 for i in own])
+        inner = inner / np.outer(lever, lever)
+        found[name] = noise * math.exp(0.5 * float(np.linalg.slogdet(inner)[1]) / len(own))
+    return found
+
+
+def setup_words(space: Space, z: Array, k: Array) -> str:
+    """A set-up in words."""
+    ball = ", ".join(f"{v:.0f}" for v in space.table_ball(z))
+    bar = f", bar {k[0]:g} mm" if space.instrument == "ball_bar" else ""
+    return f"ball at ({ball}) mm, tool {z[space.poses + 3] * UNIT_MM:.0f} mm{bar}"

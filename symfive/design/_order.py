@@ -1,0 +1,89 @@
+"""In which order the poses are visited: short travel, and a drift that is not mistaken for geometry.
+
+A round trip on the shortest way makes time and pose nearly the same thing, and a slow drift then looks like geometry. The
+alternative visits every second pose on the way out and the others on the way back, so that each part of the workspace is
+seen early and late. Poses visited again (in the middle and at the end) fix the drift. Which order is taken is decided by the
+information left when a linear drift is a nuisance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.machine import Axis, Machine
+
+__all__ = ["move_times", "out_and_back", "round_trip", "there_and_back", "timetable"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+DWELL_S = 3.0
+"""Rest at a pose before it is read: vibration decays, the instrument averages."""
+CAUTION = 0.5
+"""Share of an axis' greatest feed and acceleration that is used between poses."""
+
+
+def _axis_time(way: Array, axis: Axis) -> Array:
+    """Time from rest to rest, s."""
+    speed = CAUTION * axis.max_feed / 60.0 if axis.max_feed else np.inf
+    push = CAUTION * axis.max_acceleration if axis.max_acceleration else np.inf
+    short = 2.0 * np.sqrt(way / push)
+    long = way / speed + (speed / push if np.isfinite(speed) and np.isfinite(push) else 0.0)
+    reaches = way * push > speed**2 if np.isfinite(push) and np.isfinite(speed) else np.full(way.shape, np.isfinite(speed))
+    return np.asarray(np.where(reaches, long, short))
+
+
+def move_times(machine: Machine, commands: dict[str, Array]) -> Array:
+    """Time between any two poses (n, n), s: the slowest axis'."""
+    times = np.zeros((len(next(iter(commands.values()))),) * 2)
+    for name, axis in machine.axes.items():
+        times = np.maximum(times, _axis_time(np.abs(commands[name][:, None] - commands[name][None, :]), axis))
+    return times
+
+
+def round_trip(times: Array) -> Indices:
+    """A short tour (nearest neighbour, then 2-opt: G. A. Croes 1958) that begins at the pose nearest to all others."""
+    n = len(times)
+    tour = [int(np.argmin(times.sum(axis=0)))]
+    left = set(range(n)) - set(tour)
+    while left:
+        tour.append(min(left, key=lambda j: times[tour[-1], j]))
+        left.remove(tour[-1])
+    order = np.array(tour)
+    for _ in range(2 * n):
+        improved = False
+        for i in range(1, n - 1):
+            a, b = order[i - 1], order[i]
+            ends, after = order[i + 1 :], np.append(order[i + 2 :], -1)
+            onward = np.where(after >= 0, times[b, after], 0.0)
+            present = np.where(after >= 0, times[ends, after], 0.0)
+            gain = times[a, b] + present - times[a, ends] - onward
+            j = int(np.argmax(gain))
+            if gain[j] > 1e-9:
+                order[i : i + j + 2] = order[i : i + j + 2][::-1]
+                improved = True
+        if not improved:
+            break
+    return np.asarray(order)
+
+
+def there_and_back(order: Indices) -> Indices:
+    """Every second pose on the way out, the others on the way back."""
+    return np.concatenate([order[::2], order[1::2][::-1]])
+
+
+def out_and_back(order: Indices, returns: int) -> Indices:
+    """The order with its first pose visited again `returns` times, evenly spread and the last time at the end."""
+    if returns == 0 or len(order) < 3:
+        return order
+    parts = np.array_split(order, returns)
+    return np.concatenate([np.append(part, order[0]) for part in parts])
+
+
+def timetable(machine: Machine, commands: dict[str, Array], seconds_per_pose: float) -> Array:
+    """When each pose is read (n,), s: from the start, moving and resting, at least `seconds_per_pose` each."""
+    n = len(next(iter(commands.values())))
+    moves = np.zeros(max(n - 1, 0))
+    for name, axis in machine.axes.items():
+        moves = np.maximum(moves, _axis_time(np.abs(np.diff(commands[name])), axis))
+    return np.concatenate([[0.0], np.cumsum(np.maximum(np.ceil((moves + DWELL_S) * 10.0) / 10.0, seconds_per_pose))])

@@ -1,0 +1,194 @@
+"""The rest of an effect's own family: functions on its channel, over its coordinate, where its form is a little off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
+
+import casadi as ca
+import numpy as np
+
+from symfive.effects._base import Effect
+from symfive.motion import Acceleration, Direction, Position, ReversalDistance, ReversalTime, Velocity
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.model._row import Row
+    from symfive.motion import Signal
+
+FAMILIES = ("reversal", "smooth", "servo", "periodic", "time")
+WAVES = 8
+DISTANCES = (0.003, 0.01, 0.03, 0.1, 0.3)
+TIMES_S = (0.02, 0.06, 0.2, 0.6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FamilyShape(Effect):
+    """Σ c_k·f_k on one channel: what another effect of the model leaves over because its true form differs.
+
+    `of` is the key of that effect, `channel` what it moves: `axis` (the coordinate of `axis`), an error motion's symbol
+    (`EZB`) or `tool`. `family` chooses the functions f_k:
+
+    - `reversal`: the direction s of motion times decays over the distance and the time since the reversal, and times
+      the place; `servo`: these, with velocity, acceleration and their products;
+    - `smooth`: Legendre polynomials (a rotary axis over more than 200°: harmonics) of the coordinate, and hysteresis;
+    - `periodic`: harmonics of `period` (file unit), growing and fading along the axis;
+    - `time`: Legendre polynomials of the campaign's clock.
+
+    `size` (µm or µrad) is the prior 1σ of each coefficient. Its share of the effect says by how much the shape differs.
+    """
+
+    id = "family_shape"
+    says = "the shape of an effect differs from the library's"
+    reported_as = "unknown"
+    of: str
+    channel: str
+    family: str
+    size: float
+    period: float = 0.0
+    span: tuple[float, float] = (0.0, 0.0)
+    clock: tuple[float, float] = (0.0, 1.0)
+    timed: bool = False
+
+    @property
+    def key(self) -> str:
+        """`family_shape.backlash.C`."""
+        return self._key(self.of)
+
+    @property
+    def stage(self) -> str:  # type: ignore[override]
+        """Where it enters."""
+        return "axis" if self.channel == "axis" else "structure"
+
+    @property
+    def _turning(self) -> str:
+        """The axis over whose coordinate the functions run."""
+        return self.axis or ""
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("family", FAMILIES)
+        runs = campaign.runs
+        clock = (min(r.start_s for r in runs), max(r.start_s + float(r.time[-1]) for r in runs))
+        span = self.span
+        if self.axis is not None and span == (0.0, 0.0):
+            used = np.concatenate([run.commands[self.axis] for run in runs]) * self.its_axis(campaign).to_internal
+            span = (float(used.min()), float(used.max()))
+        timed = all(run.dynamic for run in runs)
+        return replace(
+            super().prepare(campaign), span=span, clock=clock if self.clock == (0.0, 1.0) else self.clock, timed=timed
+        )
+
+    def _names(self, campaign: Campaign) -> tuple[str, ...]:
+        return tuple(name for name, _ in self._functions(campaign.machine.axes.get(self._turning)))
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        if self.channel == "axis":
+            unit = "urad" if self.its_axis(campaign).rotary else "um"
+        else:
+            unit = "urad" if self.channel != "tool" and self.channel[1] in "ABC" else "um"
+        parts = ("x.", "y.", "z.") if self.channel == "tool" else ("",)
+        return tuple(self.own(part + name, unit, self.size) for part in parts for name in self._names(campaign))
+
+    def signals(self) -> tuple[Signal, ...]:
+        if self.family == "time":
+            return ()
+        axis = self._turning
+        found: list[Signal] = [Direction(axis), Position(axis)]
+        if self.family in ("reversal", "servo"):
+            found += [ReversalDistance(axis), *([ReversalTime(axis)] if self.timed else [])]
+        if self.family == "servo":
+            found += [Velocity(axis), Acceleration(axis)]
+        return tuple(found)
+
+    def apply(self, row: Row) -> None:
+        functions = self._functions(row.machine.axes.get(self._turning))
+        if self.channel == "tool":
+            for i, c in enumerate("xyz"):
+                row.shift[i] += sum(self.parameter(row, f"{c}.{name}") * f(row) for name, f in functions)
+            return
+        total = sum(self.parameter(row, name) * f(row) for name, f in functions)
+        if self.channel == "axis":
+            row.axis[self._turning] += total
+        else:
+            row.add_motion(self.channel, total)
+
+    def _functions(self, axis: Any) -> list[tuple[str, Callable[[Row], Any]]]:
+        """Names and functions of a row, each of size about one."""
+        make = {
+            "reversal": self._reversal, "smooth": self._smooth, "servo": self._servo, "periodic": self._periodic,
+            "time": self._in_time,
+        }  # fmt: skip
+        return list(make[self.family](axis))
+
+    def _place(self, row: Row) -> Any:
+        low, high = self.span
+        return (2.0 * row.signal(Position(self._turning)) - (low + high)) / max(high - low, 1e-12)
+
+    def _sign(self, row: Row) -> Any:
+        return row.signal(Direction(self._turning))
+
+    def _reversal(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+        reach = max(self.span[1] - self.span[0], 1e-12)
+
+        def far(share: float) -> Callable[[Row], Any]:
+            return lambda row: self._sign(row) * ca.exp(-row.signal(ReversalDistance(self._turning)) / (share * reach))
+
+        def late(tau: float) -> Callable[[Row], Any]:
+            return lambda row: self._sign(row) * ca.exp(-row.signal(ReversalTime(self._turning)) / tau)
+
+        yield from ((f"distance{k}", far(share)) for k, share in enumerate(DISTANCES, start=1))
+        if self.timed:
+            yield from ((f"time{k}", late(tau)) for k, tau in enumerate(TIMES_S, start=1))
+        yield "sign", self._sign
+        yield "sign*place", lambda row: self._sign(row) * self._place(row)
+        yield "sign*place2", lambda row: self._sign(row) * self._place(row) ** 2
+        yield "place", self._place
+
+    def _smooth(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+        if axis is not None and axis.rotary and self.span[1] - self.span[0] > np.deg2rad(200.0):
+            for k in range(1, WAVES - 1):
+                yield f"cos{k}", lambda row, k=k: ca.cos(k * row.signal(Position(self._turning)))  # type: ignore[misc]
+                yield f"sin{k}", lambda row, k=k: ca.sin(k * row.signal(Position(self._turning)))  # type: ignore[misc]
+        else:
+            for k in range(1, WAVES + 1):
+                yield f"P{k}", lambda row, k=k: _legendre(k, self._place(row))  # type: ignore[misc]
+        yield "sign", self._sign
+        yield "sign*place", lambda row: self._sign(row) * self._place(row)
+        yield "sign*bow", lambda row: self._sign(row) * (1.0 - self._place(row) ** 2)
+
+    def _servo(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+        speed = (axis.max_feed or 6000.0) * axis.to_internal / 60.0 / 10.0
+        rise = (axis.max_acceleration or 3000.0) * axis.to_internal / 10.0
+        yield "velocity", lambda row: row.signal(Velocity(self._turning)) / speed
+        yield (
+            "velocity*speed",
+            lambda row: row.signal(Velocity(self._turning)) * ca.fabs(row.signal(Velocity(self._turning))) / speed**2,
+        )
+        yield "acceleration", lambda row: row.signal(Acceleration(self._turning)) / rise
+        yield from self._reversal(axis)
+
+    def _periodic(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+        def wave(order: float, power: int, f: Callable[[Any], Any]) -> Callable[[Row], Any]:
+            angle = 2.0 * np.pi * order / (self.period * axis.to_internal)
+            return lambda row: f(angle * row.signal(Position(self._turning))) * self._place(row) ** power
+
+        for order, power in ((0.5, 0), (2.0, 0), (3.0, 0), (4.0, 0), (1.0, 1), (1.0, 2)):
+            yield f"cos{order:g}^{power}", wave(order, power, ca.cos)
+            yield f"sin{order:g}^{power}", wave(order, power, ca.sin)
+
+    def _in_time(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+        low, high = self.clock
+
+        def value(k: int) -> Callable[[Row], Any]:
+            return lambda row: _legendre(k, (2.0 * row.clock - (low + high)) / max(high - low, 1e-12))
+
+        yield from ((f"T{k}", value(k)) for k in range(1, WAVES + 1))
+
+
+def _legendre(order: int, x: Any) -> Any:
+    previous, current = ca.SX(1), x
+    for k in range(1, order):
+        previous, current = current, ((2 * k + 1) * x * current - k * previous) / (k + 1)
+    return current

@@ -1,0 +1,220 @@
+"""From a run of a plan to the steps of a program: approach, every pose with its dwell, retract.
+
+Between two poses the ball must stay in its nest (or the bar at its length), so the linear axes follow the rotary ones in
+short straight blocks; with the control's own tool-centre point control (the user's text switches it on) the words are the
+ball's place in the workpiece frame instead and the control does the following.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.errors import InputError
+from symfive.machine import Machine
+from symfive.nc._base import Step
+from symfive.procedures import Nominal
+
+__all__ = ["Post", "program_steps"]
+
+Array = NDArray[np.float64]
+LETTERS = "XYZABCUVW"
+RETRACT_MM = 50.0
+CHORD_SHARE = 0.05
+"""A straight block may leave the true way by this share of the sensor's range or the bar's stroke."""
+CREEP_MM_PER_MIN = 500.0
+DWELL_S = 2.0
+SHORTEST_BLOCK_S = 0.02
+MOST_BLOCKS = 4096
+
+
+@dataclass(frozen=True, kw_only=True)
+class Post:
+    """What the user decides about the programs.
+
+    `tool_centre_on`, `tool_centre_off`: the control's lines that switch tool-centre point control (TRAORI, G43.4 H1, M128,
+    M428 …); without them the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against
+    ISO 841. `retract_mm` along the tool, `dwell_s` at each pose.
+    """
+
+    tool_centre_on: str = ""
+    tool_centre_off: str = ""
+    reversed_axes: tuple[str, ...] = ()
+    retract_mm: float = RETRACT_MM
+    dwell_s: float = DWELL_S
+    unsafe: Mapping[str, Sequence[int]] = field(default_factory=dict)
+
+
+def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:
+    """The steps of a run's program. Raises `InputError` for an axis whose name is no NC address."""
+    for name in machine.axis_names:
+        if name not in LETTERS:
+            raise InputError(f"axis {name} has no NC address", remedy=f"name axes by {', '.join(LETTERS)} for programs")
+    return _Writer(machine, run, post or Post()).steps()
+
+
+class _Writer:
+    def __init__(self, machine: Machine, run: Run, post: Post) -> None:
+        self.machine, self.run, self.post = machine, run, post
+        self.nominal = Nominal(machine)
+        self.names = machine.axis_names
+        self.rotary = [name for name in self.names if machine.axes[name].rotary]
+        self.linear = [name for name in self.names if not machine.axes[name].rotary]
+        self.places = self.nominal.ball(run.commands, run.tool_ball)
+
+    def steps(self) -> list[Step]:
+        run, post = self.run, self.post
+        ball = "ball bar" if "ball_bar" in run.instrument else "nest"
+        found = [
+            Step(kind="comment", text=f"run {run.id}, {run.rows} rows, {', '.join(run.instrument)}"),
+            Step(kind="comment", text=f"table ball {_numbers(run.table_ball)} mm, tool length {-run.tool_ball[2]:g} mm"),
+            Step(kind="comment", text="work offset: the workpiece frame's origin, all rotary axes at 0"),
+        ]
+        if run.length is not None:
+            found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
+        found.append(Step(kind="stop", text="spindle clear above the table, spindle stopped and locked, then start"))
+        lifted = self._retracted(0)
+        found.append(Step(kind="rapid", positions=self._words(lifted, self._place(lifted))))
+        if post.tool_centre_on:
+            found.append(Step(kind="text", text=post.tool_centre_on))
+        found += self._creep(0)
+        found.append(Step(kind="stop", text=f"seat the {ball}, zero the instrument, then start"))
+        found += self._recording() if run.dynamic else self._poses()
+        last = run.rows - 1
+        found.append(Step(kind="stop", text=f"free the {ball}, then start to retract"))
+        lifted = self._retracted(last)
+        found.append(self._feed(lifted, self._place(lifted), 60.0 * post.retract_mm / CREEP_MM_PER_MIN))
+        if post.tool_centre_off:
+            found.append(Step(kind="text", text=post.tool_centre_off))
+        return found
+
+    def _poses(self) -> list[Step]:
+        found = [Step(kind="dwell", seconds=self.post.dwell_s)]
+        unsafe = set(self.post.unsafe.get(self.run.id, ()))
+        for row in range(1, self.run.rows):
+            seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.dwell_s
+            found += self._detour(row) if row in unsafe else self._way(row, max(seconds, 0.5))
+            found.append(Step(kind="dwell", seconds=self.post.dwell_s))
+        return found
+
+    def _way(self, row: int, seconds: float) -> list[Step]:
+        """From the pose before to this one in blocks so short that the ball stays where it belongs."""
+        workspace = self.machine.workspace
+        bar = "ball_bar" in self.run.instrument
+        allowed = CHORD_SHARE * (workspace.bar_stroke if bar else workspace.sensor_range)
+        if all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names):
+            return [self._pose(row, seconds)]
+        blocks = 1
+        while blocks < MOST_BLOCKS:
+            share = np.arange(1, 2 * blocks + 1) / (2.0 * blocks)
+            commands, places = self._between(row, share)
+            whole = np.stack([np.concatenate([[self.run.commands[n][row - 1]], commands[n]]) for n in self.names])
+            straight = 0.5 * (whole[:, :-1:2] + whole[:, 2::2])
+            middle = {n: straight[i] for i, n in enumerate(self.names)}
+            if self._error(middle, places[::2]) <= allowed:
+                break
+            blocks *= 2
+        steps = [
+            self._feed({n: float(commands[n][i]) for n in self.names}, places[i], seconds / blocks)
+            for i in range(1, 2 * blocks - 1, 2)
+        ]
+        return [*steps, self._pose(row, seconds / blocks)]
+
+    def _between(self, row: int, share: Array) -> tuple[dict[str, Array], Array]:
+        """Commands and places of the ball at shares of the way: rotary axes straight, the bar on the shorter arc."""
+        before, after = ({n: float(self.run.commands[n][r]) for n in self.names} for r in (row - 1, row))
+        fixed = {n: before[n] + share * (after[n] - before[n]) for n in self.rotary}
+        table = np.asarray(self.run.table_ball)
+        a, b = self.places[row - 1] - table, self.places[row] - table
+        size = float(np.linalg.norm(a))
+        if "ball_bar" in self.run.instrument and size > 1e-9:
+            places = table + _arc(a, b, share)
+        else:
+            places = self.places[row - 1] + share[:, None] * (self.places[row] - self.places[row - 1])
+        return self.nominal.follow(places, self.run.tool_ball, fixed, f"the way to row {row + 1} of run {self.run.id}"), places
+
+    def _error(self, commands: dict[str, Array], places: Array) -> float:
+        """How far a straight block's middle leaves the nest, or by how much it changes the bar's length."""
+        there = self.nominal.ball(commands, self.run.tool_ball)
+        if "ball_bar" in self.run.instrument:
+            table = np.asarray(self.run.table_ball)
+            return float(np.abs(np.linalg.norm(there - table, axis=1) - np.linalg.norm(places - table, axis=1)).max())
+        return float(np.linalg.norm(there - places, axis=1).max())
+
+    def _recording(self) -> list[Step]:
+        """A dynamic run: its own rows, thinned to blocks that a control can read ahead."""
+        step = max(1, int(np.ceil(SHORTEST_BLOCK_S / max(float(np.median(np.diff(self.run.time))), 1e-6) - 1e-9)))
+        rows = list(range(0, self.run.rows, step))
+        if rows[-1] != self.run.rows - 1:
+            rows.append(self.run.rows - 1)
+        return [self._pose(b, float(self.run.time[b] - self.run.time[a])) for a, b in zip(rows, rows[1:], strict=False)]
+
+    def _detour(self, row: int) -> list[Step]:
+        """Out of the nest along the tool, around, and in again; a bar is taken off meanwhile."""
+        lifted, arriving = self._retracted(row - 1), self._retracted(row)
+        seconds = 60.0 * self.post.retract_mm / CREEP_MM_PER_MIN
+        steps = [Step(kind="stop", text="take the bar off, then start")] if "ball_bar" in self.run.instrument else []
+        steps += [
+            self._feed(lifted, self._place(lifted), seconds),
+            Step(kind="rapid", positions=self._words(arriving, self._place(arriving))),
+            *self._creep(row),
+        ]
+        return [*steps, *([Step(kind="stop", text="put the bar on, then start")] if "ball_bar" in self.run.instrument else [])]
+
+    def _creep(self, row: int) -> list[Step]:
+        return [self._pose(row, 60.0 * self.post.retract_mm / CREEP_MM_PER_MIN)]
+
+    def _pose(self, row: int, seconds: float) -> Step:
+        commands = {n: float(self.run.commands[n][row]) for n in self.names}
+        return self._feed(commands, self.places[row], seconds, row)
+
+    def _feed(self, commands: Mapping[str, float], place: Array, seconds: float, row: int | None = None) -> Step:
+        return Step(kind="feed", positions=self._words(commands, place), seconds=seconds, row=row)
+
+    def _place(self, commands: Mapping[str, float]) -> Array:
+        return np.asarray(self.nominal.ball({n: np.array([v]) for n, v in commands.items()}, self.run.tool_ball)[0])
+
+    def _words(self, commands: Mapping[str, float], place: Array) -> dict[str, float]:
+        signs = {name: -1.0 if name in self.post.reversed_axes else 1.0 for name in self.names}
+        words = {name: signs[name] * commands[name] for name in sorted(self.names, key=LETTERS.index)}
+        if self.post.tool_centre_on:
+            words |= {axis: float(place[i]) for i, axis in enumerate("XYZ") if axis in words}
+        return words
+
+    def _retracted(self, row: int) -> dict[str, float]:
+        """The pose with the tool drawn back along its own axis, as far as the travel allows."""
+        commands = {n: np.array([self.run.commands[n][row]]) for n in self.names}
+        workpiece, tool = (f(commands)[0] for f in (self.nominal.workpiece_rotation, self.nominal.tool_rotation))
+        away = workpiece.T @ tool[:, 2]
+        fixed = {n: commands[n] for n in self.rotary}
+        for share in np.linspace(1.0, 0.0, 11):
+            target = (self.places[row] + share * self.post.retract_mm * away)[None, :]
+            moved = self.nominal.follow(target, self.run.tool_ball, fixed, "the retract")
+            if all(self._inside(n, float(moved[n][0])) for n in self.linear):
+                break
+        return {n: float(moved[n][0]) for n in self.names}
+
+    def _inside(self, name: str, value: float) -> bool:
+        low, high = self.machine.axes[name].travel
+        return low - 1e-9 <= value <= high + 1e-9
+
+
+def _arc(a: Array, b: Array, share: Array) -> Array:
+    """From vector a to b on the shorter arc, length interpolated (n, 3)."""
+    la, lb = np.linalg.norm(a), np.linalg.norm(b)
+    u, v = a / la, b / lb
+    across = v - (v @ u) * u
+    angle = float(np.arctan2(np.linalg.norm(across), u @ v))
+    if np.linalg.norm(across) < 1e-12:
+        across = np.cross(u, [0.0, 0.0, 1.0] if abs(u[2]) < 0.9 else [1.0, 0.0, 0.0])
+    across = across / np.linalg.norm(across)
+    size = (1.0 - share) * la + share * lb
+    return np.asarray(size[:, None] * (np.cos(share * angle)[:, None] * u + np.sin(share * angle)[:, None] * across))
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return " ".join(f"{v:.3f}" for v in values)

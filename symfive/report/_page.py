@@ -1,0 +1,72 @@
+"""One self-contained HTML page: escaped text, figures as SVG that follow the reader's light or dark theme."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import re
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from matplotlib.figure import Figure
+
+from symfive import __version__
+from symfive.files import write_text
+from symfive.report._style import BLUE, FAINT, GRID, INK, ORANGE, PAPER, rendered
+
+__all__ = ["embedded", "sentences", "write_page"]
+
+_THEME = {INK: "var(--ink)", FAINT: "var(--faint)", GRID: "var(--grid)", PAPER: "var(--card)", BLUE: "var(--blue)",
+          ORANGE: "var(--orange)"}  # fmt: skip
+_SCRIPT = """
+for (const button of document.querySelectorAll("th button")) button.addEventListener("click", () => {
+  const head = button.parentElement, table = head.closest("table"), body = table.tBodies[0];
+  const up = head.getAttribute("aria-sort") !== "ascending", column = head.cellIndex;
+  for (const other of table.querySelectorAll("th")) other.removeAttribute("aria-sort");
+  head.setAttribute("aria-sort", up ? "ascending" : "descending");
+  const key = row => { const cell = row.cells[column], sort = cell.dataset.sort;
+    return sort === undefined ? cell.textContent : Number(sort); };
+  const compare = (a, b) => typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b));
+  [...body.rows].sort((a, b) => (up ? 1 : -1) * compare(key(a), key(b))).forEach(row => body.append(row));
+});
+"""
+
+
+def write_page(path: Path, title: str, body: str) -> None:
+    """Write the page whole or not at all. `title` is plain text, `body` HTML whose text is already escaped."""
+    digest = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
+    template = Template((files("symfive.report") / "page.html").read_text(encoding="utf-8"))
+    page = template.substitute(
+        title=html.escape(title),
+        body=body,
+        script=_SCRIPT,
+        script_hash=f"sha256-{digest}",
+        version=html.escape(__version__),
+    )
+    write_text(path, page)
+
+
+def embedded(figure: Figure, name: str, title: str, reading: str) -> str:
+    """A `<figure>` with the drawing inline, its colours tied to the page's theme, and how to read it as caption."""
+    svg = rendered(figure, "svg").decode()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r"url\(#", f"url(#{name}-", svg)
+    svg = re.sub(r'href="#', f'href="#{name}-', svg)
+    for colour, variable in _THEME.items():
+        svg = re.sub(f"(fill|stroke): {colour}", rf"\1: {variable}", svg)
+    svg = re.sub(r"(font(?:-family)?: [^;\"]*?)'DejaVu Sans'[^;\"]*", r"\1system-ui, 'DejaVu Sans', sans-serif", svg)
+    svg = svg.replace("<svg ", f'<svg role="img" aria-label="{html.escape(title)}" ', 1)
+    return f'<figure id="{name}">\n{svg}\n<figcaption>{html.escape(reading)}</figcaption>\n</figure>'
+
+
+def sentences(lines: list[str], most: int = 20) -> str:
+    """A list of sentences; the ones after the first `most` are folded away."""
+    items = [f"<li>{html.escape(line)}.</li>" for line in lines]
+    shown = f"<ul>{''.join(items[:most])}</ul>"
+    if len(items) > most:
+        shown += f"<details><summary>{len(items) - most} more</summary><ul>{''.join(items[most:])}</ul></details>"
+    return shown

@@ -1,0 +1,91 @@
+"""All figures of an identification, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from symfive.errors import InputError
+from symfive.files import output_folder
+from symfive.identify import Identification
+from symfive.report._bands import error_motion_bands
+from symfive.report._correlation import correlation_matrix
+from symfive.report._over_coordinates import residuals_over_coordinates
+from symfive.report._over_time import residuals_over_time
+from symfive.report._parameters import parameters_chart
+from symfive.report._polar import polar_trace
+from symfive.report._spectrum import residual_spectrum
+from symfive.report._style import rendered
+
+__all__ = ["FIGURES", "Drawing", "drawings", "save_figures"]
+
+FORMATS = ("png", "svg", "pdf")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure of the report: file `name`, `title`, how to read it, and what draws it."""
+
+    name: str
+    title: str
+    reading: str
+    draw: Callable[[Identification], Figure]
+
+
+FIGURES = (
+    Drawing("parameters", "Identified parameters",
+            "Dot and line: value and 95 % interval. Grey bar: what was known before (prior ±1σ). Hollow: these data "
+            "say no more than the prior did.", parameters_chart),
+    Drawing("polar-trace", "Circular tests",
+            "Left of each pair: what was measured, with the fitted model dashed. Right: what the fit leaves, magnified "
+            "further. A circle is good; two senses that part at an axis point to play, a fixed oval to squareness or "
+            "scale.", polar_trace),
+    Drawing("residuals-over-time", "Residuals over time",
+            "Noise stays around zero within the grey band. A wave or a step in the strong line is something that the "
+            "model leaves out.", residuals_over_time),
+    Drawing("residuals-over-coordinates", "Residuals over the axes",
+            "Two lines that part: the error depends on the direction of motion (play, friction, lag). Two lines that "
+            "bend together: an error of geometry.", residuals_over_coordinates),
+    Drawing("residual-spectrum", "Spectrum of the residuals",
+            "Peaks above the dashed line are no noise: at a fixed frequency a vibration, at a fixed order an error "
+            "that repeats with the turn.", residual_spectrum),
+    Drawing("error-motions", "Identified error motions",
+            "The error over the travel that was used, with its uncertainty. Where the band contains zero, no error is "
+            "proven.", error_motion_bands),
+    Drawing("correlations", "Correlations",
+            "Strong colour: the readings fix a combination of the two parameters and not each of them.",
+            correlation_matrix),
+)  # fmt: skip
+
+
+def drawings(identification: Identification) -> Iterator[tuple[Drawing, Figure]]:
+    """The figures that this identification has something for."""
+    for drawing in FIGURES:
+        try:
+            yield drawing, drawing.draw(identification)
+        except InputError:
+            continue  # nothing to draw: no circle among the runs, no error motion in the machine file
+
+
+def save_figures(
+    identification: Identification, folder: Path | str, *, formats: Sequence[str] = ("png",)
+) -> list[Path]:
+    """Write every figure that applies into `folder`, each file whole, and return their paths.
+
+    `formats` of `png`, `svg`, `pdf`. Long runs are drawn thinned, and the figure says so; names are fixed
+    (`residuals-over-time.png`, …). Raises `InputError` for another format or where the folder cannot be written.
+    """
+    for format in formats:
+        if format not in FORMATS:
+            raise InputError(f'figures cannot be written as "{format}"', remedy=f"use one of {', '.join(FORMATS)}")
+    folder = Path(folder)
+    names = []
+    with output_folder(folder) as target:
+        for drawing, figure in drawings(identification):
+            for format in formats:
+                names.append(f"{drawing.name}.{format}")
+                (target / names[-1]).write_bytes(rendered(figure, format))
+    return [folder / name for name in names]

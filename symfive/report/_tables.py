@@ -1,0 +1,130 @@
+"""HTML tables: every cell escaped, numbers aligned and sortable by their exact value."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from symfive.identify import Identification
+from symfive.report._style import plain_number, rounded, unit_words
+from symfive.report._traces import traces_of
+from symfive.report._words import learnt, meaning
+
+__all__ = ["Cell", "noise_table", "outlier_table", "parameter_table", "setup_table", "table"]
+
+MOST_OUTLIERS = 500
+TALL = 24
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A number: `text` as shown, `value` to sort by."""
+
+    text: str
+    value: float
+
+
+def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str | Cell]], classes: Sequence[str] = ()) -> str:
+    """A sortable table. `heads`, `caption` and text cells are plain text; `classes` one class per row."""
+    head = "".join(f'<th scope="col"><button type="button">{html.escape(h)}</button></th>' for h in heads)
+    body = []
+    for i, row in enumerate(rows):
+        mark = f' class="{html.escape(classes[i])}"' if i < len(classes) and classes[i] else ""
+        body.append(f"<tr{mark}>{''.join(map(_cell, row))}</tr>")
+    return (
+        f'<div class="wide{" tall" if len(rows) > TALL else ""}"><table><caption>{html.escape(caption)}</caption>'
+        f"<thead><tr>{head}</tr></thead><tbody>\n{chr(10).join(body)}\n</tbody></table></div>"
+    )
+
+
+def _cell(cell: str | Cell) -> str:
+    if isinstance(cell, str):
+        return f"<td>{html.escape(cell)}</td>"
+    key = f' data-sort="{cell.value!r}"' if math.isfinite(cell.value) else ""
+    return f'<td class="n"{key}>{html.escape(cell.text)}</td>'
+
+
+def parameter_table(identification: Identification) -> str:
+    """Machine and effects: value, 1σ, 95 % interval, unit, prior."""
+    rows: list[list[str | Cell]] = []
+    classes = []
+    machine = identification.model.machine
+    for p in (q for q in identification.parameters if q.run is None):
+        value, std = identification[p.name], identification.uncertainty(p.name)
+        low, high = identification.interval(p.name)
+        known = learnt(identification, p)
+        prior = f"{plain_number(p.mean)} ± {plain_number(p.sigma)}"
+        state = "held fixed" if std == 0.0 else "known better than before" if known else "no better than before"
+        interval = f"{rounded(low, std)} … {rounded(high, std)}"
+        rows.append([p.name, meaning(p, machine), Cell(rounded(value, std), value), Cell(rounded(std, std), std),
+                     Cell(interval, low), unit_words(p.unit), Cell(prior, p.sigma), state])  # fmt: skip
+        classes.append("" if known else "weak")
+    heads = ["parameter", "what it is", "value", "1σ", "95 % interval", "unit", "prior (mean ± 1σ)", "the data"]
+    return table("Parameters of the machine and its effects", heads, rows, classes)
+
+
+def noise_table(identification: Identification) -> str:
+    """Per run and instrument: noise declared and found, what the residuals are."""
+    rows: list[list[str | Cell]] = []
+    found = traces_of(identification)
+    for key in dict.fromkeys((t.run.id, t.instrument) for t in found):
+        traces = [t for t in found if (t.run.id, t.instrument) == key]
+        run, noise, unit = traces[0].run, traces[0].noise, traces[0].unit
+        kept = [float(v) for t in traces for v in t.residual[~t.outlier]]
+        rms = math.sqrt(math.fsum(v * v for v in kept) / max(len(kept), 1))
+        slow = noise.coloured > 0.0
+        size = _number(noise.coloured) if slow else Cell("none", 0.0)
+        tau = _number(noise.time_constant) if slow else Cell("–", 0.0)
+        words = [run.id, traces[0].instrument.replace("_", " "), run.sampling]
+        numbers = [
+            Cell(str(run.rows), run.rows),
+            _number(noise.declared),
+            _number(noise.white),
+            size,
+            tau,
+            _number(rms),
+        ]
+        rows.append([*words, *numbers, unit_words(unit)])
+    heads = ["run", "instrument", "sampling", "rows", "declared 1σ", "white 1σ found", "slow 1σ found",
+             "correlation time / s", "residual RMS", "unit"]  # fmt: skip
+    return table("Noise of one reading", heads, rows)
+
+
+def _number(value: float) -> Cell:
+    return Cell(f"{value:#.3g}".replace("-", "−") if 1e-3 <= abs(value) < 1e3 else plain_number(value), value)
+
+
+def outlier_table(identification: Identification) -> str:
+    """Run, file, row in the file (the header is row 1), column, time, residual, σ."""
+    campaign = identification.model.campaign
+    units = {(t.run.id, t.column): t.unit for t in traces_of(identification)}
+    rows: list[list[str | Cell]] = []
+    for o in identification.outliers[:MOST_OUTLIERS]:
+        run = campaign.run(o.run)
+        time = float(run.time[o.row])
+        unit, sigmas = unit_words(units.get((o.run, o.column), "")), f"{o.sigmas:.1f}".replace("-", "−")
+        rows.append([run.id, run.file, Cell(str(o.row + 2), o.row), o.column, Cell(f"{time:.3f}", time),
+                     _number(o.residual), unit, Cell(sigmas, o.sigmas)])  # fmt: skip
+    heads = ["run", "file", "row in the file", "column", "time / s", "residual", "unit", "in σ of the noise"]
+    more = len(identification.outliers) - len(rows)
+    return table(f"Outliers left out of the fit{f' (first {len(rows)}; {more} more)' if more else ''}", heads, rows)
+
+
+def setup_table(identification: Identification) -> str:
+    """One row per run, one column per set-up quantity: value ± 1σ."""
+    entries: dict[str, dict[str, Cell]] = {}
+    units: dict[str, str] = {}
+    for p in (q for q in identification.parameters if q.run is not None):
+        quantity = p.name.removeprefix(f"setup.{p.run}.")
+        value, std = identification[p.name], identification.uncertainty(p.name)
+        known = "" if learnt(identification, p) else " *"
+        said = f"{rounded(value, std)} ± {rounded(std, std)}{known}"
+        entries.setdefault(str(p.run), {})[quantity] = Cell(said, value)
+        units.setdefault(quantity, unit_words(p.unit))
+    rows: list[list[str | Cell]] = []
+    for run, found in entries.items():
+        rows.append([run, *(found.get(quantity, Cell("–", math.nan)) for quantity in units)])
+    heads = ["run", *(f"{quantity.replace('_', ' ')} / {unit}" for quantity, unit in units.items())]
+    return table("Set-up of each run: value ± 1σ (* known no better than before)", heads, rows)

@@ -1,0 +1,125 @@
+"""What an identification means, in sentences and in words for its parameters. Plain text: who shows it escapes it."""
+
+from __future__ import annotations
+
+from scipy.stats import chi2
+
+from symfive.identify import Identification
+from symfive.machine import Machine
+from symfive.parameters import Parameter
+from symfive.report._parameters import LEARNT
+from symfive.report._style import plain_number, unit_words
+
+__all__ = ["confounded_machine", "confounded_setup", "fits", "learnt", "meaning", "verdict"]
+
+LEVEL = 1e-3
+"""How rarely declared noise alone may lead to "does not fit"."""
+NEAR = 1.1
+"""Up to this χ²/dof a significant excess is called small."""
+_EFFECTS = {"drive": "gain of a drive", "instrument": "the instrument's own", "effect": "effect of the model"}
+
+
+def fits(identification: Identification) -> str:
+    """`yes`, `nearly`, `no`, `better` (residuals smaller than declared) or `unknown` (too few readings)."""
+    ratio, dof = identification.chi2_dof, identification.dof
+    if dof <= 1.0:
+        return "unknown"
+    if chi2.sf(ratio * dof, dof) > LEVEL:
+        return "better" if ratio < 0.8 and chi2.cdf(ratio * dof, dof) < LEVEL else "yes"
+    return "nearly" if ratio <= NEAR else "no"
+
+
+def learnt(identification: Identification, parameter: Parameter) -> bool:
+    """Whether the data say more about it than its prior."""
+    return identification.uncertainty(parameter.name) < LEARNT * parameter.sigma
+
+
+def verdict(identification: Identification) -> str:
+    """One paragraph: does the model explain the readings, what is known now, what is not, what to do next."""
+    sentences = [_fit(identification), *_noise(identification), _knowledge(identification)]
+    apart = confounded_machine(identification)
+    if apart:
+        count = "one combination" if len(apart) == 1 else f"{len(apart)} combinations"
+        sentences.append(f"The data leave {count} of the machine's parameters open (named below): read them together.")
+    outliers = len(identification.outliers)
+    if outliers:
+        readings = "One reading was" if outliers == 1 else f"{outliers} readings were"
+        sentences.append(f"{readings} left out as outliers.")
+    if not identification.converged:
+        sentences.insert(0, "The fit did not converge: take nothing below as final.")
+    return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _fit(identification: Identification) -> str:
+    known = [(unit, value) for unit, value in identification.rms.items() if unit != "mixed"]
+    rms = " and ".join(f"{plain_number(value)} {unit_words(unit)}" for unit, value in known)
+    left = f"the residuals are {rms} RMS, " if rms else ""
+    ratio = identification.chi2_dof
+    much = f"χ²/dof {ratio:.3g} against the declared noise"
+    return {
+        "yes": f"The model explains the readings down to the declared noise: {left}{much}.",
+        "better": f"The model explains the readings, and better than the declared noise would allow: {left}{much}; "
+                  "the declared noise is probably too large.",
+        "nearly": f"The model explains the readings almost down to the declared noise: {left}{much}, a small but "
+                  "certain excess.",
+        "no": f"The model does not explain the readings down to the declared noise: {left}{much}. Something is left "
+              "that the model lacks, or the noise is larger than declared; “symfive diagnose” looks for its name.",
+        "unknown": "There are too few readings to judge the fit.",
+    }[fits(identification)]  # fmt: skip
+
+
+def _noise(identification: Identification) -> list[str]:
+    slow = [n for n in identification.noises.values() if n.coloured > 0.1 * n.declared]
+    if not slow:
+        return []
+    most = max(slow, key=lambda n: n.coloured / n.declared)
+    share, tau = f"{most.coloured / most.declared:.2g}", f"{most.time_constant:.2g}"
+    return [f"Part of what is left is slow (up to {share} times the declared noise, over about {tau} s): drift, or a "
+            "cause that moves with the axes. The uncertainties below allow for it."]  # fmt: skip
+
+
+def _knowledge(identification: Identification) -> str:
+    shared = [p for p in identification.parameters if p.run is None]
+    known = sum(learnt(identification, p) for p in shared)
+    if not shared:
+        return "The model has no parameter of the machine, only set-up."
+    if known == len(shared):
+        if known == 1:
+            return "The one parameter of the machine is known better than before."
+        count = "Both" if known == 2 else f"All {known}"
+        return f"{count} parameters of the machine and its effects are known better than before."
+    unknown = [p.name for p in shared if not learnt(identification, p)]
+    names = ", ".join(unknown[:6]) + (f" and {len(unknown) - 6} more" if len(unknown) > 6 else "")
+    verb = "is" if known == 1 else "are"
+    known_words = f"{known} {verb} known better than before"
+    return f"Of {len(shared)} parameters of the machine and its effects {known_words}, not {names}."
+
+
+def confounded_machine(identification: Identification) -> list[str]:
+    """The sentences on combinations that involve the machine or an effect."""
+    return [c.words for c in identification.confounded if _concerns_machine(identification, c.names)]
+
+
+def confounded_setup(identification: Identification) -> list[str]:
+    """The sentences on combinations of set-up parameters alone."""
+    return [c.words for c in identification.confounded if not _concerns_machine(identification, c.names)]
+
+
+def _concerns_machine(identification: Identification, names: tuple[str, ...]) -> bool:
+    return any(identification.parameters[identification.model.index[name]].run is None for name in names)
+
+
+def meaning(parameter: Parameter, machine: Machine) -> str:
+    """What a parameter is, in a few words."""
+    name, _, function = parameter.name.partition(".")
+    term = machine.errors.get(name)
+    if term is None:
+        return _EFFECTS.get(parameter.kind, parameter.kind)
+    letter = term.component
+    along = f"about {'XYZ'['ABC'.index(letter)]}" if term.angular else f"along {letter}"
+    if term.is_location:
+        what = "turned" if term.angular else "displaced"
+        subject = "axis" if machine.axes[term.axis].rotary else "direction of axis"
+        return f"{subject} {term.axis} {what} {along}"
+    over = "" if term.over == (term.axis,) else f" over {', '.join(term.over)}"
+    return f"motion of axis {term.axis} {along}{over}, term {function}"
