@@ -77,6 +77,14 @@ def _read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
     return campaign
 
 
+def _joined(path: Path, also: list[Path] | None, quiet: bool) -> Campaign:
+    """A measured campaign, joined with further ones of the same machine."""
+    data = _read(path, quiet, measured=True)
+    for number, more in enumerate(also or [], start=2):
+        data = data.joined(_read(more, quiet, measured=True), prefix=f"c{number}-")
+    return data
+
+
 def _tell(data: dict[str, Any], text: str, as_json: bool) -> None:
     typer.echo(json.dumps(data, indent=1) if as_json else text)
 
@@ -136,9 +144,7 @@ def identify(
 ) -> None:
     """Identify the machine's errors: identification.json, model.json, identification.html and figures."""
     progress = _Progress(quiet)
-    data = _read(campaign, quiet, measured=True)
-    for number, path in enumerate(also or [], start=2):
-        data = data.joined(_read(path, quiet, measured=True), prefix=f"c{number}-")
+    data = _joined(campaign, also, quiet)
     result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
     with output_folder(output) as folder:
         write_json(folder / "identification.json", result.to_data())
@@ -171,6 +177,30 @@ def predict(
         write_json(folder / "prediction.json", summary)
     lines = [f"{run}: rms of measured minus predicted {rms:.4g} (unit of its readings)" for run, rms in result.rms.items()]
     _tell(summary, "\n".join(lines) or "no run has readings: nothing to compare with", as_json)
+
+
+@app.command(epilog="Example: symfive diagnose measured/ -o diagnosis/")
+def diagnose(
+    campaign: CampaignPath,
+    output: OutputPath,
+    also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
+    false_alarms: Annotated[float, typer.Option(min=1e-6, max=0.5, help="False-alarm rate over the whole catalogue.")] = 0.01,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Where the model is wrong: locate the mismatch, name the physics left out, model it and show the fit improve."""
+    from symfive.diagnose import diagnose as diagnose_campaign
+
+    progress = _Progress(quiet)
+    data = _joined(campaign, also, quiet)
+    result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
+    with output_folder(output) as folder:
+        write_json(folder / "diagnosis.json", result.to_data())
+        write_json(folder / "identification.json", result.after.to_data())
+        write_model(fitted_model(result.after), folder / "model.json")
+        progress("drawing the figures")
+        diagnosis_report(result, folder)
+    _tell(result.to_data(), str(result), as_json)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, SetupSigma
+from symfive.design._anywhere import bound_anywhere
 from symfive.design._assess import Assessment, assess, machine_information, workspace_places
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid, setup_options
 from symfive.design._certificate import Certificate, certify
@@ -108,15 +109,21 @@ def plan(
         progress("making it survive the loss of a pose")
         rows = _surviving(space, task, rows)
     progress("certificate")
-    certificate = certify(space, task, rows)
+    certificate = _certified(space, task, rows, runs)
     progress("order of poses")
     schedule = scheduled(space, rows, returns=returns, repeats=repeats, noise_um=noise_um)
     if minutes is not None:
         schedule = shortened(space, task, rows, schedule, 60.0 * minutes, returns, repeats, noise_um)
         if len(schedule.rows.z) < len(rows.z):
             rows = schedule.rows
-            certificate = certify(space, task, rows)
+            certificate = _certified(space, task, rows, runs)
     return _finished(machine, space, task, rows, schedule, certificate, values, given, criterion, wanted)
+
+
+def _certified(space: Space, task: Task, rows: Rows, runs: int) -> Certificate:
+    certificate = certify(space, task, rows)
+    bound = min(certificate.bound, bound_anywhere(space, task, rows, runs))
+    return replace(certificate, anywhere=min(1.0, math.exp(bound - certificate.value)))
 
 
 def _check(machine: Machine, points: int, setups: int | None, repeats: int, returns: int, starts: int) -> None:

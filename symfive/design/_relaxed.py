@@ -23,7 +23,7 @@ __all__ = ["Relaxed", "relax", "sensitivity"]
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 NEGLIGIBLE = 1e-6
-MULTIPLICATIVE, MOST_LIVE, FRESH = 40, 160, 40
+MULTIPLICATIVE, MOST_LIVE, FRESH = 30, 240, 40
 ROUNDS, INTERIOR = 12, 40
 
 

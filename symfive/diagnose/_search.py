@@ -13,6 +13,7 @@ from symfive.diagnose._catalogue import catalogue
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scan import probes, scan
 from symfive.diagnose._scores import Board, Score, _added, score_catalogue
+from symfive.diagnose._unknown import unknowns
 from symfive.diagnose._variants import variants
 from symfive.effects import Effect
 from symfive.identify import Identification, Problem, identify
@@ -115,11 +116,12 @@ def _scores(result: Identification, exclude: Sequence[str]) -> tuple[Board, list
     taken = {e.key for e in held}
     found = [f for f in scan(board) if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}
-    if unique:
-        second = score_catalogue(result, [f.effect for f in unique.values()], shapes)
-        for f in unique.values():
-            score = second.score(f.effect)
-            scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks))))
+    nameless = list(unknowns(campaign, held))
+    second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes)
+    for f in unique.values():
+        score = second.score(f.effect)
+        scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks))))
+    scores += [second.score(effect) for effect in nameless]
     seen = [s for s in scores if s.dof > 0.5]
     return board, sorted(seen, key=lambda s: s.log_p), max(1, len(seen))
 
@@ -133,13 +135,16 @@ def _best(
     material = [s for s in scores if s.log_p < limit and s.drop > MATERIAL**2 * count * _floor(result)]
     if not material:
         return None
-    ordered = sorted(material, key=lambda s: -s.drop)[:TRIALS]
+    named = sorted((s for s in material if s.effect.id != "unknown"), key=lambda s: -s.drop)[:TRIALS]
+    nameless = sorted((s for s in material if s.effect.id == "unknown"), key=lambda s: -s.drop)[:1]
+    ordered = [*named, *nameless]
     trials = []
     for s in ordered:
         progress(f"trying {s.effect.key}")
         trial = _try(result, s)
         if trial is not None:
-            trials.append(trial)
+            cost = DECISIVE if s.effect.id == "unknown" else 0.0  # a name is given up only for decisive evidence
+            trials.append(replace(trial, evidence=trial.evidence - cost))
     if not trials:
         return None
     trials.sort(key=lambda t: -t.evidence)
@@ -253,7 +258,8 @@ def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identif
             evidence = _evidence(problem, values)
         except (ValueError, np.linalg.LinAlgError):
             continue
-        if evidence > best_evidence + DECISIVE:
+        simpler = len(prepared.parameters(campaign)) < len(trial.effect.parameters(campaign))
+        if evidence > best_evidence + (0.0 if simpler else DECISIVE):
             named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
             best, best_evidence = identify(model, start=named), evidence
     return _with_family(campaign, best)

@@ -98,6 +98,8 @@ def summarise(
     inner = np.ix_(free, free)
     covariance = np.zeros_like(information.matrix)
     covariance[inner] = np.linalg.inv(information.matrix[inner] + np.diag(problem.prior_precision[free]))
+    excess = problem.excess(blocks)[inner]
+    covariance[inner] += covariance[inner] @ excess @ covariance[inner]
     spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
     declared = _square_over_declared(blocks, problem.noises)
     dof = max(information.count - spent, 1.0)

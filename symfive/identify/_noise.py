@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-__all__ = ["Block", "Noise", "estimate_noise", "whiten"]
+__all__ = ["Block", "Noise", "estimate_noise", "long_run_variance", "plain_noise", "whiten"]
 
 Array = NDArray[np.float64]
 LEVEL = 0.01
@@ -130,6 +130,27 @@ def estimate_noise(blocks: Sequence[Block], declared: float, precision: Array) -
     if coloured is not None and best_score - score(coloured) > chi2.isf(LEVEL, 2):
         best = coloured
     return best
+
+
+def plain_noise(blocks: Sequence[Block], declared: float) -> Noise:
+    """All of the residual as white, from its mean square."""
+    residual = np.concatenate([block.residual[~block.left_out] for block in blocks])
+    return Noise(max(declared, float(np.sqrt(np.mean(residual**2)))), declared=declared)
+
+
+def long_run_variance(scores: Array) -> Array:
+    """Variance (k, k) of the sum of a correlated vector series (N, k) with zero mean."""
+    n = len(scores)
+    scale = np.maximum(np.sqrt(np.mean(scores**2, axis=0)), 1e-300)
+    unit = scores / scale
+    rho = np.clip(np.sum(unit[1:] * unit[:-1], axis=0) / np.maximum(np.sum(unit**2, axis=0), 1e-300), 0.0, 0.97)
+    alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho**2) ** 2))
+    window = min(n - 1, int(np.ceil(1.1447 * (alpha * n) ** (1.0 / 3.0))))
+    total = scores.T @ scores
+    for lag in range(1, window + 1):
+        part = scores[lag:].T @ scores[:-lag]
+        total += (1.0 - lag / (window + 1.0)) * (part + part.T)
+    return np.asarray(total)
 
 
 def _head(blocks: Sequence[Block]) -> list[Block]:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from symfive.identify._noise import Block, Noise, estimate_noise, whiten
-from symfive.instruments import instruments_of
+from symfive.identify._noise import Block, Noise, estimate_noise, long_run_variance, plain_noise, whiten
+from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.model import Model
 
 __all__ = ["Information", "Outlier", "Problem"]
@@ -116,10 +116,31 @@ class Problem:
             )
         for (_, _, declared), keys in groups.items():
             others = {key: block for key, block in blocks.items() if key not in keys}
-            precision = np.diag(self.prior_precision) + self.information(others).matrix
-            noise = estimate_noise([blocks[key] for key in keys], declared, precision)
+            chosen = [blocks[key] for key in keys]
+            if INSTRUMENTS[keys[0][1]].plain_weights:
+                noise = plain_noise(chosen, declared)
+            else:
+                precision = np.diag(self.prior_precision) + self.information(others).matrix
+                noise = estimate_noise(chosen, declared, precision)
             for key in keys:
                 self.noises[key] = noise
+
+    def excess(self, blocks: Mapping[tuple[str, str], Block]) -> Array:
+        """What correlation of the residual adds to the information matrix' variance, for instruments of plain weights.
+
+        Σ over lags l of w_l·(Γ_l + Γ_lᵀ) of the score series u = J·e, Bartlett weights, with the lag window of
+        D. W. K. Andrews (1991) for a first-order process; minus JᵀJ, plus ΣuuT (W. Newey & K. West 1987).
+        """
+        size = len(self.model.parameters)
+        total = np.zeros((size, size))
+        for key, block in blocks.items():
+            if INSTRUMENTS[key[1]].plain_weights:
+                white, _ = whiten(block.stacked(), self.noises[key], block.interval)
+                jacobian, residual = white[:, :, :-1], white[:, :, -1]
+                scores = np.einsum("ncj,nc->nj", jacobian, residual)
+                flat = jacobian.reshape(-1, jacobian.shape[2])
+                total[np.ix_(block.columns, block.columns)] += long_run_variance(scores) - flat.T @ flat
+        return total
 
     def flag_outliers(self, blocks: Mapping[tuple[str, str], Block]) -> bool:
         """Mark isolated readings beyond what noise gives once in 1/OUTLIER_LEVEL campaigns; True where the set changed.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from symfive.identify._problem import Problem
 
-__all__ = ["cost", "gauss_newton", "solve"]
+__all__ = ["gauss_newton", "solve"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -17,18 +17,6 @@ MAX_STEPS = 40
 MAX_NOISE_ROUNDS = 5
 STEP_TOLERANCE = 1e-6
 """A step is small when no parameter moves by more than this share of its posterior 1σ (1e-3 before the last round)."""
-
-
-def cost(problem: Problem, values: Array) -> float:
-    """-2 log posterior up to a constant: whitened residuals squared plus the prior."""
-    square = 0.0
-    for key, block in problem.blocks(values).items():
-        from symfive.identify._noise import whiten
-
-        residual = np.where(block.left_out, 0.0, block.residual)
-        square += float(np.sum(whiten(residual, problem.noises[key], block.interval)[0] ** 2))
-    departure = (values - problem.model.prior_mean) * np.sqrt(problem.prior_precision)
-    return square + float(np.sum(departure[problem.free] ** 2))
 
 
 def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Array, bool]:
@@ -44,13 +32,15 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Arr
     nonlinear = any(p.kind in ("effect", "drive") for p in model.parameters)
     damping, last = 0.0, np.inf
     best = values.copy()
+    matrix = gradient = None
     for _ in range(MAX_STEPS):
-        information = problem.information(problem.blocks(values))
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make a drive unstable
+            information = problem.information(problem.blocks(values))
         departure = values - model.prior_mean
         total = information.square + float(np.sum((departure**2 * precision)[free]))
-        if total > last * (1 + 1e-12) + 1e-9:
+        if not total <= last * (1 + 1e-12) + 1e-9:
             damping = max(10.0 * damping, 1e-3)
-            if damping > 1e9:
+            if damping > 1e9 or matrix is None:
                 return best, False
             values = np.clip(best + _step(matrix, gradient, damping, free), lower, upper)
             continue

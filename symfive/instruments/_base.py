@@ -37,6 +37,9 @@ class Instrument:
     name: ClassVar[str]
     on_control: ClassVar[bool] = False
     """Whether the control itself records it, on its own clock and with its own sensors."""
+    plain_weights: ClassVar[bool] = False
+    """Whether its residual is mostly what any model leaves out (friction that is no law) and not noise of a sensor: then
+    every reading counts the same, and the uncertainty allows for the residual's correlation as it is."""
 
     def check(self, run: Run, machine: Machine) -> None:
         """Raise `InputError` where the run lacks what the instrument needs."""

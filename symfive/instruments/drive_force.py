@@ -89,6 +89,7 @@ class DriveForce(Instrument):
 
     name = "drive_force"
     on_control = True
+    plain_weights = True
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.options.get("axis") not in machine.axes:

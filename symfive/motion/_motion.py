@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from symfive.motion._drives import GAINS, LOOP, drive_response
@@ -129,8 +130,15 @@ class RunMotion:
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        grid = np.arange(self._steps[-1] * factor + 1) / factor
-        filled = command if len(grid) == len(command) else np.interp(grid, self._steps, command)
+        rows = np.arange(self._steps[-1] + 1)
+        if len(rows) != len(command):  # rows that the recorder lost: the programme went on smoothly meanwhile
+            command = np.where(
+                np.isin(rows, self._steps),
+                np.interp(rows, self._steps, command),
+                CubicSpline(self._steps, command)(rows),
+            )
+        grid = np.arange(rows[-1] * factor + 1) / factor
+        filled = command if factor == 1 else np.interp(grid, rows, command)
         return drive_response(filled, self.interval / factor, gains, tuple(wanted)), tuple(wanted.values())
 
     def fine_acceleration(self, name: str, interval: float) -> tuple[Series, NDArray[np.int64], float]:

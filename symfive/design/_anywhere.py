@@ -1,0 +1,110 @@
+"""A bound for plans with any set-ups, not only those of the plan at hand.
+
+The information that a run adds, its own set-up errors marginalised, is a minimum over matrices B (own × shared):
+
+    S(M) = min over B of Σ (J + Jₒ B)ᵀ (J + Jₒ B) + Bᵀ Pₒ B,
+
+so for any B at all  ⟨G, S⟩ ≤ N max over poses |(J + Jₒ B) G^½|² + tr(G Bᵀ Pₒ B).  Summed over the runs of a plan and put into
+h(I*) ≤ h(I) ⟨G, I*⟩ this bounds every plan with N poses in at most K runs, wherever the balls stand. The best B of a set-up
+belongs to the poses that tell most there about G; it is found by the multiplicative algorithm. Set-ups in which the
+bound is exceeded join the relaxed design until none does. Set-ups and poses are taken from grids: numerically global only.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.design._candidates import candidates_in, pose_grid
+from symfive.design._exchange import Candidates
+from symfive.design._information import Task, inverse
+from symfive.design._refine import Rows
+from symfive.design._relaxed import relax
+from symfive.design._space import Space
+
+__all__ = ["bound_anywhere"]
+
+Array = NDArray[np.float64]
+POSES = 300
+ROUNDS, INNER, JOINING = 5, 60, 2
+GAP = 5e-3
+
+
+def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
+    """The lowest ψ that any plan with as many poses as `rows` in at most `runs` set-ups can have."""
+    points = len(rows.z)
+    own = [np.flatnonzero(rows.group == g)[0] for g in range(rows.groups)]
+    setups, lengths = _many_setups(space)
+    setups = np.concatenate([rows.z[own][:, rows.poses :], setups])
+    lengths = np.concatenate([rows.k[own], lengths])
+    grid = candidates_in(space, setups, lengths, pose_grid(space, POSES))
+    active = list(range(rows.groups))
+    bound = -math.inf
+    prior = np.diag(task.own_sigma**-2.0)
+    for _ in range(ROUNDS):
+        columns = _columns(space, rows, grid, active)
+        relaxed = relax(task, columns, len(active), points, tolerance=0.5 * GAP)
+        information = task.information(columns.rows, columns.group, len(active), relaxed.weights)
+        pull = task.pull(inverse(information))[: len(task.prior), : len(task.prior)]
+        each = {s: _largest(pull, grid.rows[grid.group == s], prior, points) for s in np.unique(grid.group).tolist()}
+        most = max(top for top, _ in each.values())
+        extra = runs * max(fixed for _, fixed in each.values())
+        bound = max(bound, relaxed.value - math.log(float(np.sum(pull * task.prior)) + points * most + extra))
+        if relaxed.value - bound < GAP:
+            break
+        best = sorted((s for s in each if s not in active), key=lambda s: each[s][0])
+        active += best[-JOINING:]
+    return bound
+
+
+def _many_setups(space: Space) -> tuple[Array, Array]:
+    low, high = space.lower[space.poses :], space.upper[space.poses :]
+    places = [(0.0, 0.0)]
+    for radius in (0.5 * high[0], high[0]) if high[0] > 0.0 else ():
+        places += [(radius, angle) for angle in (0.0, math.pi / 2.0, math.pi, -math.pi / 2.0)]
+    heights, tools = np.unique([low[2], 0.5 * (low[2] + high[2]), high[2]]), np.unique([low[3], high[3]])
+    options = [(*place, *rest) for place in places for rest in itertools.product(heights, tools)]
+    return (
+        np.array([option for option in options for _ in space.lengths]),
+        np.array([[length] for _ in options for length in space.lengths]),
+    )
+
+
+def _columns(space: Space, rows: Rows, grid: Candidates, active: list[int]) -> Candidates:
+    """The plan's own rows and the grid's in the active set-ups, numbered in the order of `active`."""
+    own = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
+    picked = grid.take(np.flatnonzero(np.isin(grid.group, active)))
+    number = np.array([active.index(int(g)) for g in picked.group], dtype=np.int64)
+    return Candidates(
+        np.concatenate([own.z, picked.z]), np.concatenate([own.k, picked.k]), np.concatenate([own.group, number]),
+        np.concatenate([own.rows, picked.rows]),
+    )  # fmt: skip
+
+
+def _largest(pull: Array, rows: Array, prior: Array, points: int) -> tuple[float, float]:
+    """(max over the poses of |(J + Jₒ B) G^½|², tr(G Bᵀ Pₒ B)) at the best B found for one set-up."""
+    p = len(pull)
+    shared, own = rows[:, :p, :], rows[:, p:, :]
+    if own.shape[1] == 0:
+        return float(np.einsum("npy,pq,nqy->n", shared, pull, shared, optimize=True).max()), 0.0
+    values, vectors = np.linalg.eigh(pull)
+    half = vectors * np.sqrt(np.maximum(values, 0.0))
+    seen = half.T @ shared
+    weights = np.full(len(rows), points / len(rows))
+    best = (math.inf, 0.0)
+    for _ in range(INNER):
+        flat = (own * weights[:, None, None]).transpose(1, 0, 2).reshape(own.shape[1], -1)
+        among = flat @ own.transpose(1, 0, 2).reshape(own.shape[1], -1).T + prior
+        cross = flat @ seen.transpose(1, 0, 2).reshape(p, -1).T
+        B = -np.linalg.solve(among, cross)
+        left = seen + B.T @ own
+        told = np.sum(left**2, axis=(1, 2))
+        fixed = float(np.sum(B * (prior @ B)))
+        if points * told.max() + fixed < points * best[0] + best[1]:
+            best = (float(told.max()), fixed)
+        weights = weights * np.sqrt(np.maximum(told, 1e-300))
+        weights *= points / weights.sum()
+    return best

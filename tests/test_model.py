@@ -1,0 +1,158 @@
+"""The model against the independent plant: readings, exact sensitivities, first order, effects from the machine file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import plant
+import pytest
+
+from symfive.campaign import Campaign, read_campaign
+from symfive.effects import make_effect
+from symfive.errors import InputError
+from symfive.machine import EffectEntry, ErrorTerm
+from symfive.model import Model
+from symfive.motion import drive_response
+
+CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
+ERRORS = ("EX0B", "EZ0B", "EA0B", "EC0B", "EX0C", "EY0C", "EA0C", "EB0C")
+
+
+@pytest.fixture(scope="module")
+def static() -> Campaign:
+    return read_campaign(CAMPAIGNS / "static-none" / "fit")
+
+
+def _plant_readings(campaign: Campaign, run_id: str, errors: dict[str, float]) -> np.ndarray:
+    """The R-test of the independent plant: numpy only, exact chain, nominal set-up (µm)."""
+    run = campaign.run(run_id)
+    structure = campaign.machine.structure.code
+    tables = {n: {"origin": list(a.origin)} for n, a in campaign.machine.axes.items()}
+    chain = plant.parse_structure(structure, tables)
+    command = {n: run.commands[n] * campaign.machine.axes[n].to_internal for n in campaign.machine.axis_names}
+    scale = {n: 1e-3 if n[1] in "XYZ" else 1e-6 for n in errors}
+    location = {n: v * scale[n] for n, v in errors.items()}
+    ball = plant.ball_in_workpiece(chain, command, np.array(run.tool_ball), location, {})
+    return (ball - np.array(run.table_ball)) * 1e3
+
+
+def test_readings_agree_with_the_plant_to_a_nanometre_of_a_nanometre(static):
+    model = Model(static)
+    rng = np.random.default_rng(0)
+    errors = dict(zip(ERRORS, rng.normal(0.0, 50.0, len(ERRORS)), strict=True))
+    np.testing.assert_allclose(
+        model.predict_run("nest1", errors), _plant_readings(static, "nest1", errors), rtol=0.0, atol=1e-6
+    )
+
+
+def test_sensitivities_agree_with_differences_of_the_plant_to_1e_6(static):
+    model = Model(static)
+    rng = np.random.default_rng(1)
+    errors = dict(zip(ERRORS, rng.normal(0.0, 50.0, len(ERRORS)), strict=True))
+    line = model.linearise("nest2", errors)
+    for name in ERRORS:
+        step = 50.0
+        up = _plant_readings(static, "nest2", {**errors, name: errors[name] + step})
+        down = _plant_readings(static, "nest2", {**errors, name: errors[name] - step})
+        difference = (up - down) / (2.0 * step)
+        exact = line.jacobian[:, :, list(line.columns).index(model.index[name])]
+        scale = max(np.abs(exact).max(), 1e-12)
+        assert np.abs(exact - difference).max() / scale < 1e-6, name
+
+
+def test_first_order_model_is_the_tangent_of_the_exact_one(static):
+    exact, linear = Model(static), Model(static, linear=True)
+    line = exact.linearise("nest1", exact.start)
+    errors = {"EA0B": 30.0, "EX0C": -20.0, "EC0B": 55.0}
+    expected = line.prediction.copy()
+    for name, value in errors.items():
+        expected += line.jacobian[:, :, list(line.columns).index(exact.index[name])] * value
+    np.testing.assert_allclose(linear.predict_run("nest1", errors), expected, atol=1e-9)
+    second_order = np.abs(exact.predict_run("nest1", errors) - expected).max()
+    assert 1e-6 < second_order < 0.1
+
+
+def test_baseline_effects_come_from_the_machine_file(static):
+    entry = EffectEntry(effect="backlash", axis="C")
+    campaign = static.with_machine(replace(static.machine, effects=(entry,)))
+    assert "backlash.C.width" in Model(campaign).index
+    with pytest.raises(InputError, match="twice"):
+        Model(campaign, [make_effect("backlash", "C")])
+
+
+def test_error_motion_over_two_axes(static):
+    term = ErrorTerm(name="EAC", sigma=20.0, over=("B", "C"), basis=("polynomial", "fourier"), order=(2, 1))
+    campaign = static.with_machine(replace(static.machine, errors={**static.machine.errors, "EAC": term}))
+    names = [n for n in Model(campaign).index if n.startswith("EAC.")]
+    assert len(names) == 3 * 3 - 1
+    assert "EAC.P2(B)*sin1(C)" in names
+
+
+def test_the_constant_of_an_error_motion_never_doubles_a_location_error(static):
+    errors = {**static.machine.errors}
+    errors["EXC"] = ErrorTerm(name="EXC", sigma=5.0, basis=("fourier",), order=(3,))
+    errors["EZB"] = ErrorTerm(name="EZB", sigma=5.0, basis=("polynomial",), order=(3,))
+    errors["EXB"] = ErrorTerm(name="EXB", sigma=5.0, basis=("bspline",), order=(3,))
+    model = Model(static.with_machine(replace(static.machine, errors=errors)))
+    line = model.linearise("nest1", model.start)
+    constant = line.jacobian[:, :, list(line.columns).index(model.index["EX0B"])].ravel()
+    own = [i for i, c in enumerate(line.columns) if model.parameters[c].name.startswith("EXB.")]
+    columns = line.jacobian[:, :, own].reshape(-1, len(own))
+    left = constant - columns @ np.linalg.lstsq(columns, constant, rcond=None)[0]
+    assert np.linalg.norm(left) > 0.2 * np.linalg.norm(constant)
+
+
+def test_missing_rows_of_a_recording_do_not_shift_the_drive(static):
+    campaign = read_campaign(CAMPAIGNS / "dynamic-none" / "fit")
+    run = campaign.run("x110-f1600-ccw")
+    kept = np.r_[0:400, 403 : run.rows]
+    gappy = replace(
+        run,
+        time=run.time[kept],
+        commands={a: c[kept] for a, c in run.commands.items()},
+        readings={n: v[kept] for n, v in run.readings.items()},
+    )
+    whole = Model(replace(campaign, runs=(run,)))
+    part = Model(replace(campaign, runs=(gappy,)))
+    assert np.abs(whole.predict_run(run, whole.start)[kept] - part.predict_run(gappy, part.start)).max() < 0.02
+
+
+def test_drive_against_the_plants_fine_integration():
+    gains = {"position_gain": 40.0, "velocity_gain": 260.0, "integral_time": 0.05, "viscous": 8.0, "feedforward": 0.3}
+    time = np.arange(1000) * 0.01
+    command = 50.0 * np.sin(0.8 * time)
+    motion = drive_response(command, 0.01, gains, ())
+    expected = plant.follow(plant.Drive(**gains), command, 0.01)
+    assert np.abs(motion[:, 0, 0] - expected.x).max() < 1e-9
+
+
+def test_an_axis_with_friction_sticks_and_its_sensitivities_hold():
+    gains = {"position_gain": 40.0, "velocity_gain": 260.0, "integral_time": 0.05, "viscous": 8.0, "feedforward": 0.0}
+    time = np.arange(600) * 0.01
+    command = 20.0 * np.sin(time)
+    motion = drive_response(command, 0.01, {**gains, "coulomb": 150.0}, ("coulomb",))
+    expected = (
+        plant.follow(plant.Drive(**gains, friction=plant.Friction(coulomb=150.0)), command, 0.01)
+        if ("friction" in plant.Drive.__dataclass_fields__)
+        else None
+    )
+    step = 0.5
+    up = drive_response(command, 0.01, {**gains, "coulomb": 150.0 + step}, ("coulomb",))[:, 0, 0]
+    down = drive_response(command, 0.01, {**gains, "coulomb": 150.0 - step}, ("coulomb",))[:, 0, 0]
+    error = np.abs((up - down) / (2 * step) - motion[:, 0, 1])
+    assert np.quantile(error, 0.98) < 1e-6 * np.abs(motion[:, 0, 1]).max() + 1e-12
+    assert (np.abs(motion[:, 1, 0]) < 1e-9).sum() >= 2
+    if expected is not None:
+        assert np.abs(motion[:, 0, 0] - expected.x).max() < 1e-3
+
+
+def test_names_and_vectors_are_checked(static):
+    model = Model(static)
+    with pytest.raises(InputError, match='no parameter "EX0Q"'):
+        model.predict({"EX0Q": 1.0})
+    with pytest.raises(InputError, match="values for"):
+        model.predict(np.zeros(3))
+    with pytest.raises(InputError, match="needs the drive|no drive|needs"):
+        Model(static, [make_effect("servo_mismatch", "C")])
