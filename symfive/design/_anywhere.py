@@ -22,14 +22,14 @@ from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
 from symfive.design._refine import Rows
-from symfive.design._relaxed import relax
+from symfive.design._relaxed import best_told, relax
 from symfive.design._space import Space
 
 __all__ = ["bound_anywhere"]
 
 Array = NDArray[np.float64]
-POSES = 300
-ROUNDS, INNER, JOINING = 5, 60, 2
+POSES = 200
+ROUNDS, JOINING = 4, 2
 GAP = 5e-3
 
 
@@ -49,7 +49,7 @@ def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
         relaxed = relax(task, columns, len(active), points, tolerance=0.5 * GAP)
         information = task.information(columns.rows, columns.group, len(active), relaxed.weights)
         pull = task.pull(inverse(information))[: len(task.prior), : len(task.prior)]
-        each = {s: _largest(pull, grid.rows[grid.group == s], prior, points) for s in np.unique(grid.group).tolist()}
+        each = {s: best_told(pull, grid.rows[grid.group == s], prior, points)[:2] for s in np.unique(grid.group).tolist()}
         most = max(top for top, _ in each.values())
         extra = runs * max(fixed for _, fixed in each.values())
         bound = max(bound, relaxed.value - math.log(float(np.sum(pull * task.prior)) + points * most + extra))
@@ -65,7 +65,7 @@ def _many_setups(space: Space) -> tuple[Array, Array]:
     places = [(0.0, 0.0)]
     for radius in (0.5 * high[0], high[0]) if high[0] > 0.0 else ():
         places += [(radius, angle) for angle in (0.0, math.pi / 2.0, math.pi, -math.pi / 2.0)]
-    heights, tools = np.unique([low[2], 0.5 * (low[2] + high[2]), high[2]]), np.unique([low[3], high[3]])
+    heights, tools = np.unique([low[2], high[2]]), np.unique([low[3], high[3]])
     options = [(*place, *rest) for place in places for rest in itertools.product(heights, tools)]
     return (
         np.array([option for option in options for _ in space.lengths]),
@@ -82,29 +82,3 @@ def _columns(space: Space, rows: Rows, grid: Candidates, active: list[int]) -> C
         np.concatenate([own.z, picked.z]), np.concatenate([own.k, picked.k]), np.concatenate([own.group, number]),
         np.concatenate([own.rows, picked.rows]),
     )  # fmt: skip
-
-
-def _largest(pull: Array, rows: Array, prior: Array, points: int) -> tuple[float, float]:
-    """(max over the poses of |(J + Jₒ B) G^½|², tr(G Bᵀ Pₒ B)) at the best B found for one set-up."""
-    p = len(pull)
-    shared, own = rows[:, :p, :], rows[:, p:, :]
-    if own.shape[1] == 0:
-        return float(np.einsum("npy,pq,nqy->n", shared, pull, shared, optimize=True).max()), 0.0
-    values, vectors = np.linalg.eigh(pull)
-    half = vectors * np.sqrt(np.maximum(values, 0.0))
-    seen = half.T @ shared
-    weights = np.full(len(rows), points / len(rows))
-    best = (math.inf, 0.0)
-    for _ in range(INNER):
-        flat = (own * weights[:, None, None]).transpose(1, 0, 2).reshape(own.shape[1], -1)
-        among = flat @ own.transpose(1, 0, 2).reshape(own.shape[1], -1).T + prior
-        cross = flat @ seen.transpose(1, 0, 2).reshape(p, -1).T
-        B = -np.linalg.solve(among, cross)
-        left = seen + B.T @ own
-        told = np.sum(left**2, axis=(1, 2))
-        fixed = float(np.sum(B * (prior @ B)))
-        if points * told.max() + fixed < points * best[0] + best[1]:
-            best = (float(told.max()), fixed)
-        weights = weights * np.sqrt(np.maximum(told, 1e-300))
-        weights *= points / weights.sum()
-    return best

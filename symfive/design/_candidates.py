@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.design._exchange import Candidates
-from symfive.design._information import Task
+from symfive.design._information import Task, inverse
+from symfive.design._relaxed import best_told
 from symfive.design._space import Space
 from symfive.errors import InputError
 
@@ -19,6 +20,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 LEVELS = {"rotary": 13, "turn": 24, "bar azimuth": 12, "bar elevation": 7}
 PER_SETUP = 500
+ROUNDS = 4
 
 
 def setup_options(space: Space) -> tuple[Array, Array]:
@@ -89,38 +91,57 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
 def best_setups(
     space: Space, task: Task, count: int, points: int, poses: Array, among: Indices | None = None
 ) -> tuple[Array, Array]:
-    """The `count` set-ups that together tell most if their poses are spread evenly: greedy and exchange.
+    """The `count` set-ups that together tell most: greedy and exchange, first with the poses spread evenly in each, then
+    with those that tell most about what the set-ups chosen before leave uncertain.
 
     The information of a run, its set-up errors marginalised, adds to that of the others, so set-ups compare at once.
     """
     setups, lengths = setup_options(space)
     candidates = candidates_in(space, setups, lengths, poses)
-    gains = []
     available = [int(g) for g in np.unique(candidates.group)]
     if among is not None:
         available = [g for g in available if g in among] or available
-    nothing = np.zeros_like(task.prior)
-    layout = task.layout(1)
-    for g in available:
-        mine = candidates.take(np.flatnonzero(candidates.group == g))
-        share = np.full(len(mine), points / count / len(mine))
-        information = task.information(mine.rows, np.zeros(len(mine), dtype=np.int64), 1, share)
-        gains.append(task.marginal(information, layout) - task.prior)
+    rows = [candidates.rows[candidates.group == g] for g in available]
+    weights = [np.full(len(r), points / count / len(r)) for r in rows]
+    own = np.diag(task.own_sigma**-2.0)
+    best: tuple[float, list[int]] = (math.inf, [])
+    for _ in range(ROUNDS):
+        gains = [_told(task, r, w) for r, w in zip(rows, weights, strict=True)]
+        chosen = _best_of(task, gains, count)
+        information = task.prior + sum((gains[i] for i in chosen), np.zeros_like(task.prior))
+        value = task.value_of_marginal(information)
+        if value >= best[0] - 1e-6:
+            break
+        best = (value, chosen)
+        pull = task.pull(inverse(information))
+        weights = [best_told(pull, r, own, points / count)[2] for r in rows]
+    picked = [available[i] for i in sorted(best[1])]  # one place twice: mounted anew, which averages its set-up errors
+    return setups[picked], lengths[picked]
+
+
+def _told(task: Task, rows: Array, weights: Array) -> Array:
+    """What weighted poses in one set-up add to the information about the machine."""
+    information = task.information(rows, np.zeros(len(rows), dtype=np.int64), 1, weights)
+    return task.marginal(information, task.layout(1)) - task.prior
+
+
+def _best_of(task: Task, gains: list[Array], count: int) -> list[int]:
+    """Greedy and exchange over set-ups."""
 
     def value(chosen: list[int]) -> float:
-        return task.value_of_marginal(task.prior + sum((gains[i] for i in chosen), nothing))
+        return task.value_of_marginal(task.prior + sum((gains[i] for i in chosen), np.zeros_like(task.prior)))
 
+    every = range(len(gains))
     chosen: list[int] = []
-    while len(chosen) < min(count, len(available)):
-        chosen.append(min(range(len(available)), key=lambda i: value([*chosen, i])))
+    while len(chosen) < min(count, len(gains)):
+        chosen.append(min(every, key=lambda i: value([*chosen, i])))
     improved = len(chosen) > 1
     while improved:
         improved = False
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
-            best = min(range(len(available)), key=lambda i: value([*others, i]))  # noqa: B023
+            best = min(every, key=lambda i: value([*others, i]))  # noqa: B023
             if value([*others, best]) < value(chosen) - 1e-9:
                 chosen[place] = best
                 improved = True
-    picked = [available[i] for i in sorted(set(chosen))]
-    return setups[picked], lengths[picked]
+    return chosen

@@ -10,6 +10,7 @@ whatever M = P + Σ wᵢ Fᵢ is, P being the prior information. The bound is ti
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,13 +19,13 @@ from numpy.typing import NDArray
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
 
-__all__ = ["Relaxed", "relax", "sensitivity"]
+__all__ = ["Relaxed", "best_told", "relax", "sensitivity"]
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 NEGLIGIBLE = 1e-6
 MULTIPLICATIVE, MOST_LIVE, FRESH = 30, 240, 40
-ROUNDS, INTERIOR = 12, 40
+ROUNDS, INTERIOR, INNER = 12, 40, 30
 
 
 @dataclass(frozen=True)
@@ -152,3 +153,32 @@ def _derivatives(task: Task, whole: Array, prior: Array, weights: Array) -> tupl
     changes = -(seen.transpose(0, 2, 1) @ seen)
     flat = ((root @ whole) @ (seen @ half)).reshape(len(weights), -1)
     return slope, task.criterion.curvature(S, changes) + 2.0 * (flat @ flat.T) + np.outer(slope, slope)
+
+
+def best_told(pull: Array, rows: Array, prior: Array, points: float) -> tuple[float, float, Array]:
+    """The poses of one set-up that tell most about G = `pull` (shared, shared), the set-up's own errors marginalised.
+
+    Returns the largest |(J + Jₒ B)ᵀ G^½|² over the poses and tr(G Bᵀ Pₒ B) at the best matrix B found (see `_anywhere`), and
+    the weights (n,) of the poses; `rows` (n, shared + own, ny), `prior` (own, own) information about the set-up.
+    """
+    p = len(pull)
+    weights = np.full(len(rows), points / len(rows))
+    values, vectors = np.linalg.eigh(pull)
+    live = values > 1e-12 * values[-1]
+    seen = (vectors[:, live] * np.sqrt(values[live])).T @ rows[:, :p, :]
+    own = rows[:, p:, :]
+    best = (math.inf, 0.0, weights)
+    left_flat = own.transpose(1, 0, 2).reshape(own.shape[1], -1)
+    seen_flat = seen.transpose(1, 0, 2).reshape(seen.shape[1], -1)
+    ny = rows.shape[2]
+    for _ in range(INNER):
+        weighted = left_flat * np.repeat(weights, ny)
+        B = -np.linalg.solve(weighted @ left_flat.T + prior, weighted @ seen_flat.T) if own.shape[1] else np.zeros((0, len(seen_flat)))
+        left = seen_flat + B.T @ left_flat
+        told = np.sum(left**2, axis=0).reshape(-1, ny).sum(axis=1)
+        fixed = float(np.sum(B * (prior @ B)))
+        if points * told.max() + fixed < points * best[0] + best[1]:
+            best = (float(told.max()), fixed, weights)
+        weights = weights * np.sqrt(np.maximum(told, 1e-300))
+        weights = weights * points / weights.sum()
+    return best[0], best[1], weights

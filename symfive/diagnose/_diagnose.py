@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign
 from symfive.diagnose._result import Diagnosis, Finding, Fit, Interval, Observability, RivalName
 from symfive.diagnose._scores import Board
-from symfive.diagnose._search import Member, Search, _evidence, _own, _problem, search
+from symfive.diagnose._search import Member, Search, _lacking, _own, _problem, search
 from symfive.effects import Effect
 from symfive.identify import Identification, fitted_model, predict
 from symfive.identify._solve import gauss_newton
@@ -22,7 +22,7 @@ __all__ = ["diagnose"]
 Array = NDArray[np.float64]
 FOLDS = 4
 ALIAS = 0.999
-RIVAL_TRIALS = 3
+ALIAS_EVIDENCE = 3.0
 
 
 def diagnose(
@@ -34,8 +34,8 @@ def diagnose(
 ) -> Diagnosis:
     """Find, name and model the physics that the baseline leaves out.
 
-    `false_alarms` is the rate at which a clean campaign may raise any finding, over the whole catalogue; `exclude` takes
-    effects (by id) out of the catalogue, as a control. Raises `InputError` for a campaign without readings.
+    `false_alarms` is the rate at which a clean campaign may raise any finding, over the whole catalogue; `exclude`
+    takes effects (by id) out of the catalogue, as a control. Raises `InputError` for a campaign without readings.
     """
     found = search(campaign, level=false_alarms, exclude=exclude, progress=progress)
     progress("comparing rivals")
@@ -93,13 +93,14 @@ def _finding(found: Search, member: Member) -> Finding:
     values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
     covariance = _pairs(after, effect)
     contribution = _contribution(after, effect)
-    without = _without(after, effect)
-    rivals, alias, confidence = _rivals(after, without, effect, member)
+    lacking = _lacking(campaign, after, effect)
+    rivals, alias, confidence = _rivals(effect, member)
+    shape = _shape_share(after, effect, contribution)
     parameters = effect.describe(campaign, values, covariance)
     square = {run: float(np.mean(c**2)) for run, c in contribution.items()}
     total = float(np.mean(np.concatenate([r.ravel() ** 2 for r in found.before.residuals.values()])))
     left = float(np.mean(np.concatenate([r.ravel() ** 2 for r in after.residuals.values()])))
-    lost = float(np.mean(np.concatenate([r.ravel() ** 2 for r in without[1].values()])))
+    lost = float(np.mean(np.concatenate([r.ravel() ** 2 for r in lacking.residuals.values()])))
     share = max(0.0, (lost - left) / max(total, 1e-300))
     strongest = max(square.values(), default=0.0)
     runs = tuple(run for run, s in square.items() if s > 0.05 * strongest)
@@ -108,12 +109,13 @@ def _finding(found: Search, member: Member) -> Finding:
     visible = (
         next((board.score(e).visible for e in board.effects if e.key == effect.key), 1.0) if board is not None else 1.0
     )
-    moved = _moved(without[0], after)
+    before = {p.name: float(v) for p, v in zip(lacking.parameters, lacking.values, strict=True) if p.run is None}
+    moved = _moved(before, after)
     draft = Finding(
         effect=effect, name=name, axis=axis, confidence=confidence, parameters=parameters, rivals=rivals, runs=runs,
-        coordinate=_coordinate(effect), intervals=_intervals(campaign, contribution), direction=_direction(after, effect),
-        says="", log_p=member.log_p, visible=min(visible, 1.0), share=min(share, 1.0), moved=moved,
-        contribution=contribution, alias=alias,
+        coordinate=_coordinate(effect), intervals=_intervals(campaign, contribution),
+        direction=_direction(after, effect), says="", log_p=member.log_p, visible=min(visible, 1.0), share=min(share, 1.0), moved=moved,
+        contribution=contribution, alias=alias, shape_differs=shape,
     )  # fmt: skip
     return replace(draft, says=_sentence(draft))
 
@@ -139,14 +141,15 @@ def _contribution(result: Identification, effect: Effect) -> dict[str, Array]:
     }
 
 
-def _without(result: Identification, effect: Effect) -> tuple[dict[str, float], dict[str, Array]]:
-    """Shared parameters and residuals of the fit that lacks this effect only, under the same noise."""
-    model = Model(result.model.campaign, tuple(e for e in _own(result) if e.key != effect.key))
-    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index}
-    problem = _problem(model, result)
-    values, _ = gauss_newton(problem, model.vector(start), 1e-2)
-    shared = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True) if p.run is None}
-    return shared, {run.id: model.readings(run) - model.predict_run(run, values) for run in model.campaign.runs}
+def _shape_share(result: Identification, effect: Effect, contribution: Mapping[str, Array]) -> float:
+    """rms of the rest of the effect's family over its own: by how much its shape differs from the library's."""
+    rest = next((e for e in result.model.effects if getattr(e, "of", "") == effect.key), None)
+    if rest is None:
+        return 0.0
+    parts = _contribution(result, rest)
+    own = np.concatenate([(c - c.mean(axis=0)).ravel() for c in contribution.values()])
+    other = np.concatenate([(c - c.mean(axis=0)).ravel() for c in parts.values()])
+    return float(np.sqrt(np.mean(other**2) / max(float(np.mean(own**2)), 1e-300)))
 
 
 def _moved(before: Mapping[str, float], after: Identification) -> dict[str, tuple[float, float]]:
@@ -161,41 +164,31 @@ def _moved(before: Mapping[str, float], after: Identification) -> dict[str, tupl
     return {name: (b, a) for name, (_, b, a) in ranked[:8]}
 
 
-def _rivals(
-    after: Identification, without: object, effect: Effect, member: Member
-) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
-    """Rivals refitted in the member's place under the final noise; probabilities from their evidence."""
-    base = _evidence(_problem(after.model, after), after.values)
+def _rivals(effect: Effect, member: Member) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
+    """Rivals with their probabilities, forms of the same effect that read alike, and the probability of the name.
+
+    Probabilities from the log evidence of exact refits under the final noise, every name weighed by its best form.
+    """
+    own = next((t.evidence for t in member.trials if t.effect.key == effect.key), None)
+    if own is None:
+        return (), (), 0.999
     behind: dict[tuple[str, str | None], tuple[float, Effect]] = {}
     alias = []
-    for rival in member.rivals[:RIVAL_TRIALS]:
-        gap = rival.behind if rival.behind > 50.0 else _gap(after, effect, rival.effect, base)
-        who = (rival.effect.vocabulary, _axis(rival.effect))
+    for trial in member.trials:
+        gap = own - trial.evidence
+        who = (trial.effect.vocabulary, _axis(trial.effect))
         if who == (effect.vocabulary, _axis(effect)):
-            if gap < 3.0:
-                alias.append(rival.effect.key)
-            continue
-        if who not in behind or gap < behind[who][0]:
-            behind[who] = (gap, rival.effect)
-    weights = {who: float(np.exp(-min(max(gap, -30.0), 700.0))) for who, (gap, _) in behind.items()}
+            if trial.effect.key != effect.key and gap < ALIAS_EVIDENCE:
+                alias.append(trial.effect.key)
+        elif who not in behind or gap < behind[who][0]:
+            behind[who] = (gap, trial.effect)
+    weights = {who: float(np.exp(-np.clip(gap, -30.0, 700.0))) for who, (gap, _) in behind.items()}
     total = 1.0 + sum(weights.values())
     names = tuple(
         RivalName(who[0], who[1], weights[who] / total, getattr(behind[who][1], "component", None))
         for who in sorted(weights, key=lambda w: -weights[w])
     )
     return names, tuple(alias), min(1.0 / total, 0.999)
-
-
-def _gap(after: Identification, effect: Effect, rival: Effect, base: float) -> float:
-    campaign = after.model.campaign
-    try:
-        model = Model(campaign, (*(e for e in _own(after) if e.key != effect.key), rival))
-        start = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True) if p.name in model.index}
-        problem = _problem(model, after)
-        values, _ = gauss_newton(problem, model.vector(start), 1e-2)
-        return base - _evidence(problem, values)
-    except (ValueError, np.linalg.LinAlgError):
-        return 700.0
 
 
 _COORDINATES = {
@@ -211,7 +204,7 @@ _COORDINATES = {
 
 def _coordinate(effect: Effect) -> str:
     if effect.id == "unknown":
-        return ", ".join(getattr(effect, "over"))
+        return ", ".join(effect.over)
     return _COORDINATES.get(effect.id, "pose").format(axis=_axis(effect))
 
 
@@ -303,6 +296,8 @@ def _sentence(finding: Finding) -> str:
         text += f"; before it was modelled it hid in the geometry ({name} {before:.3g} → {after:.3g})"
     elif finding.visible < 0.5:
         text += f"; the fit had swallowed {100 * (1 - finding.visible):.0f} % of it"
+    if finding.shape_differs:
+        text += f"; its shape differs from the library's by {100 * finding.shape_differs:.0f} %"
     if finding.alias:
         text += f"; {', '.join(finding.alias)} would read the same here"
     return text + "."

@@ -63,6 +63,7 @@ class Finding:
     moved: Mapping[str, tuple[float, float]]
     contribution: Mapping[str, Array]
     alias: tuple[str, ...] = ()
+    shape_differs: float = 0.0
     next_test: str | None = None
 
     def to_data(self) -> dict[str, Any]:
@@ -86,6 +87,7 @@ class Finding:
             "alias": list(self.alias),
             "share": self.share,
             "visible": self.visible,
+            "shape_differs": self.shape_differs,
             "log10_p": self.log_p / float(np.log(10.0)),
             "geometry_moved": {name: {"before": b, "after": a} for name, (b, a) in self.moved.items()},
             "says": self.says,
@@ -161,8 +163,8 @@ class Diagnosis:
         """The verdict in plain words."""
         if not self.mismatch:
             return (
-                f"The baseline explains the readings: what is left ({self.fit.rms_after_um:.3g} µm rms) is noise, at a false-alarm "
-                f"rate of 1 % over {len(self.observability)} effects."
+                f"The baseline explains the readings: what is left ({self.fit.rms_after_um:.3g} µm rms) is noise; none of "
+                f"{len(self.observability)} effects that were looked for stands out."
             )
         return " ".join(f.says for f in self.findings)
 
@@ -180,7 +182,8 @@ class Diagnosis:
         lines.append(self.letter)
         f = self.fit
         lines.append(
-            f"rms {f.rms_before_um:.3g} → {f.rms_after_um:.3g} µm, chi²/dof {f.chi2_dof_before:.3g} → {f.chi2_dof_after:.3g}"
+            f"rms {f.rms_before_um:.3g} → {f.rms_after_um:.3g} µm, "
+            f"chi²/dof {f.chi2_dof_before:.3g} → {f.chi2_dof_after:.3g}"
         )
         if f.heldout_rms_after_um is not None and f.heldout_rms_before_um is not None:
             lines.append(f"left-out runs: rms {f.heldout_rms_before_um:.3g} → {f.heldout_rms_after_um:.3g} µm")

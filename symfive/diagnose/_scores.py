@@ -29,9 +29,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Score:
-    """One effect against the residual. `drop` of the cost, effective `dof`, `log_p` natural log of its p-value before any
-    correction, `visible` share (0..1) of its energy that the fit leaves, `size` in σ of a typical effect, `step` the
-    parameters the score suggests (file units, by name)."""
+    """One effect against the residual.
+
+    `drop` of the cost, effective `dof`, `log_p` natural log of its p-value before any correction, `visible` share (0..1)
+    of its energy that the fit leaves, `size` in σ of a typical effect, `step` the parameters the score suggests (file
+    units, by name).
+    """
 
     effect: Effect
     drop: float

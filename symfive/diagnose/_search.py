@@ -20,16 +20,17 @@ from symfive.identify import Identification, Problem, identify
 from symfive.identify._solve import gauss_newton
 from symfive.model import Model
 
-__all__ = ["Member", "Rival", "Search", "Trial", "search"]
+__all__ = ["Member", "Search", "Trial", "search"]
 
 Array = NDArray[np.float64]
 MAX_EFFECTS = 5
-TRIALS = 6
+TRIALS = 5
+PASSES = 2
 DECISIVE = 5.0
 """Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
-"""An effect counts only if what the fit cannot absorb of it has at least this rms in units of the noise: less changes the
-residual's rms by under 1 % (0.15²/2)."""
+"""An effect counts only if what the fit cannot absorb of it has at least this rms in units of the noise: less changes
+the residual's rms by under 1 % (0.15²/2)."""
 
 
 @dataclass(frozen=True)
@@ -42,20 +43,13 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Rival:
-    """Another effect that could stand in the place of a member, and its log evidence below the member's."""
-
-    effect: Effect
-    behind: float
-
-
-@dataclass(frozen=True)
 class Member:
-    """An effect found. `log_p` of its score before it joined, corrected for all places looked at."""
+    """An effect found. `log_p` of its score before it joined, corrected for all places looked at; `trials` the exact
+    refits of all that could stand in its place, under the noise of the final fit, best first."""
 
     effect: Effect
     log_p: float
-    rivals: tuple[Rival, ...] = ()
+    trials: tuple[Trial, ...] = ()
 
 
 @dataclass
@@ -84,29 +78,81 @@ def search(
     progress("fitting the baseline")
     before = identify(campaign)
     state = Search(before, before)
-    for number in range(MAX_EFFECTS):
+    _forward(campaign, state, level, exclude, progress)
+    for _ in range(PASSES):
+        if not _contest(campaign, state, exclude, progress):
+            break
+        _forward(campaign, state, level, exclude, progress)
+    return state
+
+
+def _forward(
+    campaign: Campaign, state: Search, level: float, exclude: Sequence[str], progress: Callable[[str], None]
+) -> None:
+    """Add effects until none that is left is significant and material."""
+    while len(state.members) < MAX_EFFECTS:
         progress(f"scoring the catalogue, {len(state.members)} effects found")
         board, scores, looks = _scores(state.after, exclude)
-        if number == 0:
+        if state.board is None:
             state.board, state.looks = board, looks
             state.log_p = min(0.0, min((s.log_p for s in scores), default=0.0) + np.log(max(looks, 1)))
         best = _best(state.after, scores, looks, level, progress)
         if best is None:
-            break
-        trial, log_p, rivals = best
-        refit = _shaped(campaign, state.after, trial)
-        state.members.append(Member(_newest(refit), log_p, rivals))
-        state.after = refit
+            return
+        trial, log_p = best
+        state.after = _shaped(campaign, state.after, trial)
+        state.members.append(Member(_newest(state.after), log_p))
         progress(f"found {trial.effect.key}")
         _prune(campaign, state)
-    return state
+
+
+def _contest(campaign: Campaign, state: Search, exclude: Sequence[str], progress: Callable[[str], None]) -> bool:
+    """Put every member to the test against all that could stand in its place; True where one was replaced.
+
+    Under the noise of the full fit, with all other members in the model, the evidence is sharper than it was when the
+    member was found.
+    """
+    swapped = False
+    for number, member in enumerate(state.members):
+        progress(f"rivals of {member.effect.key}")
+        without = _lacking(campaign, state.after, member.effect)
+        scores = [s for s in _scores(without, exclude, scanning=False)[1] if s.effect.key != member.effect.key]
+        rivals = sorted(scores, key=lambda s: -s.drop)[:TRIALS]
+        found = [t for t in (_try(without, s) for s in rivals) if t is not None]
+        own = _try(without, _own_score(state.after, member.effect))
+        if own is None:
+            continue
+        trials = sorted([own, *found], key=lambda t: -t.evidence)
+        state.members[number] = replace(member, trials=tuple(trials))
+        if trials[0].evidence > own.evidence + 1.0:
+            state.after = _shaped(campaign, without, trials[0])
+            state.members[number] = Member(_newest(state.after), member.log_p)
+            progress(f"{trials[0].effect.key} takes the place of {member.effect.key}")
+            swapped = True
+    return swapped
+
+
+def _lacking(campaign: Campaign, result: Identification, effect: Effect) -> Identification:
+    """The fit without an effect and the rest of its family, under the same noise and outliers."""
+    kept = tuple(e for e in _own(result) if effect.key not in (e.key, getattr(e, "of", "")))
+    model = Model(campaign, kept)
+    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index}
+    values, _ = gauss_newton(_problem(model, result), model.vector(start), 1e-2)
+    residuals = {run.id: model.readings(run) - model.predict_run(run, values) for run in campaign.runs}
+    return replace(result, model=model, values=values, residuals=residuals)
+
+
+def _own_score(result: Identification, effect: Effect) -> Score:
+    """A member as a candidate again, starting from what the fit found for it."""
+    step = {p.name: result[p.name] - p.mean for p in effect.parameters(result.model.campaign)}
+    return Score(effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step)
 
 
 def _newest(result: Identification) -> Effect:
     return [e for e in result.model.effects if e.id != "family_shape"][-1]
 
 
-def _scores(result: Identification, exclude: Sequence[str]) -> tuple[Board, list[Score], int]:
+def _scores(result: Identification, exclude: Sequence[str], *, scanning: bool = True) -> tuple[Board, list[Score], int]:
     campaign = result.model.campaign
     held = result.model.effects
     shapes = remainder(result.model, result.values, _own(result))
@@ -114,7 +160,7 @@ def _scores(result: Identification, exclude: Sequence[str]) -> tuple[Board, list
     board = score_catalogue(result, plain, shapes, probes(campaign))
     scores = [board.score(e) for e in plain]
     taken = {e.key for e in held}
-    found = [f for f in scan(board) if f.effect.id not in exclude and f.effect.key not in taken]
+    found = [f for f in (scan(board) if scanning else []) if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}
     nameless = list(unknowns(campaign, held))
     second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes)
@@ -128,7 +174,7 @@ def _scores(result: Identification, exclude: Sequence[str]) -> tuple[Board, list
 
 def _best(
     result: Identification, scores: Sequence[Score], looks: int, level: float, progress: Callable[[str], None]
-) -> tuple[Trial, float, tuple[Rival, ...]] | None:
+) -> tuple[Trial, float] | None:
     """The effect with the greatest evidence among those that are significant and material, by exact refits."""
     limit = float(np.log(level / looks))
     count = sum(int(np.size(r)) for r in result.residuals.values())
@@ -143,15 +189,12 @@ def _best(
         progress(f"trying {s.effect.key}")
         trial = _try(result, s)
         if trial is not None:
-            cost = DECISIVE if s.effect.id == "unknown" else 0.0  # a name is given up only for decisive evidence
-            trials.append(replace(trial, evidence=trial.evidence - cost))
+            trials.append(trial)
     if not trials:
         return None
-    trials.sort(key=lambda t: -t.evidence)
-    best = trials[0]
+    best = max(trials, key=lambda t: t.evidence)
     log_p = next(s.log_p for s in scores if s.effect.key == best.effect.key) + float(np.log(looks))
-    rivals = tuple(Rival(t.effect, best.evidence - t.evidence) for t in trials[1:])
-    return best, min(log_p, 0.0), rivals
+    return best, min(log_p, 0.0)
 
 
 def _floor(result: Identification) -> float:
@@ -166,7 +209,7 @@ def _try(result: Identification, score: Score) -> Trial | None:
     effects = (*_own(result), score.effect)
     model = Model(campaign, effects)
     start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
-    start |= {name: value for name, value in _start(model, score).items()}
+    start |= _start(model, score)
     problem = _problem(model, result)
     try:
         values, _ = gauss_newton(problem, model.vector(start), 1e-2)
@@ -174,6 +217,8 @@ def _try(result: Identification, score: Score) -> Trial | None:
     except np.linalg.LinAlgError:
         return None
     named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+    if score.effect.id == "unknown":
+        evidence -= DECISIVE  # a name is given up only for decisive evidence
     return Trial(score.effect, evidence, named)
 
 
@@ -285,17 +330,9 @@ def _with_family(campaign: Campaign, result: Identification) -> Identification:
 def _prune(campaign: Campaign, state: Search) -> None:
     """Drop an earlier effect that the later ones have made needless."""
     for member in state.members[:-1]:
-        kept = tuple(e for e in _own(state.after) if member.effect.key not in (e.key, getattr(e, "of", "")))
-        model = Model(campaign, kept)
-        start = {
-            p.name: float(v)
-            for p, v in zip(state.after.parameters, state.after.values, strict=True)
-            if p.name in model.index
-        }
-        problem = _problem(model, state.after)
-        values, _ = gauss_newton(problem, model.vector(start), 1e-2)
+        without = _lacking(campaign, state.after, member.effect)
         full = _evidence(_problem(state.after.model, state.after), state.after.values)
-        if full - _evidence(problem, values) < 3.0:
-            named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
-            state.after = identify(model, start=named)
+        if full - _evidence(_problem(without.model, without), without.values) < 3.0:
+            named = {p.name: float(v) for p, v in zip(without.parameters, without.values, strict=True)}
+            state.after = identify(without.model, start=named)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]

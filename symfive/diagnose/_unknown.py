@@ -1,4 +1,4 @@
-"""Where no effect of the library explains the readings: a term without physics over the coordinate that carries them."""
+"""Where no effect of the library explains the readings: a term without physics over the coordinate that does."""
 
 from __future__ import annotations
 

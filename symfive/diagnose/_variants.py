@@ -17,6 +17,7 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "thermal_drift": ({"shape": "mixture"}, {"shape": "linear"}),
     "setup_shift": ({"shape": "creep"},),
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),
+    "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
     "gravity_sag": ({"parts": ("sin",)}, {"parts": ("one_minus_cos",)}),
 }
 """Options that change an effect's shape and not what it is."""

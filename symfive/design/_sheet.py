@@ -1,0 +1,96 @@
+"""The set-up sheet: one page with all that the person at the machine has to know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+from symfive.campaign import Run
+from symfive.design._schedule import SETUP_S
+
+if TYPE_CHECKING:
+    from symfive.design._plan import Plan
+
+__all__ = ["setup_sheet"]
+
+STYLE = """
+body { font: 13px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; color: #1a1a1a }
+h1 { font-size: 1.3rem; margin-bottom: 0 } h2 { font-size: 1.05rem; margin: 1.2rem 0 .3rem }
+table { border-collapse: collapse } td, th { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top }
+th { font-weight: 600 } td.n { text-align: right; font-variant-numeric: tabular-nums } svg { max-width: 100%; height: auto }
+ol { margin: .2rem 0 } .quiet { color: #555 }
+@media print { body { margin: 0; max-width: none } h2 { break-after: avoid } section { break-inside: avoid } }
+"""
+
+
+def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]) -> str:
+    """One HTML page without scripts or links. All text from files is escaped."""
+    title = f"Set-up sheet: {plan.machine.name}"
+    name = {"r_test": "R-test", "ball_bar": "ball bar"}.get(plan.instrument, plan.instrument)
+    parts = [
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
+        f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>",
+        f'<p class="quiet">{escape(plan.machine.structure.code)} · {escape(name)} · {plan.certificate.points} poses, '
+        f"{plan.campaign.rows} readings with return poses · about {plan.minutes:.0f} min with set-up</p>",
+        f"<p>Certificate: {escape(plan.certificate.says)}.</p>",
+        *(_run(plan, run, pictures[run.id]) for run in plan.campaign.runs),
+        _expected(plan),
+        _clearances(plan),
+    ]
+    if programs:
+        parts.append(f"<h2>Programs</h2><p>{', '.join(f'<code>{escape(p)}</code>' for p in programs)}</p>")
+    parts.append("</body></html>\n")
+    return "\n".join(parts)
+
+
+def _run(plan: Plan, run: Run, picture: str) -> str:
+    x, y, z = run.table_ball
+    steps = [
+        f"Stand the {'nest' if plan.instrument == 'r_test' else 'table ball'} at x = {x:.0f}, y = {y:.0f}, z = {z:.0f} mm "
+        "of the workpiece frame (±1 mm).",
+        f"Tool ball at {-run.tool_ball[2]:.0f} mm below the spindle nose.",
+    ]
+    if run.length is not None:
+        steps.append(f"Bar of {run.length:g} mm, calibrated length entered.")
+    steps.append(f"Start the program of run {escape(run.id)}; it stops where the instrument is to be seated.")
+    unsafe = plan.unsafe.get(run.id, ())
+    if unsafe:
+        steps.append(f"The spindle is drawn back before rows {', '.join(str(i + 1) for i in unsafe)}.")
+    first = {name: float(run.commands[name][0]) for name in plan.machine.axis_names}
+    start = ", ".join(f"{escape(name)} {value:.2f} {plan.machine.axes[name].unit}" for name, value in first.items())
+    drawing = picture[picture.index("<svg") :]
+    minutes = (run.duration + SETUP_S) / 60.0
+    return (
+        f"<section><h2>Run {escape(run.id)} · {run.rows} rows · {minutes:.0f} min</h2><ol>"
+        + "".join(f"<li>{step}</li>" for step in steps)
+        + f'</ol><p class="quiet">First pose: {start}.</p>{drawing}</section>'
+    )
+
+
+def _expected(plan: Plan) -> str:
+    sigma = plan.assessment.sigma
+    rows = "".join(
+        f'<tr><td>{escape(p.name)}</td><td class="n">{sigma[p.name]:.3g}</td><td class="n">{p.sigma:.3g}</td>'
+        f"<td>{escape(p.unit)}</td></tr>"
+        for p in plan.assessment.parameters
+        if p.kind == "location_error"
+    )
+    centre = plan.assessment.tool_centre_um
+    tail = f"<p>Tool centre point over the workspace: 1σ {centre[0]:.2g} µm on average, {centre[1]:.2g} µm at worst.</p>" if centre else ""
+    tail += "".join(f"<p>Valuation number of {escape(a)}: {v:.1f} (from 4 on good, below 2 poor).</p>" for a, v in plan.assessment.valuation.items())
+    if plan.assessment.confounded:
+        words = "".join(f"<li>{escape(c.words)}</li>" for c in plan.assessment.confounded)
+        tail += f"<p>What stays confounded:</p><ul>{words}</ul>"
+    return f"<h2>What to expect</h2><table><tr><th>error</th><th>1σ after</th><th>before</th><th></th></tr>{rows}</table>{tail}"
+
+
+def _clearances(plan: Plan) -> str:
+    nose = plan.machine.workspace.spindle_nose
+    if nose is None:
+        return "<h2>Clearances</h2><p>The machine file names no spindle nose: collisions were not checked.</p>"
+    words = ", ".join(f"{escape(str(key))} {value:g} mm" for key, value in nose.items())
+    return (
+        f"<h2>Clearances</h2><p>Checked as a cylinder ({words}) against the table's plane and the bar, at every pose. The ways "
+        "between poses are checked too; run the program in air first all the same.</p>"
+    )

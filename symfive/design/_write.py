@@ -1,0 +1,90 @@
+"""A plan as files: campaign without readings, plan.json, NC programs, set-up sheet, figures."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from symfive.campaign import write_campaign_files
+from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
+from symfive.design._sheet import setup_sheet
+from symfive.files import write_json, write_text
+from symfive.nc import DIALECTS, Post, write_programs
+
+if TYPE_CHECKING:
+    from symfive.design._plan import Plan
+
+__all__ = ["SCHEMA", "plan_data", "write_plan"]
+
+SCHEMA = "symfive.plan/1"
+
+
+def plan_data(plan: Plan) -> dict[str, Any]:
+    """plan.json: criterion, certificate, expected 1σ, what stays confounded, valuation, worth of poses and runs."""
+    assessment, certificate = plan.assessment, plan.certificate
+    sigma = assessment.sigma
+    most, row = assessment.most()
+    centre = assessment.tool_centre_um
+    return {
+        "schema": SCHEMA,
+        "machine": plan.machine.name,
+        "structure": plan.machine.structure.code,
+        "instrument": plan.instrument,
+        "criterion": {"name": plan.criterion, "for": list(plan.interest), "value": _number(certificate.value)},
+        "certificate": {
+            "says": certificate.says,
+            "efficiency": _number(certificate.efficiency),
+            "efficiency_any_setup": None if certificate.anywhere is None else _number(certificate.anywhere),
+            "bound": _number(certificate.bound),
+            "relaxed": _number(certificate.relaxed),
+            "poses": certificate.points,
+            "rigour": certificate.rigour,
+            "starts": [_number(v) for v in plan.starts],
+        },
+        "expected": {
+            p.name: {"std": _number(sigma[p.name]), "prior_std": _number(p.sigma), "unit": p.unit}
+            for p in assessment.parameters
+        },
+        "tool_centre_point_um": None if centre is None else {"mean": _number(centre[0]), "largest": _number(centre[1])},
+        "rank": assessment.rank,
+        "parameters": len(assessment.parameters),
+        "confounded": [list(c.names) for c in assessment.confounded],
+        "confounded_in_words": [c.words for c in assessment.confounded],
+        "valuation": {axis: _number(v) for axis, v in assessment.valuation.items()},
+        "minutes": _number(plan.minutes),
+        "information_per_minute": _number(plan.information_per_minute),
+        "efficiency_with_drift": _number(plan.drift),
+        "efficiency_without_the_most_important_pose": _number(plan.lost),
+        "efficiency_over_the_prior": {"mean": _number(plan.over_prior[0]), "worst": _number(plan.over_prior[1])},
+        "tells_most": {"run": most, "row": row + 1},
+        "tells_nothing": [{"run": run, "row": i + 1} for run, i in assessment.nothing()],
+        "run_worth": {run: _number(v) for run, v in assessment.run_worth.items()},
+        "spindle_drawn_back_before_rows": {run: [i + 1 for i in rows] for run, rows in plan.unsafe.items()},
+        "notes": list(plan.notes),
+    }
+
+
+def _number(value: float) -> float:
+    """Six digits: enough for a plan, and the same on every machine."""
+    return float(f"{value:.6g}") if math.isfinite(value) else 0.0
+
+
+def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
+    """Everything into a folder that exists."""
+    write_campaign_files(plan.campaign, folder)
+    write_json(folder / "plan.json", plan_data(plan))
+    chosen = post or Post()
+    if not chosen.unsafe and plan.unsafe:
+        chosen = Post(
+            tool_centre_on=chosen.tool_centre_on, tool_centre_off=chosen.tool_centre_off,
+            reversed_axes=chosen.reversed_axes, retract_mm=chosen.retract_mm, dwell_s=chosen.dwell_s, unsafe=plan.unsafe,
+        )  # fmt: skip
+    write_programs(plan.campaign, folder / "nc", nc, chosen)
+    pictures = {run.id: svg(pose_figure(plan.machine, run)) for run in plan.campaign.runs}
+    for run, picture in pictures.items():
+        write_text(folder / "figures" / f"poses-{run}.svg", picture)
+    write_text(folder / "figures" / "uncertainty.svg", svg(uncertainty_figure(plan)))
+    write_text(folder / "figures" / "worth.svg", svg(worth_figure(plan)))
+    programs = [f"nc/{name}/*{DIALECTS[name].suffix}" for name in nc if name in DIALECTS]
+    write_text(folder / "setup.html", setup_sheet(plan, pictures, programs))

@@ -1,0 +1,137 @@
+"""Diagnosis on open campaigns and on concealed data of the independent plant: named, modelled, clean where clean."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import plant
+import pytest
+
+from symfive.campaign import read_campaign
+from symfive.diagnose import Diagnosis, diagnose
+from symfive.identify import fitted_model, predict
+
+CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
+
+
+def _open(name: str) -> Diagnosis:
+    return diagnose(read_campaign(CAMPAIGNS / name / "fit"))
+
+
+@pytest.fixture(scope="module")
+def sag_and_drift() -> Diagnosis:
+    return _open("static-sag-and-drift")
+
+
+@pytest.mark.parametrize("name", ["static-none", "static-ball-bar-two-heights", "planar-none"])
+def test_clean_campaigns_stay_clean(name):
+    result = _open(name)
+    assert not result.mismatch
+    assert result.findings == ()
+    assert result.p_value > 0.01
+    assert "noise" in result.letter
+
+
+def test_a_pair_that_the_geometry_conceals_is_named_with_its_magnitudes(sag_and_drift):
+    found = {f.name: f for f in sag_and_drift.findings}
+    assert set(found) == {"gravity_sag", "thermal_drift"}
+    assert found["gravity_sag"].axis == "B"
+    assert found["gravity_sag"].parameters["amplitude"].value == pytest.approx(7.0, rel=0.1)
+    assert found["thermal_drift"].parameters["amplitude"].value == pytest.approx(10.8, rel=0.1)
+    assert found["thermal_drift"].coordinate == "time"
+    truth = json.loads((CAMPAIGNS / "static-sag-and-drift" / "truth.json").read_text())["location_errors_um_urad"]
+    for name, value in truth.items():
+        assert abs(sag_and_drift.after[name] - value) < 3.0 * sag_and_drift.after.uncertainty(name), name
+
+
+def test_the_fit_improves_on_data_that_were_left_out(sag_and_drift):
+    fit = sag_and_drift.fit
+    assert fit.chi2_dof_before > 10.0 and fit.chi2_dof_after < 1.05
+    assert fit.heldout_rms_after_um < 0.4 * fit.heldout_rms_before_um
+    heldout = read_campaign(CAMPAIGNS / "static-sag-and-drift" / "heldout")
+    assert predict(fitted_model(sag_and_drift.after), heldout).rms["check"] < 1.05 * 0.4
+
+
+def test_the_letter_says_how_the_geometry_moved(sag_and_drift):
+    moved = {name for finding in sag_and_drift.findings for name in finding.moved}
+    assert moved & set(sag_and_drift.before.model.index)
+    assert "→" in sag_and_drift.letter and "µm" in sag_and_drift.letter
+    data = json.loads(json.dumps(sag_and_drift.to_data(), allow_nan=False))
+    assert data["schema"] == "symfive.diagnosis/1" and data["mismatch"] is True
+    assert {"effect", "axis", "confidence", "where", "parameters", "rivals", "says"} <= set(data["findings"][0])
+
+
+def test_observability_is_told_before_any_verdict(sag_and_drift):
+    table = {o.form: o for o in sag_and_drift.observability}
+    assert table["gravity_sag.B.EZB"].visible < 0.3 < table["backlash.C"].visible
+    assert any({"location_error.EC0Y", "location_error.EC0X"} <= set(c) for c in sag_and_drift.classes)
+
+
+def test_a_backlash_that_the_fit_swallows_is_found_on_dynamic_recordings():
+    result = _open("dynamic-backlash")
+    assert [(f.name, f.axis) for f in result.findings] == [("backlash", "C")]
+    finding = result.findings[0]
+    assert finding.parameters["width"].value == pytest.approx(80.0, rel=0.1)
+    assert finding.visible < 0.5 and finding.confidence > 0.95
+    assert finding.coordinate == "C velocity sign"
+
+
+def _simulated(tmp_path: Path, effects: list[dict], seed: int = 3) -> Diagnosis:
+    machine = plant.static_table()
+    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
+    runs = [
+        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
+        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
+    ]
+    plant.write_campaign(tmp_path / "c", machine, runs, {"EX0B": 30.0, "EA0C": -40.0}, None, effects, seed=seed)
+    return diagnose(read_campaign(tmp_path / "c"))
+
+
+CASES = {
+    "backlash": ({"effect": "backlash", "axis": "B", "width": 40.0}, "backlash", "B", "width", 40.0),
+    "scale": ({"effect": "scale_error", "axis": "X", "ppm": 40.0}, "scale_error", "X", "ppm", 40.0),
+    "lateral": (
+        {"effect": "lateral_play", "axis": "B", "component": "EYB", "width": 6.0}, "lateral_play", "B", "width", 6.0,
+    ),
+    "shift": (
+        {"effect": "setup_shift", "run": "nest2", "t_s": 400.0, "shift": [4.0, -3.0, 2.0]}, "setup_shift", None, None, None,
+    ),
+    "drift": (
+        {"effect": "thermal_drift", "axis": None, "amplitude": 12.0, "direction": [0.0, 0.6, 0.8], "time_constant_s": 900.0},
+        "thermal_drift", None, "amplitude", 12.0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_effects_of_the_independent_plant_are_named(name, tmp_path):
+    effect, expected, axis, parameter, value = CASES[name]
+    result = _simulated(tmp_path, [effect])
+    assert [(f.name, f.axis) for f in result.findings] == [(expected, axis)]
+    if parameter is not None:
+        assert result.findings[0].parameters[parameter].value == pytest.approx(value, rel=0.15)
+    assert result.fit.chi2_dof_after < 1.1
+
+
+def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path):
+    sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 9.0, "form": "hysteresis"}
+    result = _simulated(tmp_path, [sag], seed=11)
+    assert [(f.name, f.axis) for f in result.findings] == [("gravity_sag", "B")]
+    assert result.fit.chi2_dof_after < 1.1
+    assert "shape" in result.findings[0].says
+
+
+def test_without_the_true_effect_in_the_catalogue_the_answer_is_unknown_over_the_right_coordinate(tmp_path):
+    machine = plant.static_table()
+    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
+    runs = [
+        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
+        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
+    ]
+    drift = {"effect": "thermal_drift", "axis": None, "amplitude": 12.0, "direction": [0.0, 0.6, 0.8], "time_constant_s": 900.0}
+    plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [drift], seed=5)
+    result = diagnose(read_campaign(tmp_path / "c"), exclude=("thermal_drift", "spindle_growth"))
+    assert result.findings[0].name == "unknown"
+    assert result.findings[0].coordinate == "t"
