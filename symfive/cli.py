@@ -48,7 +48,9 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
 ) -> None:
     pass
 
@@ -173,9 +175,12 @@ def predict(
     result = predict_campaign(read_model(model), _read(campaign, quiet))
     with output_folder(output) as folder:
         write_campaign_files(result.campaign, folder)
-        summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "setup": {k: dict(v) for k, v in result.setup.items()}}
+        setup = {run: dict(values) for run, values in result.setup.items()}
+        summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "setup": setup}
         write_json(folder / "prediction.json", summary)
-    lines = [f"{run}: rms of measured minus predicted {rms:.4g} (unit of its readings)" for run, rms in result.rms.items()]
+    lines = [
+        f"{run}: rms of measured minus predicted {rms:.4g} (its readings' unit)" for run, rms in result.rms.items()
+    ]
     _tell(summary, "\n".join(lines) or "no run has readings: nothing to compare with", as_json)
 
 
@@ -184,7 +189,9 @@ def diagnose(
     campaign: CampaignPath,
     output: OutputPath,
     also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
-    false_alarms: Annotated[float, typer.Option(min=1e-6, max=0.5, help="False-alarm rate over the whole catalogue.")] = 0.01,
+    false_alarms: Annotated[
+        float, typer.Option(min=1e-6, max=0.5, help="False-alarm rate over the whole catalogue.")
+    ] = 0.01,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

@@ -57,7 +57,9 @@ def simulate(
     given = dict(truth or {})
     for name in given:
         if name not in model.index:
-            raise InputError(f'the truth names "{name}", which the model does not have', remedy="see symfive assess for the names")
+            raise InputError(
+                f'the truth names "{name}", which the model does not have', remedy="see symfive assess for the names"
+            )
     machine_seed, *run_seeds = np.random.SeedSequence(seed).spawn(1 + len(plan.runs))
     generator = np.random.default_rng(machine_seed)
     values = np.array([given.get(p.name, _draw(p, generator)) for p in model.parameters])

@@ -130,7 +130,13 @@ def test_without_the_true_effect_in_the_catalogue_the_answer_is_unknown_over_the
         plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
         plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
     ]
-    drift = {"effect": "thermal_drift", "axis": None, "amplitude": 12.0, "direction": [0.0, 0.6, 0.8], "time_constant_s": 900.0}
+    drift = {
+        "effect": "thermal_drift",
+        "axis": None,
+        "amplitude": 12.0,
+        "direction": [0.0, 0.6, 0.8],
+        "time_constant_s": 900.0,
+    }
     plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [drift], seed=5)
     result = diagnose(read_campaign(tmp_path / "c"), exclude=("thermal_drift", "spindle_growth"))
     assert result.findings[0].name == "unknown"

@@ -92,7 +92,9 @@ def test_coverage_of_95_percent_intervals_over_200_machines():
 def test_coverage_holds_under_coloured_noise_that_no_file_declares():
     """The white likelihood would cover about half here: the coloured part must be found."""
     plan = _open("planar-none")
-    plan = replace(plan, runs=tuple(run.with_readings({}) for run in plan.select("xy-f2400-ccw-1", "xy-f2400-cw-1").runs))
+    plan = replace(
+        plan, runs=tuple(run.with_readings({}) for run in plan.select("xy-f2400-ccw-1", "xy-f2400-cw-1").runs)
+    )
     hits = trials = naive = 0
     for seed in range(24):
         measured = simulate(plan, seed=seed)
@@ -187,7 +189,9 @@ def test_huber_loss_resists_many_outliers():
     square = identify(campaign, noise="declared")
     error = {n: abs(robust[n] - measured.truth[n]) for n in ("EA0B", "EC0B", "EX0C")}
     worse = {n: abs(square[n] - measured.truth[n]) for n in error}
-    assert sum(error[n] / square.uncertainty(n) for n in error) < 0.6 * sum(worse[n] / square.uncertainty(n) for n in error)
+    assert sum(error[n] / square.uncertainty(n) for n in error) < 0.6 * sum(
+        worse[n] / square.uncertainty(n) for n in error
+    )
 
 
 def test_backlash_in_the_baseline_is_identified():
@@ -231,7 +235,10 @@ def test_sensor_directions_and_ball_run_out():
     np.testing.assert_allclose(found.displacement(grid @ directions.T + found.offsets), grid, atol=3e-4)
     angles = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
     e = np.array([4e-3, -3e-3])
-    turned = np.stack([np.cos(angles) * e[0] - np.sin(angles) * e[1], np.sin(angles) * e[0] + np.cos(angles) * e[1]], axis=1) - e
+    turned = (
+        np.stack([np.cos(angles) * e[0] - np.sin(angles) * e[1], np.sin(angles) * e[0] + np.cos(angles) * e[1]], axis=1)
+        - e
+    )
     np.testing.assert_allclose(ball_runout(angles, turned).eccentricity, e, atol=1e-9)
     with pytest.raises(InputError, match="do not span"):
         calibrate_sensors(grid * [1, 1, 0], grid @ directions.T)
@@ -243,7 +250,13 @@ def test_assessment_of_a_plan_needs_no_readings_and_names_the_useless_run():
     result = assess(plan)
     fit = identify(_open("static-none"), noise="declared")
     np.testing.assert_allclose(result.std, fit.std, rtol=1e-2)
-    still = replace(plan.runs[0], id="still", file="still.csv", commands={a: np.full(5, v[0]) for a, v in plan.runs[0].commands.items()}, time=np.arange(5.0))
+    still = replace(
+        plan.runs[0],
+        id="still",
+        file="still.csv",
+        commands={a: np.full(5, v[0]) for a, v in plan.runs[0].commands.items()},
+        time=np.arange(5.0),
+    )
     more = assess(replace(plan, runs=(*plan.runs, still)))
     assert more.gain["still"] < 1e-3 < more.gain["nest1"]
 

@@ -3,6 +3,11 @@
 from symfive.design._assess import Assessment, assess
 from symfive.design._certificate import Certificate
 from symfive.design._criteria import CRITERIA, Criterion, criterion_of
+from symfive.design._discriminate import Discrimination, Separation, discriminate
+from symfive.design._dynamic import Circle, CirclePlan, best_ratio, circle_information, plan_circles
 from symfive.design._plan import Plan, plan
 
-__all__ = ["CRITERIA", "Assessment", "Certificate", "Criterion", "Plan", "assess", "criterion_of", "plan"]
+__all__ = [
+    "CRITERIA", "Assessment", "Certificate", "Circle", "CirclePlan", "Criterion", "Discrimination", "Plan", "Separation",
+    "assess", "best_ratio", "circle_information", "criterion_of", "discriminate", "plan", "plan_circles",
+]  # fmt: skip

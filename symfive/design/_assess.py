@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.design._information import inverse
-from symfive.design._space import UNIT_MM, Space, make_space
+from symfive.design._space import Space, make_space
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.identify import Confounding, confounded_combinations, data_rank
@@ -213,10 +213,3 @@ def _valuation(campaign: Campaign, model: Model, information: Array) -> dict[str
         inner = inner / np.outer(lever, lever)
         found[name] = noise * math.exp(0.5 * float(np.linalg.slogdet(inner)[1]) / len(own))
     return found
-
-
-def setup_words(space: Space, z: Array, k: Array) -> str:
-    """A set-up in words."""
-    ball = ", ".join(f"{v:.0f}" for v in space.table_ball(z))
-    bar = f", bar {k[0]:g} mm" if space.instrument == "ball_bar" else ""
-    return f"ball at ({ball}) mm, tool {z[space.poses + 3] * UNIT_MM:.0f} mm{bar}"

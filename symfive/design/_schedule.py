@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.design._assess import setup_words
 from symfive.design._information import Task, inverse
 from symfive.design._order import move_times, out_and_back, round_trip, there_and_back, timetable
 from symfive.design._refine import Rows
@@ -75,7 +74,6 @@ def _laid_out(
                 table_ball=_clean(space.table_ball(rows.z[first])), tool_ball=_clean(space.tool_ball(rows.z[first])),
                 length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None, start_s=clock,
                 noise_um=noise_um, setup_sigma_um=space.setup_sigma,
-                options={"set_up": setup_words(space, rows.z[first], rows.k[first])},
             )
         )  # fmt: skip
         if rows_unsafe:

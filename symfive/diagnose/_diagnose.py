@@ -13,6 +13,7 @@ from symfive.diagnose._result import Diagnosis, Finding, Fit, Interval, Observab
 from symfive.diagnose._scores import Board
 from symfive.diagnose._search import Member, Search, _lacking, _own, _problem, search
 from symfive.effects import Effect
+from symfive.effects.unknown import Unknown
 from symfive.identify import Identification, fitted_model, predict
 from symfive.identify._solve import gauss_newton
 from symfive.model import Model
@@ -203,7 +204,7 @@ _COORDINATES = {
 
 
 def _coordinate(effect: Effect) -> str:
-    if effect.id == "unknown":
+    if isinstance(effect, Unknown):
         return ", ".join(effect.over)
     return _COORDINATES.get(effect.id, "pose").format(axis=_axis(effect))
 
@@ -282,7 +283,7 @@ def _sentence(finding: Finding) -> str:
     sizes = []
     for name, q in finding.parameters.items():
         if isinstance(q.value, float) and isinstance(q.std, float):
-            unit = q.unit.replace("um", "µm").replace("urad", "µrad")
+            unit = (q.unit or "").replace("um", "µm").replace("urad", "µrad")
             sizes.append(f"{name} {q.value:.4g} ± {q.std:.2g} {unit}")
         elif isinstance(q.value, str):
             sizes.append(f"{name} {q.value}")

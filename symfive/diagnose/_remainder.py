@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.effects.family_shape import FamilyShape
@@ -35,7 +38,7 @@ def effect_size(effect: Effect, campaign: Campaign, value: Callable[[str], float
     return max(sizes, default=0.0)
 
 
-def remainder(model: Model, values: Sequence[float], held: Sequence[Effect]) -> tuple[Effect, ...]:
+def remainder(model: Model, values: NDArray[np.float64], held: Sequence[Effect]) -> tuple[Effect, ...]:
     """A family shape for every effect of `held`, of the size that the fit gives it."""
     found = []
     present = {effect.of for effect in model.effects if isinstance(effect, FamilyShape)}

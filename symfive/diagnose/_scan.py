@@ -80,7 +80,7 @@ class _Channels:
 
     def answer(self, run: Run, index: int) -> Array:
         """g·ρ summed over the columns (N,), for the channel at `index`."""
-        return np.einsum("nc,nc->n", self.board.tangents[run.id][:, :, index], self.twice[run.id])
+        return np.asarray(np.einsum("nc,nc->n", self.board.tangents[run.id][:, :, index], self.twice[run.id]))
 
     def step_scores(self, run: Run, rows: NDArray[np.int64]) -> Array:
         """Score of a step of the tool (three directions) at each of `rows`, orthogonal to what the run fits itself."""

@@ -87,7 +87,7 @@ def assess(campaign: Campaign | Model, *, effects: Iterable[Effect] = ()) -> Ass
     sigma = model.prior_sigma
     return Assessment(
         model,
-        np.linalg.inv(prior + total),
+        np.asarray(np.linalg.inv(prior + total), dtype=float),
         data_rank(total, sigma),
         confounded_combinations(total, model.parameters),
         gain,

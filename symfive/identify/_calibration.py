@@ -54,7 +54,10 @@ def calibrate_sensors(moves: Array, signals: Array) -> SensorCalibration:
     variance = np.sum(residual**2, axis=0) / (len(moves) - 4)
     cofactor = np.diag(np.linalg.inv(design.T @ design))[:3]
     return SensorCalibration(
-        solution[:3].T, solution[3], np.sqrt(np.outer(variance, cofactor)), np.sqrt(np.mean(residual**2, axis=0))
+        solution[:3].T,
+        solution[3],
+        np.asarray(np.sqrt(np.outer(variance, cofactor)), dtype=float),
+        np.asarray(np.sqrt(np.mean(residual**2, axis=0)), dtype=float),
     )
 
 

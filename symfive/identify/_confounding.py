@@ -93,7 +93,7 @@ def _echelon(basis: Array, preferred: NDArray[np.bool_]) -> Array:
         best = size * preferred
         if best.max() < 0.3 * size.max():
             best = size
-        at, pivot = np.unravel_index(int(np.argmax(best)), best.shape)
+        at, pivot = divmod(int(np.argmax(best)), best.shape[1])
         rows[[i, i + at]] = rows[[i + at, i]]
         rows[i] /= rows[i, pivot]
         for k in range(len(rows)):

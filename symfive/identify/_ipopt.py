@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -66,10 +66,10 @@ class _Objective:
         return value, gradient_x, hessian_x
 
 
-class _Value(ca.Callback):  # type: ignore[misc]
+class _Value(ca.Callback):
     """One of the functions that IPOPT asks for, computed from the objective."""
 
-    SHAPES = {"f": ("n",), "jac": ("n", "1"), "grad": ("n", "0"), "hess": ("n", "0", "1", "0")}
+    SHAPES: ClassVar = {"f": ("n",), "jac": ("n", "1"), "grad": ("n", "0"), "hess": ("n", "0", "1", "0")}
 
     def __init__(self, name: str, objective: _Objective, kind: str) -> None:
         ca.Callback.__init__(self)
@@ -95,11 +95,11 @@ class _Value(ca.Callback):  # type: ignore[misc]
     def has_jacobian(self) -> bool:
         return self.kind == "f"
 
-    def get_jacobian(self, name: str, inames: list[str], onames: list[str], opts: dict[str, Any]) -> Any:
+    def get_jacobian(self, name: str, inames: Any, onames: Any, opts: Any) -> Any:
         self._kept.append(_Value(name, self.objective, "jac"))
         return self._kept[-1]
 
-    def eval(self, arg: list[Any]) -> list[Any]:
+    def eval(self, arg: Any) -> list[Any]:
         value, gradient, hessian = self.objective.evaluate(np.asarray(arg[0], dtype=float).ravel())
         if self.kind == "f":
             return [value]

@@ -243,6 +243,6 @@ def _objective(blocks: Sequence[Block], precision: Array) -> Callable[[Noise], f
             value += logs * table.shape[1]
         factor = np.linalg.cholesky(gram[:size, :size])
         pulled = np.linalg.solve(factor, gram[:size, size])
-        return value + gram[size, size] - float(pulled @ pulled) + 2.0 * float(np.sum(np.log(np.diag(factor))))
+        return value + float(gram[size, size] - pulled @ pulled) + 2.0 * float(np.sum(np.log(np.diag(factor))))
 
     return score

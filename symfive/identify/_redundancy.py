@@ -46,7 +46,7 @@ def redundancies(machine: Machine, *, poses: int = 400, seed: int = 0) -> tuple[
     exact = SetupSigma(table_ball=0.0, tool_ball=0.0, length=0.0)
     runs = tuple(
         Run(
-            id=f"ball-{i}", instrument=("tracker",), sampling="static", time=np.arange(poses) * 1.0, commands=commands,
+            id=f"ball-{i}", instrument=("tracker",), sampling="static", time=np.arange(poses, dtype=float), commands=commands,
             tool_ball=ball, noise_um=NOISE_UM * 1e-3, setup_sigma_um=exact,
             options={"placement_sigma": (1e-9, 1e-9), "placement_id": "exact"},
         )

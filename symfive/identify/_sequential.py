@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.errors import InputError
-from symfive.identify._identify import identify
+from symfive.identify._identify import identify, summarise
 from symfive.identify._problem import Problem
-from symfive.identify._identify import summarise
 from symfive.identify._result import Identification
 from symfive.machine import ErrorTerm
 from symfive.model import Model
@@ -30,7 +30,7 @@ class Stage:
     parameters: tuple[str, ...]
 
 
-def identify_sequentially(campaign: Campaign, stages: Sequence[Stage], **options: str) -> Identification:
+def identify_sequentially(campaign: Campaign, stages: Sequence[Stage], **options: Any) -> Identification:
     """Stage after stage as in Wang & Li 2016: each takes the errors found so far as exact and the rest as zero.
 
     The uncertainties are those each stage states by itself: they leave out what earlier stages did not know, and what
@@ -72,7 +72,7 @@ def identify_by_position(
     components: Sequence[str] = ("X", "Y", "Z", "A", "B", "C"),
     *,
     sigma: float = 50.0,
-    **options: str,
+    **options: Any,
 ) -> Identification:
     """Errors of one axis as free values at each of its commanded positions (Oyama, Ibaraki & Otsubo 2010, (10)–(15)).
 

@@ -32,7 +32,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Arr
     nonlinear = any(p.kind in ("effect", "drive") for p in model.parameters)
     damping, last = 0.0, np.inf
     best = values.copy()
-    matrix = gradient = None
+    matrix, gradient = np.zeros((0, 0)), np.zeros(0)
     for _ in range(MAX_STEPS):
         with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make a drive unstable
             information = problem.information(problem.blocks(values))
@@ -40,7 +40,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Arr
         total = information.square + float(np.sum((departure**2 * precision)[free]))
         if not total <= last * (1 + 1e-12) + 1e-9:
             damping = max(10.0 * damping, 1e-3)
-            if damping > 1e9 or matrix is None:
+            if damping > 1e9 or not matrix.size:
                 return best, False
             values = np.clip(best + _step(matrix, gradient, damping, free), lower, upper)
             continue

@@ -34,7 +34,9 @@ def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:
             found.append(Parameter(name=term.name, unit=unit, sigma=term.sigma, mean=term.mean, kind="location_error"))
         else:
             names = basis_of(term, machine).names
-            found += [Parameter(name=f"{term.name}.{n}", unit=unit, sigma=term.sigma, kind="error_motion") for n in names]
+            found += [
+                Parameter(name=f"{term.name}.{n}", unit=unit, sigma=term.sigma, kind="error_motion") for n in names
+            ]
     return tuple(found)
 
 
@@ -87,7 +89,9 @@ class RowFunction:
         return [results[0][:, 0, :], *(r.transpose(0, 2, 1) for r in results[1:])]
 
 
-def assemble(machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool) -> RowFunction:
+def assemble(
+    machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool
+) -> RowFunction:
     """The function of runs of this kind. `linear`: first order in the machine's errors, by differentiation."""
     instruments = instruments_of(run)
     columns = tuple(c for instrument in instruments for c in instrument.columns(run, machine))
@@ -124,7 +128,9 @@ def assemble(machine: Machine, run: Run, effects: Sequence[Effect], parameters: 
             effect.apply(row)
     readings = ca.vertcat(*(r / c.scale for r, c in zip(row.readings, columns, strict=True)))
     if linear:
-        errors = ca.vertcat(*(p[i] for i, name in enumerate(shared) if name in {q.name for q in machine_parameters(machine)}))
+        errors = ca.vertcat(
+            *(p[i] for i, name in enumerate(shared) if name in {q.name for q in machine_parameters(machine)})
+        )
         readings = first_order(readings, errors)
     moving = _moving(signals, effects)
     arguments = [z, p, s, k]

@@ -76,7 +76,8 @@ def write_model(model: FittedModel, path: Path) -> None:
         "machine": machine_to_data(model.machine),
         "effects": [effect_to_data(effect) for effect in model.effects],
         "parameters": {
-            name: {"value": model.values[name], "std": model.std[name], "unit": model.units[name]} for name in model.names
+            name: {"value": model.values[name], "std": model.std[name], "unit": model.units[name]}
+            for name in model.names
         },
         "covariance": {"names": list(model.names), "matrix": model.covariance.tolist()},
     }
@@ -102,7 +103,9 @@ def read_model(path: Path | str) -> FittedModel:
         path = path / "model.json"
     data = read_json(path)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise InputError(f'this is not a model: its schema is not "{SCHEMA}"', path=path, remedy="run symfive identify to make one")
+        raise InputError(
+            f'this is not a model: its schema is not "{SCHEMA}"', path=path, remedy="run symfive identify to make one"
+        )
     try:
         machine = machine_from_data(data["machine"], str(path))
         entries = {str(name): _entry(name, e, path) for name, e in data["parameters"].items()}

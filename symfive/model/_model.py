@@ -85,7 +85,8 @@ class Model:
                     raise InputError(f"two effects free {quantity} of axis {axis}", remedy="keep one of them")
                 if quantity in GAINS and self.machine.axes[axis].drive is None:
                     raise InputError(
-                        f"{effect.key} needs the drive of axis {axis}", remedy=f"add [axes.{axis}.drive] to the machine file"
+                        f"{effect.key} needs the drive of axis {axis}",
+                        remedy=f"add [axes.{axis}.drive] to the machine file",
                     )
                 freed[place] = name
         return freed
@@ -161,9 +162,7 @@ class Model:
         slopes: dict[str, Array] = {}
         for effect in self.effects:
             if effect.stage == "recording" and effect.applies(run):
-                values = {
-                    p.name: p.scale * float(vector[self.index[p.name]]) for p in effect.parameters(self.campaign)
-                }
+                values = {p.name: p.scale * float(vector[self.index[p.name]]) for p in effect.parameters(self.campaign)}
                 columns = sensed_columns(run, self.machine)
                 earlier = list(slopes)
                 stacked = np.concatenate([readings, *(slopes[name][:, :, None] for name in earlier)], axis=2)
@@ -200,7 +199,9 @@ class Model:
             self._functions[key] = assemble(self.machine, run, effects, self.parameters, self.linear)
         return self._functions[key]
 
-    def _arguments(self, run: Run, vector: Array) -> tuple[RowFunction, Array, list[Series], tuple[Array, Array, Array]]:
+    def _arguments(
+        self, run: Run, vector: Array
+    ) -> tuple[RowFunction, Array, list[Series], tuple[Array, Array, Array]]:
         function = self._function(run)
         constants: dict[str, float] = {}
         for instrument in instruments_of(run):

@@ -1,0 +1,186 @@
+"""Which test tells two rival explanations apart best: T-optimality, and its Bayesian form.
+
+For a test with readings η and noise σ, and explanation a true at θ_a (A. C. Atkinson & V. V. Fedorov 1975)
+
+    T(a, b) = min over θ_b of Σ ((η_a(θ_a) - η_b(θ_b)) / σ)² + Σ ((θ_b - mean) / σ_prior)²
+
+is what remains after the rival has been fitted with all its freedom: machine errors, set-up errors, effects. √T is the
+expected separation in σ. What was measured already binds the rival too, so its runs stand in the same sum. The Bayesian
+form averages T over the prior of the true explanation's parameters (W. G. Hunter & A. M. Reiner 1965; G. E. P. Box & W. J.
+Hill 1967: ½T is the expected log Bayes factor). The smaller of T(a, b) and T(b, a) counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign, Run
+from symfive.effects import baseline_effects
+from symfive.effects._base import Effect
+from symfive.errors import InputError
+from symfive.model import Model
+
+__all__ = ["Discrimination", "Separation", "discriminate"]
+
+Array = NDArray[np.float64]
+ITERATIONS = 4
+USELESS = 1.05
+"""A test that raises the separation by less than this factor is as good as none."""
+Candidate = Campaign | Run | Sequence[Run]
+
+
+@dataclass(frozen=True)
+class Separation:
+    """One candidate: `sigmas` expected with it (and with what was measured), `a_as_b` if a is true, `b_as_a` if b is;
+    `minutes` of recording."""
+
+    name: str
+    sigmas: float
+    a_as_b: float
+    b_as_a: float
+    minutes: float
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
+    the `table` of all candidates, best first."""
+
+    test: Campaign
+    separation: float
+    before: float
+    table: tuple[Separation, ...]
+
+    @property
+    def useful(self) -> bool:
+        """Whether the best candidate tells anything at all."""
+        return self.separation > USELESS * max(self.before, 1e-9)
+
+    @property
+    def says(self) -> str:
+        """The result in one sentence."""
+        if not self.useful:
+            return f"none of the {len(self.table)} tests tells the two apart: at most {self.separation:.1f}σ"
+        best = self.table[0]
+        return f"{best.name} separates the two by {best.sigmas:.1f}σ (so far {self.before:.1f}σ)"
+
+
+def discriminate(
+    model_a: Model, model_b: Model, candidates: Iterable[Candidate], *, values_a: Mapping[str, float] | None = None,
+    values_b: Mapping[str, float] | None = None, draws: int = 0, seed: int = 0, measured: bool = True,
+) -> Discrimination:  # fmt: skip
+    """The candidate that separates two models of one machine best.
+
+    `candidates` campaigns without readings, runs, or groups of runs; `values_a`, `values_b` parameters at which either is
+    true, by name (default: effects of typical size); `draws` > 0 averages over that many draws of the true effects'
+    parameters from their priors instead; `measured`: whether the runs of the models' own campaign bind the rival too.
+    Raises `InputError` where there is nothing to compare.
+    """
+    tests = [_runs(candidate) for candidate in candidates]
+    if not tests:
+        raise InputError("there is no test to choose from", remedy="give at least one campaign or run")
+    own = list(model_a.campaign.runs) if measured else []
+    machine = model_a.machine
+    end = max((run.start_s + float(run.time[-1]) for run in own), default=0.0)
+    named = [
+        tuple(replace(run, id=f"t{i}-{run.id}", file=f"t{i}-{run.file}", readings={}, start_s=end + 60.0 + run.start_s) for run in test)
+        for i, test in enumerate(tests)
+    ]
+    every = Campaign(machine=machine, runs=(*own, *(run for test in named for run in test)))
+    pair = _Pair(Model(every, _added(model_a)), Model(every, _added(model_b)))
+    truths_a, truths_b = (
+        _truths(m, v, draws, seed) for m, v in ((pair.a, values_a), (pair.b, values_b))
+    )
+    ids = [run.id for run in own]
+    before = _separation("measured", pair, ids, truths_a, truths_b, 0.0).sigmas if own else 0.0
+    table = []
+    for test, runs in zip(tests, named, strict=True):
+        minutes = sum(run.duration for run in test) / 60.0
+        name = " + ".join(run.id for run in test)
+        table.append(_separation(name, pair, [*ids, *(run.id for run in runs)], truths_a, truths_b, minutes))
+    best = max(range(len(table)), key=lambda i: table[i].sigmas)
+    ordered = tuple(sorted(table, key=lambda s: -s.sigmas))
+    test = Campaign(machine=machine, runs=tests[best], name="next test")
+    return Discrimination(test, table[best].sigmas, before, ordered)
+
+
+def _runs(candidate: Candidate) -> tuple[Run, ...]:
+    if isinstance(candidate, Campaign):
+        return candidate.runs
+    return (candidate,) if isinstance(candidate, Run) else tuple(candidate)
+
+
+def _added(model: Model) -> tuple[Effect, ...]:
+    """The effects beyond those of the machine file."""
+    held = {effect.prepare(model.campaign).key for effect in baseline_effects(model.machine)}
+    return tuple(effect for effect in model.effects if effect.key not in held)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    a: Model
+    b: Model
+
+
+def _truths(model: Model, values: Mapping[str, float] | None, draws: int, seed: int) -> list[Array]:
+    """Parameter vectors at which the model is true."""
+    vector = model.prior_mean.copy()
+    for effect in _added(model):
+        for name, value in effect.typical(model.campaign).items():
+            vector[model.index[name]] = value
+    for name, value in (values or {}).items():
+        if name in model.index:
+            vector[model.index[name]] = value
+    if draws <= 0:
+        return [vector]
+    generator = np.random.default_rng(seed)
+    effects = [i for i, p in enumerate(model.parameters) if p.kind == "effect"]
+    found = []
+    for _ in range(draws):
+        drawn = vector.copy()
+        for i in effects:
+            p = model.parameters[i]
+            drawn[i] = np.clip(p.mean + p.sigma * generator.standard_normal(), p.lower, p.upper)
+        found.append(drawn)
+    return found
+
+
+def _separation(
+    name: str, pair: _Pair, ids: Sequence[str], truths_a: Sequence[Array], truths_b: Sequence[Array], minutes: float
+) -> Separation:
+    ab = math.sqrt(float(np.mean([_left(pair.a, truth, pair.b, ids) for truth in truths_a])))
+    ba = math.sqrt(float(np.mean([_left(pair.b, truth, pair.a, ids) for truth in truths_b])))
+    return Separation(name, min(ab, ba), ab, ba, minutes)
+
+
+def _left(true: Model, truth: Array, rival: Model, ids: Sequence[str]) -> float:
+    """T: what the rival cannot explain of the true model's readings (Gauss–Newton with the priors)."""
+    wanted = {id: true.predict_run(id, truth) / true.noise(id) for id in ids}
+    precision = rival.prior_sigma**-2.0
+    values = rival.start
+    best = math.inf
+    for _ in range(ITERATIONS):
+        gram, gradient, square = np.diag(precision), -precision * (values - rival.prior_mean), 0.0
+        square = float(np.sum(precision * (values - rival.prior_mean) ** 2))
+        for id in ids:
+            line = rival.linearise(id, values)
+            noise = rival.noise(id)
+            residual = (wanted[id] - line.prediction / noise).ravel()
+            slopes = (line.jacobian / noise[:, None]).reshape(len(residual), -1)
+            gram[np.ix_(line.columns, line.columns)] += slopes.T @ slopes
+            gradient[line.columns] += slopes.T @ residual
+            square += float(residual @ residual)
+        step = np.linalg.solve(gram, gradient)
+        expected = max(square - float(gradient @ step), 0.0)
+        best = min(best, square)
+        lower, upper = (np.array([getattr(p, side) for p in rival.parameters]) for side in ("lower", "upper"))
+        moved = np.clip(values + step, lower, upper)
+        if square - expected < 1e-3 * max(square, 1e-12):
+            break
+        values = moved
+    return best
