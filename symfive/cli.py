@@ -21,6 +21,7 @@ from symfive.identify import assess as assess_campaign
 from symfive.identify import fitted_model
 from symfive.identify import identify as identify_campaign
 from symfive.identify import predict as predict_campaign
+from symfive.machine import preset, presets, read_machine
 from symfive.model import effects_from_data, read_json, read_model, write_model
 from symfive.simulate import simulate as simulate_plan
 
@@ -89,6 +90,36 @@ def _joined(path: Path, also: list[Path] | None, quiet: bool) -> Campaign:
 
 def _tell(data: dict[str, Any], text: str, as_json: bool) -> None:
     typer.echo(json.dumps(data, indent=1) if as_json else text)
+
+
+@app.command(epilog="Example: symfive plan table-bc -o plan/ --instrument r_test --points 40 --nc linuxcnc")
+def plan(
+    machine: Annotated[str, typer.Argument(help="A machine file, or the name of a preset.", show_default=False)],
+    output: OutputPath,
+    instrument: Annotated[str, typer.Option(help="r_test or ball_bar.")] = "r_test",
+    criterion: Annotated[str, typer.Option(help="D, A, E, G or V.")] = "D",
+    points: Annotated[int, typer.Option(help="Number of poses.")] = 40,
+    wanted: Annotated[
+        str, typer.Option("--for", help="What is to be known, as EX0C,EY0C,EXC (default: everything).")
+    ] = "",
+    nc: Annotated[list[str] | None, typer.Option(help="Dialect of the NC programs; may be repeated.")] = None,
+    given: Annotated[Path | None, typer.Option(help="A campaign already measured, to which the plan adds.")] = None,
+    minutes: Annotated[float | None, typer.Option(help="Time budget in minutes.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The optimal measurement plan: a campaign without readings, certificate, NC programs, set-up sheet."""
+    from symfive.design import plan as make_plan
+
+    data = read_machine(machine) if Path(machine).suffix == ".toml" or machine not in presets() else preset(machine)
+    result = make_plan(
+        data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, seed=seed,
+        for_=tuple(name.strip() for name in wanted.split(",") if name.strip()),
+        given=None if given is None else _read(given, quiet), progress=_Progress(quiet),
+    )  # fmt: skip
+    result.write(output, nc=tuple(nc or ("iso",)))
+    _tell(result.to_data(), str(result), as_json)
 
 
 @app.command(epilog="Example: symfive assess designs/plans/r-test-grid")
@@ -203,6 +234,10 @@ def diagnose(
     result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
     with output_folder(output) as folder:
         write_json(folder / "diagnosis.json", result.to_data())
+        for finding in result.findings:
+            if finding.next_test is not None and finding.test is not None:
+                (folder / finding.next_test).mkdir(parents=True)
+                write_campaign_files(finding.test.test, folder / finding.next_test)
         write_json(folder / "identification.json", result.after.to_data())
         write_model(fitted_model(result.after), folder / "model.json")
         progress("drawing the figures")

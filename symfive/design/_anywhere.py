@@ -49,7 +49,9 @@ def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
         relaxed = relax(task, columns, len(active), points, tolerance=0.5 * GAP)
         information = task.information(columns.rows, columns.group, len(active), relaxed.weights)
         pull = task.pull(inverse(information))[: len(task.prior), : len(task.prior)]
-        each = {s: best_told(pull, grid.rows[grid.group == s], prior, points)[:2] for s in np.unique(grid.group).tolist()}
+        each = {
+            s: best_told(pull, grid.rows[grid.group == s], prior, points)[:2] for s in np.unique(grid.group).tolist()
+        }
         most = max(top for top, _ in each.values())
         extra = runs * max(fixed for _, fixed in each.values())
         bound = max(bound, relaxed.value - math.log(float(np.sum(pull * task.prior)) + points * most + extra))

@@ -54,11 +54,16 @@ class Assessment:
 
     def most(self) -> tuple[str, int]:
         """The run and row (from 0) that tell most."""
-        return max(((run, int(np.argmax(w))) for run, w in self.worth.items()), key=lambda place: self.worth[place[0]][place[1]])
+        return max(
+            ((run, int(np.argmax(w))) for run, w in self.worth.items()),
+            key=lambda place: self.worth[place[0]][place[1]],
+        )
 
     def nothing(self) -> tuple[tuple[str, int], ...]:
         """Rows that tell next to nothing."""
-        return tuple((run, int(i)) for run, w in self.worth.items() for i in np.flatnonzero(w < WORTHLESS / max(len(w), 1)))
+        return tuple(
+            (run, int(i)) for run, w in self.worth.items() for i in np.flatnonzero(w < WORTHLESS / max(len(w), 1))
+        )
 
 
 def assess(campaign: Campaign, *, effects: Iterable[Effect] = (), given: Campaign | None = None) -> Assessment:
@@ -75,7 +80,8 @@ def assess(campaign: Campaign, *, effects: Iterable[Effect] = (), given: Campaig
     value = _volume(matrix + precision, chosen, model.prior_sigma)
     worth = {run: _worth(jacobian, covariance, matrix + precision, chosen) for run, jacobian in rows.items()}
     whole = {
-        run: _volume(matrix - np.einsum("nyk,nyl->kl", jacobian, jacobian) + precision, chosen, model.prior_sigma) - value
+        run: _volume(matrix - np.einsum("nyk,nyl->kl", jacobian, jacobian) + precision, chosen, model.prior_sigma)
+        - value
         for run, jacobian in rows.items()
     }
     return Assessment(
@@ -111,7 +117,7 @@ def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
     model = Model(campaign)
     matrix, _ = _data_information(model)
     wanted = list(names)
-    chosen = [model.index[name] for name in wanted if name in model.index]
+    chosen = np.array([model.index[name] for name in wanted if name in model.index], dtype=np.int64)
     other = np.setdiff1d(np.arange(len(model.parameters)), chosen)
     inner = matrix[np.ix_(chosen, chosen)]
     if other.size:
@@ -120,7 +126,7 @@ def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
         inner = inner - cross @ inverse(rest) @ cross.T
     values, vectors = np.linalg.eigh(inner)
     found = np.zeros((len(wanted), len(wanted)))
-    place = [i for i, name in enumerate(wanted) if name in model.index]
+    place = np.array([i for i, name in enumerate(wanted) if name in model.index], dtype=np.int64)
     found[np.ix_(place, place)] = (vectors * np.maximum(values, 0.0)) @ vectors.T
     return found
 
@@ -184,7 +190,7 @@ def _tool_centre(machine: Machine, model: Model, covariance: Array) -> tuple[flo
     places = workspace_places(space)
     if not len(places):
         return None
-    index = [model.index[p.name] for p in space.shared]
+    index = np.array([model.index[p.name] for p in space.shared], dtype=np.int64)
     sigma = np.array([p.sigma for p in space.shared])
     scaled = covariance[np.ix_(index, index)] / np.outer(sigma, sigma)
     variance = np.einsum("kya,ab,kyb->k", places, scaled, places, optimize=True)
@@ -202,12 +208,15 @@ def _valuation(campaign: Campaign, model: Model, information: Array) -> dict[str
     noise = float(np.mean([model.noise(run).mean() for run in campaign.runs]))
     found = {}
     for name, axis in campaign.machine.axes.items():
-        own = [model.index[t.name] for t in campaign.machine.location_errors if t.axis == name and t.name in model.index]
+        own = [
+            model.index[t.name] for t in campaign.machine.location_errors if t.axis == name and t.name in model.index
+        ]
         if not axis.rotary or not own:
             continue
-        inner = information[np.ix_(own, own)]
+        mine = np.array(own, dtype=np.int64)
+        inner = information[np.ix_(mine, mine)]
         if setup.size:
-            cross = information[np.ix_(own, setup)]
+            cross = information[np.ix_(mine, setup)]
             inner = inner - cross @ inverse(information[np.ix_(setup, setup)]) @ cross.T
         lever = np.array([LEVER_MM * 1e-3 if model.parameters[i].unit == "urad" else 1.0 for i in own])
         inner = inner / np.outer(lever, lever)

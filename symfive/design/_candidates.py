@@ -140,7 +140,7 @@ def _best_of(task: Task, gains: list[Array], count: int) -> list[int]:
         improved = False
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
-            best = min(every, key=lambda i: value([*others, i]))  # noqa: B023
+            best = min(every, key=lambda i: value([*others, i]))
             if value([*others, best]) < value(chosen) - 1e-9:
                 chosen[place] = best
                 improved = True

@@ -121,7 +121,9 @@ class _Search:
         self.groups = len(setups)
         self.layout = task.layout(self.groups)
         poses = qmc.scale(
-            qmc.Sobol(space.poses, seed=1).random(COARSE), space.lower[: space.poses], space.upper[: space.poses] + 1e-12
+            qmc.Sobol(space.poses, seed=1).random(COARSE),
+            space.lower[: space.poses],
+            space.upper[: space.poses] + 1e-12,
         )
         self.grid = self._candidates(*self._rows(poses))
         self.whole = self.layout.embed(self.grid.rows, self.grid.group)
@@ -151,7 +153,9 @@ class _Search:
                 for sign in (1.0, -1.0):
                     trial = z.copy()
                     trial[:, i] = np.clip(trial[:, i] + sign * step[i], self.space.lower[i], self.space.upper[i])
-                    there = np.where(self.space.feasible(trial, k), self._pulled(relaxed.pull, trial, k, group), -np.inf)
+                    there = np.where(
+                        self.space.feasible(trial, k), self._pulled(relaxed.pull, trial, k, group), -np.inf
+                    )
                     better = there > value
                     z[better], value[better] = trial[better], there[better]
             step = 0.5 * step

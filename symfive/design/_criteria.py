@@ -28,16 +28,22 @@ from symfive.errors import InputError
 __all__ = ["CRITERIA", "Criterion", "criterion_of"]
 
 Array = NDArray[np.float64]
-SMOOTHING = 16.0
-"""Exponent of the p-means of E and G: at most log(s)/16 away from the maximum."""
+SMOOTHING = 32.0
+"""Exponent of the p-means of E and G: at most log(s)/32 away from the maximum."""
 
 
 class Criterion(Protocol):
     """The contract of a criterion, S (s, s) symmetric positive definite."""
 
-    name: str
-    determinant: bool
-    """Whether it is a determinant, for which exchanges have closed forms."""
+    @property
+    def name(self) -> str:
+        """Its name in the table."""
+        ...
+
+    @property
+    def determinant(self) -> bool:
+        """Whether it is a determinant, for which exchanges have closed forms."""
+        ...
 
     def value(self, S: Array) -> float:
         """ψ(S)."""
@@ -130,7 +136,9 @@ class Largest:
         close = np.abs(gap) < 1e-9
         mean = 0.5 * (x[:, None] + x[None, :])
         first = x ** (p - 1.0)
-        divided = np.where(close, (p - 1.0) * mean ** (p - 2.0), (first[:, None] - first[None, :]) / np.where(close, 1.0, gap))
+        divided = np.where(
+            close, (p - 1.0) * mean ** (p - 2.0), (first[:, None] - first[None, :]) / np.where(close, 1.0, gap)
+        )
         inside = (vectors.T @ changes @ vectors) / top
         flat = inside.reshape(len(changes), -1)
         along = np.einsum("kaa,a->k", inside, first) / total
@@ -147,7 +155,7 @@ class Worst:
     determinant: bool = False
 
     def _variances(self, S: Array) -> Array:
-        return np.einsum("kab,ab->k", self.weights, S)
+        return np.asarray(np.einsum("kab,ab->k", self.weights, S))
 
     def value(self, S: Array) -> float:
         u = self._variances(S)
@@ -162,7 +170,7 @@ class Worst:
 
     def slope(self, S: Array) -> Array:
         u = self._variances(S)
-        return np.einsum("k,kab->ab", self._shares(u) / u, self.weights)
+        return np.asarray(np.einsum("k,kab->ab", self._shares(u) / u, self.weights))
 
     def curvature(self, S: Array, changes: Array) -> Array:
         u = self._variances(S)

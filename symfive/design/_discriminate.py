@@ -29,6 +29,7 @@ __all__ = ["Discrimination", "Separation", "discriminate"]
 
 Array = NDArray[np.float64]
 ITERATIONS = 4
+PAUSE_S = 60.0
 USELESS = 1.05
 """A test that raises the separation by less than this factor is as good as none."""
 Candidate = Campaign | Run | Sequence[Run]
@@ -87,15 +88,10 @@ def discriminate(
     own = list(model_a.campaign.runs) if measured else []
     machine = model_a.machine
     end = max((run.start_s + float(run.time[-1]) for run in own), default=0.0)
-    named = [
-        tuple(replace(run, id=f"t{i}-{run.id}", file=f"t{i}-{run.file}", readings={}, start_s=end + 60.0 + run.start_s) for run in test)
-        for i, test in enumerate(tests)
-    ]
+    named = [tuple(_later(run, i, end) for run in test) for i, test in enumerate(tests)]
     every = Campaign(machine=machine, runs=(*own, *(run for test in named for run in test)))
     pair = _Pair(Model(every, _added(model_a)), Model(every, _added(model_b)))
-    truths_a, truths_b = (
-        _truths(m, v, draws, seed) for m, v in ((pair.a, values_a), (pair.b, values_b))
-    )
+    truths_a, truths_b = (_truths(m, v, draws, seed) for m, v in ((pair.a, values_a), (pair.b, values_b)))
     ids = [run.id for run in own]
     before = _separation("measured", pair, ids, truths_a, truths_b, 0.0).sigmas if own else 0.0
     table = []
@@ -105,8 +101,15 @@ def discriminate(
         table.append(_separation(name, pair, [*ids, *(run.id for run in runs)], truths_a, truths_b, minutes))
     best = max(range(len(table)), key=lambda i: table[i].sigmas)
     ordered = tuple(sorted(table, key=lambda s: -s.sigmas))
-    test = Campaign(machine=machine, runs=tests[best], name="next test")
-    return Discrimination(test, table[best].sigmas, before, ordered)
+    chosen = Campaign(machine=machine, runs=tests[best], name="next test")
+    return Discrimination(chosen, table[best].sigmas, before, ordered)
+
+
+def _later(run: Run, number: int, end: float) -> Run:
+    """The run under a name of its own, after all that was measured."""
+    return replace(
+        run, id=f"t{number}-{run.id}", file=f"t{number}-{run.id}.csv", readings={}, start_s=end + PAUSE_S + run.start_s
+    )
 
 
 def _runs(candidate: Candidate) -> tuple[Run, ...]:

@@ -67,7 +67,9 @@ def circle_information(
     names, matrix = _marginal(model, runs)
     prior = np.diag([model.parameters[model.index[n]].sigma ** -2.0 for n in names])
     spread = np.sqrt(np.diag(inverse(matrix + prior)))
-    chosen = {n: float(s) for n, s in zip(names, spread, strict=True) if model.parameters[model.index[n]].kind == "effect"}
+    chosen = {
+        n: float(s) for n, s in zip(names, spread, strict=True) if model.parameters[model.index[n]].kind == "effect"
+    }
     return Circle(ratio, radius, feed, runs, matrix, chosen)
 
 
@@ -90,7 +92,9 @@ def _marginal(model: Model, runs: Sequence[Run]) -> tuple[list[str], Array]:
         rest = gram[np.ix_(~inside, ~inside)] + np.diag(model.prior_sigma[own] ** -2.0)
         cross = gram[np.ix_(inside, ~inside)]
         index = [place[int(i)] for i in line.columns[inside]]
-        total[np.ix_(index, index)] += gram[np.ix_(inside, inside)] - (cross @ inverse(rest) @ cross.T if own.size else 0.0)
+        total[np.ix_(index, index)] += gram[np.ix_(inside, inside)] - (
+            cross @ inverse(rest) @ cross.T if own.size else 0.0
+        )
     return [model.parameters[i].name for i in shared], total
 
 
@@ -102,7 +106,9 @@ def best_ratio(
 
     def spread(ratio: float) -> float:
         try:
-            circle = circle_information(machine, effects, ratio=float(ratio), radius=radius, feed=feed, noise_um=noise_um)
+            circle = circle_information(
+                machine, effects, ratio=float(ratio), radius=radius, feed=feed, noise_um=noise_um
+            )
         except InputError:
             return 1e9
         return math.log(circle.sigma[parameter])
@@ -158,11 +164,13 @@ def plan_circles(
         chosen.append(min(range(len(circles)), key=lambda i: value([*chosen, i])))
     for place in range(count):
         others = chosen[:place] + chosen[place + 1 :]
-        chosen[place] = min(range(len(circles)), key=lambda i: value([*others, i]))  # noqa: B023
+        chosen[place] = min(range(len(circles)), key=lambda i: value([*others, i]))
     covariance = inverse(np.eye(len(shared)) + sum((scaled[i] for i in chosen), np.zeros((len(shared),) * 2)))
     spread = np.sqrt(np.diag(covariance)) * scale
     sigma = {p.name: float(s) for p, s in zip(shared, spread, strict=True) if p.kind == "effect"}
     runs = [
-        replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv") for i, c in enumerate(chosen) for run in circles[c].runs
+        replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv")
+        for i, c in enumerate(chosen)
+        for run in circles[c].runs
     ]
     return CirclePlan(campaign_of(machine, runs, "circles"), tuple(circles[i] for i in chosen), sigma, tuple(circles))

@@ -78,9 +78,7 @@ class _State:
             return self._trace_gains(leaving)
         gain = _log_det_plus(self._without(self.covariance, self.flat, self.quadratic, leaving))
         if self.others.size:
-            gain -= _log_det_plus(
-                self._without(self.other_covariance, self.other_flat, self.other_quadratic, leaving)
-            )
+            gain -= _log_det_plus(self._without(self.other_covariance, self.other_flat, self.other_quadratic, leaving))
         return gain
 
     def _without(self, covariance: Array, flat: Array, quadratic: Array, leaving: int | None) -> Array:

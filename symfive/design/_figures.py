@@ -49,7 +49,9 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
             end = ball + STICK_MM * axis
             panel.plot([ball[i], end[i]], [ball[j], end[j]], color=colour, linewidth=0.8)
             if "ball_bar" in run.instrument:
-                panel.plot([run.table_ball[i], ball[i]], [run.table_ball[j], ball[j]], color=colour, linewidth=1.6, alpha=0.7)
+                panel.plot(
+                    [run.table_ball[i], ball[i]], [run.table_ball[j], ball[j]], color=colour, linewidth=1.6, alpha=0.7
+                )
         panel.plot(run.table_ball[i], run.table_ball[j], "o", color="#c1121f", markersize=6)
         panel.set_aspect("equal")
         panel.set_xlabel("x in mm")

@@ -50,9 +50,9 @@ class Batch:
             sources = [np.zeros((block, self.function.numel_in(i))) for i in range(self.function.n_in())]
             outputs = [np.zeros((block, self.function.numel_out(i))) for i in range(self.function.n_out())]
             for i, array in enumerate(sources):
-                buffer.set_arg(i, memoryview(array))
+                buffer.set_arg(i, array.data)
             for i, array in enumerate(outputs):
-                buffer.set_res(i, memoryview(array))
+                buffer.set_res(i, array.data)
             self._mapped[block] = (buffer, trigger, sources, outputs)
         return self._mapped[block]
 

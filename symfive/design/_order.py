@@ -29,7 +29,9 @@ def _axis_time(way: Array, axis: Axis) -> Array:
     push = CAUTION * axis.max_acceleration if axis.max_acceleration else np.inf
     short = 2.0 * np.sqrt(way / push)
     long = way / speed + (speed / push if np.isfinite(speed) and np.isfinite(push) else 0.0)
-    reaches = way * push > speed**2 if np.isfinite(push) and np.isfinite(speed) else np.full(way.shape, np.isfinite(speed))
+    reaches = (
+        way * push > speed**2 if np.isfinite(push) and np.isfinite(speed) else np.full(way.shape, np.isfinite(speed))
+    )
     return np.asarray(np.where(reaches, long, short))
 
 

@@ -80,7 +80,7 @@ def plan(
     machine: Machine, *, instrument: str = "r_test", criterion: str = "D", points: int = 40, for_: Iterable[str] = (),
     given: Campaign | None = None, setups: int | None = None, minutes: float | None = None, returns: int = 2,
     repeats: int = 1, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None, survive: bool = False, starts: int = 6,
-    seed: int = 0, progress: Callable[[str], None] = lambda message: None,
+    anywhere: bool = True, seed: int = 0, progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
@@ -88,7 +88,8 @@ def plan(
     default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `minutes` a time budget; `returns` visits back to the first pose of each run, against drift; `repeats` readings of
-    each pose; `survive` prefers a plan that stays good if any one pose is lost; `starts` of the search.
+    each pose; `survive` prefers a plan that stays good if any one pose is lost; `starts` of the search; `anywhere`: whether the certificate also
+    compares with all other set-ups (a few seconds).
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
     """
@@ -109,31 +110,41 @@ def plan(
         progress("making it survive the loss of a pose")
         rows = _surviving(space, task, rows)
     progress("certificate")
-    certificate = _certified(space, task, rows, runs)
+    certificate = _certified(space, task, rows, runs, anywhere)
     progress("order of poses")
     schedule = scheduled(space, rows, returns=returns, repeats=repeats, noise_um=noise_um)
     if minutes is not None:
         schedule = shortened(space, task, rows, schedule, 60.0 * minutes, returns, repeats, noise_um)
         if len(schedule.rows.z) < len(rows.z):
             rows = schedule.rows
-            certificate = _certified(space, task, rows, runs)
+            certificate = _certified(space, task, rows, runs, anywhere)
     return _finished(machine, space, task, rows, schedule, certificate, values, given, criterion, wanted)
 
 
-def _certified(space: Space, task: Task, rows: Rows, runs: int) -> Certificate:
+def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool) -> Certificate:
     certificate = certify(space, task, rows)
+    if not anywhere:
+        return certificate
     bound = min(certificate.bound, bound_anywhere(space, task, rows, runs))
     return replace(certificate, anywhere=min(1.0, math.exp(bound - certificate.value)))
 
 
 def _check(machine: Machine, points: int, setups: int | None, repeats: int, returns: int, starts: int) -> None:
-    for name, value, least in (("points", points, 2), ("setups", setups or 1, 1), ("repeats", repeats, 1), ("returns", returns, 0)):
+    given = {
+        "points": points,
+        "setups": 1 if setups is None else setups,
+        "repeats": repeats,
+        "returns": returns,
+        "starts": starts,
+    }
+    for name, value in given.items():
+        least = {"points": 2, "returns": 0}.get(name, 1)
         if value < least:
             raise InputError(f"{name} = {value} is too few", remedy=f"give at least {least}")
-    if starts < 1:
-        raise InputError(f"starts = {starts} is too few", remedy="give at least 1")
     if machine.workspace.table_radius is None:
-        raise InputError("the machine file has no workspace", remedy="add [workspace] with table_radius and ball_height")
+        raise InputError(
+            "the machine file has no workspace", remedy="add [workspace] with table_radius and ball_height"
+        )
 
 
 def _interest(names: Sequence[str], wanted: tuple[str, ...]) -> tuple[str, ...]:
@@ -159,7 +170,9 @@ def _task(space: Space, criterion: str, wanted: Sequence[str], given: Campaign |
             raise InputError("the campaign given is of another machine", remedy="give one measured on this machine")
         sigma = np.array([p.sigma for p in space.shared])
         prior = prior + machine_information(given, names) * np.outer(sigma, sigma)
-    places = workspace_places(space)[:, :, interest] if criterion in ("G", "V", "I") else np.zeros((0, 3, len(interest)))
+    places = (
+        workspace_places(space)[:, :, interest] if criterion in ("G", "V", "I") else np.zeros((0, 3, len(interest)))
+    )
     return Task(criterion_of(criterion, len(interest), places), prior, space.own_sigma, interest)
 
 
@@ -168,7 +181,8 @@ def _affordable(machine: Machine, minutes: float, points: int, runs: int, return
     most = int(left // (machine.workspace.seconds_per_pose * repeats)) - returns
     if most < 2:
         least = math.ceil((SETUP_S + (2 + returns) * machine.workspace.seconds_per_pose * repeats) / 60.0)
-        raise InputError(f"{minutes:g} minutes are too short for one set-up and two poses", remedy=f"give at least {least} minutes")
+        problem = f"{minutes:g} minutes are too short for one set-up and two poses"
+        raise InputError(problem, remedy=f"give at least {least} minutes")
     return min(points, most)
 
 
@@ -188,7 +202,11 @@ def _refuse_unseen(space: Space, task: Task, points: int, names: Sequence[str]) 
             coupled = np.abs(covariance[i]) / np.sqrt(covariance[i, i] * np.diag(covariance))
             coupled[i] = 0.0
             partner = names[int(np.argmax(coupled))] if coupled.max() > 0.5 else ""
-            why = f"it cannot be told apart from {partner}" if partner else "no reading depends on it, or the noise hides it"
+            why = (
+                f"it cannot be told apart from {partner}"
+                if partner
+                else "no reading depends on it, or the noise hides it"
+            )
             remedy = f"leave it out, fix {partner} in the machine file" if partner else "leave it out"
             raise InputError(
                 f"no {space.instrument} plan can see {names[i]}: {why}", remedy=f"{remedy}, or use another instrument"

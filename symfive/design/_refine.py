@@ -106,7 +106,7 @@ class Objective:
         _, whole, slopes, *_, pull = self._evaluate(x)
         slopes = self.layout.embed(slopes, self.rows.group)
         rows = -2.0 * np.einsum("nkpy,npy->nk", slopes, pull @ whole, optimize=True)
-        return np.bincount(self.index.ravel(), rows.ravel(), self.size)
+        return np.asarray(np.bincount(self.index.ravel(), rows.ravel(), self.size), dtype=float)
 
     def hessian(self, x: Array) -> Array:
         """d²ψ/dx² (m, m)."""
@@ -154,7 +154,7 @@ class Objective:
         return self.kernel.limits(x[self.index], self.rows.k).ravel()
 
 
-class _Problem(ca.Callback):  # type: ignore[misc]
+class _Problem(ca.Callback):
     """One function of the NLP: inputs by shape, the output's sparsity, and what computes its nonzeros."""
 
     def __init__(self, name: str, inputs: Mapping[str, Any], outputs: Mapping[str, Any], compute: Any) -> None:
@@ -225,12 +225,16 @@ def refine(task: Task, kernel: Kernel, rows: Rows, lower: Array, upper: Array, *
     parts = {
         "grad_f": _Problem("nlp_grad_f", point, {"f": scalar, "grad_f_x": dense}, gradient),
         "hess_lag": _Problem(
-            "nlp_hess_l", {**point, "lam_f": scalar, "lam_g": constraints if ng else none}, {"hess_gamma_x_x": upper_triangle}, hessian
+            "nlp_hess_l",
+            {**point, "lam_f": scalar, "lam_g": constraints if ng else none},
+            {"hess_gamma_x_x": upper_triangle},
+            hessian,
         ),
     }  # fmt: skip
     if ng:
         parts["jac_g"] = _Problem("nlp_jac_g", point, {"g": constraints, "jac_g_x": jacobian_sparsity}, jacobian)
-    settings = {"ipopt": OPTIONS | options, "print_time": False, "error_on_fail": False, "calc_lam_p": False, "no_nlp_grad": True, **parts}
+    settings: dict[str, Any] = {"ipopt": OPTIONS | options, "print_time": False, "error_on_fail": False, **parts}
+    settings |= {"calc_lam_p": False, "no_nlp_grad": True}
     solver = ca.nlpsol("refine", "ipopt", nlp, settings)
     low, high = np.empty(m), np.empty(m)
     low[index], high[index] = lower, upper

@@ -51,7 +51,12 @@ def sensitivity(pull: Array, whole: Array) -> Array:
 
 
 def relax(
-    task: Task, candidates: Candidates, groups: int, points: float, start: Array | None = None, tolerance: float = TOLERANCE
+    task: Task,
+    candidates: Candidates,
+    groups: int,
+    points: float,
+    start: Array | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Relaxed:
     """Weights on the candidates, optimal to `tolerance` in ψ.
 
@@ -173,7 +178,7 @@ def best_told(pull: Array, rows: Array, prior: Array, points: float) -> tuple[fl
     ny = rows.shape[2]
     for _ in range(INNER):
         weighted = left_flat * np.repeat(weights, ny)
-        B = -np.linalg.solve(weighted @ left_flat.T + prior, weighted @ seen_flat.T) if own.shape[1] else np.zeros((0, len(seen_flat)))
+        B = -np.linalg.solve(weighted @ left_flat.T + prior, weighted @ seen_flat.T)
         left = seen_flat + B.T @ left_flat
         told = np.sum(left**2, axis=0).reshape(-1, ny).sum(axis=1)
         fixed = float(np.sum(B * (prior @ B)))

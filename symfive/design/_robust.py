@@ -72,13 +72,17 @@ def _swapped(current: Candidates, candidates: Candidates, entering: int, leaving
     return Candidates(*parts)
 
 
-def over_prior(machine: Machine, space: Space, task: Task, rows: Rows, *, draws: int = 8, seed: int = 0) -> tuple[float, float]:
+def over_prior(
+    machine: Machine, space: Space, task: Task, rows: Rows, *, draws: int = 8, seed: int = 0
+) -> tuple[float, float]:
     """Mean and worst ψ when the machine's location errors are drawn from their priors instead of standing at their means."""
     generator = np.random.default_rng(seed)
     values = []
     for _ in range(draws):
         errors = {
-            name: replace(term, mean=term.mean + term.sigma * float(generator.standard_normal())) if term.is_location else term
+            name: replace(term, mean=term.mean + term.sigma * float(generator.standard_normal()))
+            if term.is_location
+            else term
             for name, term in machine.errors.items()
         }
         drawn = make_space(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
+from symfive.design._criteria import Volume
 from symfive.design._information import Task, inverse
 from symfive.design._order import move_times, out_and_back, round_trip, there_and_back, timetable
 from symfive.design._refine import Rows
@@ -64,7 +65,9 @@ def _laid_out(
         blocked = _blocked(space, rows, mine)
         rows_unsafe = tuple(int(i) + 1 for i in np.flatnonzero(blocked[order[:-1], order[1:]]))
         time = timetable(space.machine, commands, space.machine.workspace.seconds_per_pose)
-        time = time + np.concatenate([[0.0], np.cumsum([UNSAFE_S * (i + 1 in rows_unsafe) for i in range(len(order) - 1)])])
+        time = time + np.concatenate(
+            [[0.0], np.cumsum([UNSAFE_S * (i + 1 in rows_unsafe) for i in range(len(order) - 1)])]
+        )
         name = f"{letter}-{g + 1}"
         clock += SETUP_S
         first = mine[0]
@@ -106,8 +109,6 @@ def _drift(space: Space, rows: Rows, visited: Indices, instants: Array, repeats:
     everything = np.arange(len(space.shared))
     z, k, group = rows.z[visited], rows.k[visited], rows.group[visited]
     sensitivities = space.kernel.rows(z, k) / math.sqrt(repeats)
-    from symfive.design._criteria import Volume
-
     task = Task(Volume(), np.eye(len(everything)), space.own_sigma, everything)
     plain = task.information(sensitivities, group, rows.groups)
     hours = (instants - instants.mean()) / 3600.0
@@ -122,11 +123,20 @@ def _drift(space: Space, rows: Rows, visited: Indices, instants: Array, repeats:
 
 def _bars(space: Space, z: Array) -> Array:
     azimuth, elevation = z[:, space.poses - 2], z[:, space.poses - 1]
-    return np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
+    return np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
+    )
 
 
 def shortened(
-    space: Space, task: Task, rows: Rows, schedule: Schedule, seconds: float, returns: int, repeats: int, noise_um: float
+    space: Space,
+    task: Task,
+    rows: Rows,
+    schedule: Schedule,
+    seconds: float,
+    returns: int,
+    repeats: int,
+    noise_um: float,
 ) -> Schedule:
     """The schedule with the poses that tell least left out until it fits. Raises `InputError` where it cannot."""
     while schedule.seconds > seconds:
@@ -134,7 +144,9 @@ def shortened(
         drop = max(1, int(0.8 * excess * len(rows.z)))
         if len(rows.z) - drop < 2:
             least = math.ceil(schedule.seconds / 60.0)
-            raise InputError(f"the plan does not fit into {seconds / 60.0:g} minutes", remedy=f"give about {least} minutes")
+            raise InputError(
+                f"the plan does not fit into {seconds / 60.0:g} minutes", remedy=f"give about {least} minutes"
+            )
         for _ in range(drop):
             sensitivities = space.kernel.rows(rows.z, rows.k)
             whole = task.layout(rows.groups).embed(sensitivities, rows.group)

@@ -77,8 +77,12 @@ def _expected(plan: Plan) -> str:
         if p.kind == "location_error"
     )
     centre = plan.assessment.tool_centre_um
-    tail = f"<p>Tool centre point over the workspace: 1σ {centre[0]:.2g} µm on average, {centre[1]:.2g} µm at worst.</p>" if centre else ""
-    tail += "".join(f"<p>Valuation number of {escape(a)}: {v:.1f} (from 4 on good, below 2 poor).</p>" for a, v in plan.assessment.valuation.items())
+    tail = ""
+    if centre is not None:
+        tail += "<p>Tool centre point over the workspace: "
+        tail += f"1σ {centre[0]:.2g} µm on average, {centre[1]:.2g} µm at worst.</p>"
+    for axis, number in plan.assessment.valuation.items():
+        tail += f"<p>Valuation number of {escape(axis)}: {number:.1f} (from 4 on good, below 2 poor).</p>"
     if plan.assessment.confounded:
         words = "".join(f"<li>{escape(c.words)}</li>" for c in plan.assessment.confounded)
         tail += f"<p>What stays confounded:</p><ul>{words}</ul>"

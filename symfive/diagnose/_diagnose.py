@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
+from symfive.diagnose._next_test import next_test
 from symfive.diagnose._result import Diagnosis, Finding, Fit, Interval, Observability, RivalName
 from symfive.diagnose._scores import Board
 from symfive.diagnose._search import Member, Search, _lacking, _own, _problem, search
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 FOLDS = 4
 ALIAS = 0.999
 ALIAS_EVIDENCE = 3.0
+OPEN = 0.05
 
 
 def diagnose(
@@ -41,6 +43,8 @@ def diagnose(
     found = search(campaign, level=false_alarms, exclude=exclude, progress=progress)
     progress("comparing rivals")
     findings = [_finding(found, member) for member in found.members]
+    progress("looking for the next test")
+    findings = [_with_test(found, finding, member) for finding, member in zip(findings, found.members, strict=True)]
     findings.sort(key=lambda f: -f.share)
     progress("leaving out runs in turn")
     assert found.board is not None
@@ -115,7 +119,8 @@ def _finding(found: Search, member: Member) -> Finding:
     draft = Finding(
         effect=effect, name=name, axis=axis, confidence=confidence, parameters=parameters, rivals=rivals, runs=runs,
         coordinate=_coordinate(effect), intervals=_intervals(campaign, contribution),
-        direction=_direction(after, effect), says="", log_p=member.log_p, visible=min(visible, 1.0), share=min(share, 1.0), moved=moved,
+        direction=_direction(after, effect), says="", log_p=member.log_p, visible=min(visible, 1.0),
+        share=min(share, 1.0), moved=moved,
         contribution=contribution, alias=alias, shape_differs=shape,
     )  # fmt: skip
     return replace(draft, says=_sentence(draft))
@@ -190,6 +195,30 @@ def _rivals(effect: Effect, member: Member) -> tuple[tuple[RivalName, ...], tupl
         for who in sorted(weights, key=lambda w: -weights[w])
     )
     return names, tuple(alias), min(1.0 / total, 0.999)
+
+
+def _with_test(found: Search, finding: Finding, member: Member) -> Finding:
+    """The finding with the test that parts it from what still could stand in its place."""
+    names = {(r.effect, r.axis) for r in finding.rivals if r.confidence > OPEN}
+    open_ = [
+        t.effect
+        for t in member.trials
+        if t.effect.key != finding.effect.key
+        and t.effect.id != "unknown"
+        and (t.effect.key in finding.alias or (t.effect.vocabulary, _axis(t.effect)) in names)
+    ]
+    if not open_:
+        return finding
+    held = tuple(e for e in _own(found.after) if finding.effect.key not in (e.key, getattr(e, "of", "")))
+    values = {
+        p.name: float(v) for p, v in zip(found.after.parameters, found.after.values, strict=True) if p.run is None
+    }
+    test = next_test(found.after.model.campaign, finding.effect, open_[0], held=held, values=values)
+    if test is None:
+        return finding
+    folder = f"plans/separate-{finding.effect.key}-from-{open_[0].key}" if test.useful else None
+    extra = f" To tell it from {open_[0].key}: {test.says}."
+    return replace(finding, test=test, next_test=folder, says=finding.says + extra)
 
 
 _COORDINATES = {

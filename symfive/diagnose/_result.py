@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.design import Discrimination
 from symfive.effects import Effect, Quantity
 from symfive.identify import Identification
 
@@ -43,7 +44,8 @@ class Finding:
     """One piece of physics that the baseline leaves out.
 
     `share` of the deviation's mean square that it explains, `contribution` run → (N, ny) its readings, `moved` the
-    machine's parameters that changed most when it joined: name → (before, after), file units.
+    machine's parameters that changed most when it joined: name → (before, after), file units. `test` is what to record
+    next where a rival stays, `next_test` the folder of its plan.
     """
 
     effect: Effect
@@ -65,6 +67,7 @@ class Finding:
     alias: tuple[str, ...] = ()
     shape_differs: float = 0.0
     next_test: str | None = None
+    test: Discrimination | None = None
 
     def to_data(self) -> dict[str, Any]:
         """One entry of `findings`."""
@@ -92,6 +95,7 @@ class Finding:
             "geometry_moved": {name: {"before": b, "after": a} for name, (b, a) in self.moved.items()},
             "says": self.says,
             "next_test": self.next_test,
+            "next_test_separation_sigma": None if self.test is None else self.test.separation,
         }
 
 

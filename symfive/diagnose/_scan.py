@@ -83,8 +83,13 @@ class _Channels:
         return np.asarray(np.einsum("nc,nc->n", self.board.tangents[run.id][:, :, index], self.twice[run.id]))
 
     def step_scores(self, run: Run, rows: NDArray[np.int64]) -> Array:
-        """Score of a step of the tool (three directions) at each of `rows`, orthogonal to what the run fits itself."""
-        line = self.board.result.model.linearise(run, self.board.result.values)
+        """Score of a shift of the artefact on the table from each of `rows` on, orthogonal to what the run fits itself."""
+        model = self.board.result.model
+        line = model.linearise(run, self.board.result.values)
+        names = [model.parameters[c].name.removeprefix(f"setup.{run.id}.") for c in line.columns]
+        artefact = [i for i, name in enumerate(names) if name.startswith(("table_ball.", "zero."))]
+        if not artefact:
+            return np.zeros(len(rows))
         noise, interval = self.noise(run), _interval(run)
         size = line.jacobian.shape[0] * line.jacobian.shape[1]
 
@@ -96,17 +101,18 @@ class _Channels:
         sigma = self.board.result.model.prior_sigma[line.columns]
         normal = fitted.T @ fitted + np.diag(sigma**-2.0)
         steps = np.arange(run.rows)[:, None] >= rows[None, :]
-        tangents = self.board.tangents[run.id][:, :, :3]
+        tangents = line.jacobian[:, :, artefact]
+        count = len(artefact)
         columns = white(np.einsum("ncd,nk->nckd", tangents, steps).reshape(*tangents.shape[:2], -1))
         cross = fitted.T @ columns
         solved = np.linalg.solve(normal, np.column_stack([cross, fitted.T @ residual]))
-        answer = (columns.T @ residual - cross.T @ solved[:, -1]).reshape(len(rows), 3)
+        answer = (columns.T @ residual - cross.T @ solved[:, -1]).reshape(len(rows), count)
         scores = np.zeros(len(rows))
         for k in range(len(rows)):
-            part = slice(3 * k, 3 * k + 3)
+            part = slice(count * k, count * (k + 1))
             h = columns[:, part].T @ columns[:, part] - cross[:, part].T @ solved[:, part]
             # tangents are per µm; a prior of 10 µm keeps unseen directions out
-            scores[k] = answer[k] @ np.linalg.solve(h + 1e-2 * np.eye(3), answer[k])
+            scores[k] = answer[k] @ np.linalg.solve(h + 1e-2 * np.eye(count), answer[k])
         return scores
 
     def axis_index(self, axis: str) -> int:

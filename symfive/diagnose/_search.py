@@ -216,6 +216,8 @@ def _try(result: Identification, score: Score) -> Trial | None:
         evidence = _evidence(problem, values) - _evidence(_problem(result.model, result), result.values)
     except np.linalg.LinAlgError:
         return None
+    if not np.isfinite(evidence):
+        return None
     named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
     if score.effect.id == "unknown":
         evidence -= DECISIVE  # a name is given up only for decisive evidence

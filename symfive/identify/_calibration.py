@@ -49,7 +49,7 @@ def calibrate_sensors(moves: Array, signals: Array) -> SensorCalibration:
         raise InputError(
             "the known moves do not span the three directions", remedy="move the ball in X, Y and Z, 5 times or more"
         )
-    solution, *_ = np.linalg.lstsq(design, signals, rcond=None)
+    solution = np.asarray(np.linalg.lstsq(design, signals, rcond=None)[0], dtype=float)
     residual = signals - design @ solution
     variance = np.sum(residual**2, axis=0) / (len(moves) - 4)
     cofactor = np.diag(np.linalg.inv(design.T @ design))[:3]

@@ -26,7 +26,9 @@ def program(machine: Machine, run: Run, dialect: str, post: Post | None = None) 
     if dialect not in DIALECTS:
         raise InputError(f'NC dialect "{dialect}" is unknown', remedy=f"use one of {', '.join(DIALECTS)}")
     chosen = DIALECTS[dialect]
-    note = Step(kind="comment", text=f"symfive for {chosen.name}, {chosen.verified}, read it and run it slowly in air first")
+    note = Step(
+        kind="comment", text=f"symfive for {chosen.name}, {chosen.verified}, read it and run it slowly in air first"
+    )
     return render(chosen, run.id, [note, *program_steps(machine, run, post)])
 
 

@@ -52,9 +52,12 @@ class Dialect:
     verified: str = "not verified on a control"
 
 
+SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
+
+
 def plain(text: str) -> str:
     """Text that any control takes in a comment: one line, ASCII, no brackets or separators."""
-    ascii_ = text.translate(str.maketrans({"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'"}))
+    ascii_ = "".join(SPELLED.get(c, c) for c in text)
     return " ".join("".join(c if 32 <= ord(c) < 127 else "?" for c in ascii_).split())
 
 

@@ -7,6 +7,7 @@ ball's place in the workpiece frame instead and the control does the following.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -71,7 +72,9 @@ class _Writer:
         ball = "ball bar" if "ball_bar" in run.instrument else "nest"
         found = [
             Step(kind="comment", text=f"run {run.id}, {run.rows} rows, {', '.join(run.instrument)}"),
-            Step(kind="comment", text=f"table ball {_numbers(run.table_ball)} mm, tool length {-run.tool_ball[2]:g} mm"),
+            Step(
+                kind="comment", text=f"table ball {_numbers(run.table_ball)} mm, tool length {-run.tool_ball[2]:g} mm"
+            ),
             Step(kind="comment", text="work offset: the workpiece frame's origin, all rotary axes at 0"),
         ]
         if run.length is not None:
@@ -135,7 +138,9 @@ class _Writer:
             places = table + _arc(a, b, share)
         else:
             places = self.places[row - 1] + share[:, None] * (self.places[row] - self.places[row - 1])
-        return self.nominal.follow(places, self.run.tool_ball, fixed, f"the way to row {row + 1} of run {self.run.id}"), places
+        return self.nominal.follow(
+            places, self.run.tool_ball, fixed, f"the way to row {row + 1} of run {self.run.id}"
+        ), places
 
     def _error(self, commands: dict[str, Array], places: Array) -> float:
         """How far a straight block's middle leaves the nest, or by how much it changes the bar's length."""
@@ -151,7 +156,7 @@ class _Writer:
         rows = list(range(0, self.run.rows, step))
         if rows[-1] != self.run.rows - 1:
             rows.append(self.run.rows - 1)
-        return [self._pose(b, float(self.run.time[b] - self.run.time[a])) for a, b in zip(rows, rows[1:], strict=False)]
+        return [self._pose(b, float(self.run.time[b] - self.run.time[a])) for a, b in itertools.pairwise(rows)]
 
     def _detour(self, row: int) -> list[Step]:
         """Out of the nest along the tool, around, and in again; a bar is taken off meanwhile."""
@@ -163,7 +168,10 @@ class _Writer:
             Step(kind="rapid", positions=self._words(arriving, self._place(arriving))),
             *self._creep(row),
         ]
-        return [*steps, *([Step(kind="stop", text="put the bar on, then start")] if "ball_bar" in self.run.instrument else [])]
+        return [
+            *steps,
+            *([Step(kind="stop", text="put the bar on, then start")] if "ball_bar" in self.run.instrument else []),
+        ]
 
     def _creep(self, row: int) -> list[Step]:
         return [self._pose(row, 60.0 * self.post.retract_mm / CREEP_MM_PER_MIN)]

@@ -16,7 +16,7 @@ from symfive.machine import Axis
 from symfive.report._style import BLUE, INK, ORANGE, blank, footnote, robust_limit, styled, unit_words
 from symfive.report._traces import Array, Trace, direction_of, moving_axes, spread, traces_of
 
-__all__ = ["residuals_over_coordinates"]
+__all__ = ["means_along", "residuals_over_coordinates"]
 
 MOST_POINTS = 6000
 MOST_ROWS = 8
@@ -88,12 +88,12 @@ def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace]) -> int:
         style = {"linestyle": "none", "marker": "o", "markersize": 2.4 if few else 1.2, "markeredgewidth": 0.0}
         style |= {"color": colour, "alpha": 0.6 if few else 0.3, "rasterized": len(index) > 400}
         axes.plot(place[dots], value[dots], **style)  # type: ignore[arg-type]
-        means = _means(place[sense == which], value[sense == which])
+        means = means_along(place[sense == which], value[sense == which])
         axes.plot(*means, color=colour, linewidth=1.5, marker="o" if few else "", markersize=3.5)
     return step
 
 
-def _means(place: Array, value: Array) -> tuple[Array, Array]:
+def means_along(place: Array, value: Array) -> tuple[Array, Array]:
     """Mean value at each coordinate where many rows stand at few of them, else over pieces of the travel."""
     known = np.isfinite(value)
     place, value = place[known], value[known]

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import html
 import re
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -48,11 +49,18 @@ def write_page(path: Path, title: str, body: str) -> None:
     write_text(path, page)
 
 
-def embedded(figure: Figure, name: str, title: str, reading: str) -> str:
-    """A `<figure>` with the drawing inline, its colours tied to the page's theme, and how to read it as caption."""
+def embedded(
+    figure: Figure, name: str, title: str, reading: str, tips: Mapping[str, Sequence[str]] | None = None
+) -> str:
+    """A `<figure>` with the drawing inline, its colours tied to the page's theme, and how to read it as caption.
+
+    `tips` by the id (gid) of a drawn artist: what hovering over each of its points says.
+    """
     svg = rendered(figure, "svg").decode()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    for key, texts in (tips or {}).items():
+        svg = _tipped(svg, key, texts)
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r"url\(#", f"url(#{name}-", svg)
     svg = re.sub(r'href="#', f'href="#{name}-', svg)
@@ -61,6 +69,21 @@ def embedded(figure: Figure, name: str, title: str, reading: str) -> str:
     svg = re.sub(r"(font(?:-family)?: [^;\"]*?)'DejaVu Sans'[^;\"]*", r"\1system-ui, 'DejaVu Sans', sans-serif", svg)
     svg = svg.replace("<svg ", f'<svg role="img" aria-label="{html.escape(title)}" ', 1)
     return f'<figure id="{name}">\n{svg}\n<figcaption>{html.escape(reading)}</figcaption>\n</figure>'
+
+
+def _tipped(svg: str, key: str, texts: Sequence[str]) -> str:
+    """The points of one artist with a `<title>` each; as it is where the drawing left some points out."""
+    begin = svg.find(f'<g id="{key}">')
+    end = svg.find('<g id="', begin + 1)
+    if begin < 0:
+        return svg
+    part = svg[begin:] if end < 0 else svg[begin:end]
+    points = re.compile(r"(<use [^>]*?)/>")
+    if len(points.findall(part)) != len(texts):
+        return svg
+    said = iter(texts)
+    tipped = points.sub(lambda m: f"{m[1]}><title>{html.escape(next(said))}</title></use>", part)
+    return svg[:begin] + tipped + svg[begin + len(part) :]
 
 
 def sentences(lines: list[str], most: int = 20) -> str:

@@ -1,0 +1,133 @@
+"""The next test: of all that the user could record with the same instrument, the one that parts two rivals best."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from symfive.campaign import Campaign, Run
+from symfive.design import Discrimination, discriminate
+from symfive.diagnose._catalogue import moving_axes
+from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.model import Model
+from symfive.procedures import r_test_grid
+
+__all__ = ["next_test", "possible_tests"]
+
+SHIFT_MM = 150.0
+LIFT_MM = 100.0
+FACTOR = 2.0
+
+
+def next_test(
+    campaign: Campaign,
+    first: Effect,
+    second: Effect,
+    *,
+    held: tuple[Effect, ...] = (),
+    values: dict[str, float] | None = None,
+) -> Discrimination | None:
+    """Which further test separates two explanations, by how many σ; None where no test can be varied.
+
+    `held` effects are in both models; `values` parameters at which the first is true (default: of typical size).
+    """
+    tests = list(possible_tests(campaign))
+    if not tests:
+        return None
+    plan = replace(campaign, runs=tuple(run.with_readings({}) for run in campaign.runs))
+    a, b = Model(plan, (*held, first)), Model(plan, (*held, second))
+    return discriminate(a, b, tests, values_a=values)
+
+
+def possible_tests(campaign: Campaign) -> Iterator[Run]:
+    """Variations of the campaign's own tests that stay inside the travels: a repeat, other feeds, the other direction,
+    another place, height or radius, other nests."""
+    seen: set[tuple[str, ...]] = set()
+    for run in campaign.runs:
+        kind = (*run.instrument, *(n for n in moving_axes(replace(campaign, runs=(run,)))), run.sampling)
+        if kind in seen:
+            continue
+        seen.add(kind)
+        bare = run.with_readings({})
+        variants = _dynamic(campaign, bare) if run.dynamic else _static(campaign, bare)
+        yield from (v for v in (_named(bare, "repeat", bare), *variants) if _inside(campaign, v))
+
+
+def _named(run: Run, name: str, changed: Run) -> Run:
+    label = f"{run.id}-{name}"
+    return replace(changed, id=label, file=f"{label}.csv")
+
+
+def _dynamic(campaign: Campaign, run: Run) -> Iterator[Run]:
+    for name, factor in (("faster", 1.0 / FACTOR), ("slower", FACTOR)):
+        yield _named(run, name, replace(run, time=run.time * factor))
+    back = {axis: values[::-1] for axis, values in run.commands.items()}
+    yield _named(run, "reversed", replace(run, commands=back))
+    if _planar(campaign, run):
+        yield from _places(campaign, run)
+
+
+def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
+    back = {axis: values[::-1] for axis, values in run.commands.items()}
+    yield _named(run, "reversed", replace(run, commands=back))
+    if _planar(campaign, run):
+        yield from _places(campaign, run)
+    elif run.instrument == ("r_test",):
+        x, y, z = run.table_ball
+        for name, nest in (("opposite", (-x, -y, z)), ("higher", (x, y, z + LIFT_MM)), ("turned", (-y, x, z))):
+            try:
+                for grid in r_test_grid(campaign.machine, nests=(nest,), tool_ball=run.tool_ball):
+                    noise = replace(grid, noise_um=run.noise_um, setup_sigma_um=run.setup_sigma_um)
+                    yield _named(run, name, noise)
+            except InputError:
+                continue
+
+
+def _planar(campaign: Campaign, run: Run) -> bool:
+    """Only linear axes move: then a test can be shifted in space as it is."""
+    return all(
+        np.ptp(run.commands[name]) == 0.0 and run.commands[name][0] == 0.0
+        for name, axis in campaign.machine.axes.items()
+        if axis.rotary
+    )
+
+
+def _places(campaign: Campaign, run: Run) -> Iterator[Run]:
+    axes = {
+        c: name
+        for name, a in campaign.machine.axes.items()
+        for c, d in zip("xyz", a.direction, strict=True)
+        if abs(d) > 0.99 and not a.rotary
+    }
+    for c, distance in (("x", SHIFT_MM), ("y", SHIFT_MM), ("z", LIFT_MM)):
+        if c not in axes:
+            continue
+        for sign, word in ((1.0, "plus"), (-1.0, "minus")):
+            step = sign * distance
+            commands = {n: v + step if n == axes[c] else v for n, v in run.commands.items()}
+            ball = tuple(b + step if k == c else b for k, b in zip("xyz", run.table_ball, strict=True))
+            yield _named(run, f"centre-{word}-{distance:.0f}-{c}", replace(run, commands=commands, table_ball=ball))
+    if run.length is not None:
+        centre = {axes[c]: 0.0 for c in axes}
+        for name in centre:
+            moving = run.commands[name]
+            centre[name] = 0.5 * float(moving.max() + moving.min()) if np.ptp(moving) > 0 else float(moving[0])
+        commands = {n: centre[n] + (v - centre[n]) / FACTOR if n in centre else v for n, v in run.commands.items()}
+        yield _named(run, "half-radius", replace(run, commands=commands, length=run.length / FACTOR))
+
+
+def _inside(campaign: Campaign, run: Run) -> bool:
+    for name, axis in campaign.machine.axes.items():
+        values = run.commands[name]
+        if values.min() < axis.travel[0] or values.max() > axis.travel[1]:
+            return False
+        if (
+            run.dynamic
+            and axis.max_feed is not None
+            and np.abs(np.diff(values) / np.diff(run.time)).max() * 60.0 > axis.max_feed
+        ):
+            return False
+    return True

@@ -1,0 +1,160 @@
+"""The machine's chain as a picture, the guilty link marked: inline SVG in the colours of the page."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from symfive.diagnose import Finding
+from symfive.machine import Machine
+
+__all__ = ["chain_picture", "guilty"]
+
+BOX, GAP, TALL = 78, 34, 44
+DRIVE, BODY, INSTRUMENT = 112, 34, 190
+"""Upper edges of the three rows: bodies and axes, drives below them, the instrument below those."""
+LEFT, ENDS = 14, 26
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a finding sits: `part` of `axis`, and words for it."""
+
+    part: str
+    axis: str | None
+    words: str
+    timed: bool
+
+
+def guilty(finding: Finding, machine: Machine) -> _Place:
+    """The link that a finding accuses, from the stage at which its effect enters and its axis."""
+    stage = finding.effect.stage
+    axis = finding.axis if finding.axis in machine.axes else None
+    timed = any(word in ("t", "time") for word in finding.coordinate.split(", "))
+    if stage in ("reading", "recording"):
+        words = "the instrument's reading" if stage == "reading" else "the recorder"
+        return _Place("instrument", None, words, timed)
+    if stage == "drive":
+        return _Place("drive", axis, f"the drive of {axis}" if axis else "all drives alike", timed)
+    if stage == "axis" and axis:
+        return _Place("axis", axis, f"axis {axis}, behind its drive", timed)
+    if axis:
+        return _Place("structure", axis, f"the structure that axis {axis} carries", timed)
+    return _Place("loop", None, "the structure between workpiece and tool", timed)
+
+
+def chain_picture(machine: Machine, findings: Sequence[tuple[int, Finding]], title: str) -> str:
+    """Workpiece, axes, bed, axes, tool in a row, drives below, the instrument between the ends; `findings` numbered."""
+    structure = machine.structure
+    names = ["workpiece", *structure.workpiece, "bed", *structure.tool, "tool"]
+    left = {name: LEFT + i * (BOX + GAP) for i, name in enumerate(names)}
+    width = 2 * LEFT + len(names) * (BOX + GAP) - GAP
+    places = [(number, guilty(finding, machine)) for number, finding in findings]
+    axes = set(machine.axes)
+    drawn = [_loop(left, names, any(p.part == "loop" for _, p in places))]
+    for a, b in zip(names, names[1:], strict=False):
+        drawn.append(_link(left[a] + BOX, left[b], _carried(structure.workpiece, a, b, places)))
+    for name in names:
+        drawn.append(_body(name, left[name], name in axes, machine, _marks(places, ("axis",), name)))
+        if name in axes:
+            drawn.append(_drive(name, left[name], _marks(places, ("drive",), name)))
+    drawn.append(_instrument(left, names, [n for n, p in places if p.part == "instrument"]))
+    for number, place in places:
+        drawn.append(_badge(number, place, left, names, width))
+    height = INSTRUMENT + 44
+    return (
+        f'<svg class="chain" role="img" aria-label="{html.escape(title)}" viewBox="0 0 {width} {height}" '
+        f'style="max-width: {width}px"><title>{html.escape(title)}</title>{"".join(drawn)}</svg>'
+    )
+
+
+def _marks(places: Sequence[tuple[int, _Place]], parts: tuple[str, ...], axis: str) -> bool:
+    return any(p.part in parts and (p.axis == axis or (p.axis is None and p.part == "drive")) for _, p in places)
+
+
+def _carried(workpiece: tuple[str, ...], a: str, b: str, places: Sequence[tuple[int, _Place]]) -> bool:
+    """Whether the link a–b is what a guilty axis carries: outward of it, away from the bed."""
+    for _, place in places:
+        if place.part == "structure" and (b if place.axis in workpiece else a) == place.axis:
+            return True
+    return False
+
+
+def _link(start: int, end: int, guilty: bool) -> str:
+    mark = "guilty" if guilty else "link"
+    y = BODY + TALL / 2
+    return f'<line class="{mark}" x1="{start}" y1="{y}" x2="{end}" y2="{y}"/>'
+
+
+def _body(name: str, x: int, axis: bool, machine: Machine, guilty: bool) -> str:
+    words = name
+    said = name
+    if axis:
+        words = f"{name}′" if name in machine.structure.workpiece else name
+        kind = "rotary" if machine.axes[name].rotary else "linear"
+        said = f"{kind} axis {name}, moves the {machine.structure.carries(name)}"
+    mark = " guilty" if guilty else ""
+    round_corner = 22 if axis and machine.axes[name].rotary else 5
+    return (
+        f'<g><title>{html.escape(said)}</title><rect class="body{mark}" x="{x}" y="{BODY}" width="{BOX}" '
+        f'height="{TALL}" rx="{round_corner}"/><text x="{x + BOX / 2}" y="{BODY + TALL / 2 + 5}">{html.escape(words)}'
+        "</text></g>"
+    )
+
+
+def _drive(name: str, x: int, guilty: bool) -> str:
+    mark = " guilty" if guilty else ""
+    middle = x + BOX / 2
+    return (
+        f"<g><title>drive of {html.escape(name)}: command to motor and encoder</title>"
+        f'<line class="thin" x1="{middle}" y1="{BODY + TALL}" x2="{middle}" y2="{DRIVE}"/>'
+        f'<rect class="drive{mark}" x="{x + 8}" y="{DRIVE}" width="{BOX - 16}" height="28" rx="3"/>'
+        f'<text class="small" x="{middle}" y="{DRIVE + 18}">drive {html.escape(name)}</text></g>'
+    )
+
+
+def _loop(left: dict[str, int], names: Sequence[str], guilty: bool) -> str:
+    """The whole structural loop behind the chain, marked where the accused is no single axis."""
+    if not guilty:
+        return ""
+    start, end = left[names[0]] + BOX / 2, left[names[-1]] + BOX / 2
+    return f'<line class="guilty" x1="{start}" y1="{BODY + TALL / 2}" x2="{end}" y2="{BODY + TALL / 2}"/>'
+
+
+def _instrument(left: dict[str, int], names: Sequence[str], guilty: Sequence[int]) -> str:
+    start, end = left[names[0]] + ENDS, left[names[-1]] + BOX - ENDS
+    middle, mark = (start + end) / 2, " guilty" if guilty else ""
+    y = INSTRUMENT + 14
+    return (
+        f'<g><title>the instrument reads between workpiece and tool</title>'
+        f'<path class="thin dashed" d="M{start} {BODY + TALL} V{y} H{middle - 48} M{middle + 48} {y} H{end} '
+        f'V{BODY + TALL}"/><rect class="drive{mark}" x="{middle - 48}" y="{INSTRUMENT}" width="96" height="28" rx="3"/>'
+        f'<text class="small" x="{middle}" y="{INSTRUMENT + 18}">instrument</text></g>'
+    )
+
+
+def _badge(number: int, place: _Place, left: dict[str, int], names: Sequence[str], width: int) -> str:
+    shift = 24 * ((number - 1) % 3)
+    spots = {
+        "instrument": (width / 2 + 56 + shift, INSTRUMENT - 2),
+        "loop": (width / 2 + shift, BODY - 12),
+    }
+    if place.axis is None and place.part == "drive":
+        spots["drive"] = (LEFT + 24 + shift, DRIVE - 12)
+    elif place.axis is not None:
+        x = left[place.axis]
+        outward = x - GAP / 2 if names.index(place.axis) < names.index("bed") else x + BOX + GAP / 2
+        spots |= {"axis": (x + BOX / 2 + shift, BODY - 2), "drive": (x + BOX - 8 - shift, DRIVE - 2),
+                  "structure": (outward, BODY - 2 + shift / 3)}  # fmt: skip
+    x, y = spots[place.part]
+    clock = (
+        f'<g class="clock" transform="translate({x + 20} {y})"><circle r="8"/><path d="M0 -5 V0 L4 2"/></g>'
+        if place.timed
+        else ""
+    )
+    words = f"{place.words}{', changing with time' if place.timed else ''}"
+    return (
+        f'<g><title>{number}: {html.escape(words)}</title><circle class="badge" cx="{x}" cy="{y}" r="11"/>'
+        f'<text class="badge" x="{x}" y="{y + 4}">{number}</text>{clock}</g>'
+    )

@@ -1,0 +1,92 @@
+"""The coordinate over which an effect acts, as rows of a run: position, velocity, acceleration, time, reading, pose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.diagnose import Finding
+from symfive.identify import Identification
+from symfive.machine import Machine
+from symfive.report._style import unit_words
+
+__all__ = ["Coordinate", "coordinates_of"]
+
+Array = NDArray[np.float64]
+MOST = 2
+MINUTES_FROM_S = 600.0
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """What a residual is drawn over: `label` with its unit, `values` of a run's rows (N,).
+
+    `axis` is the one whose direction of motion splits the rows; `clock`: it is time, each run a line of its own.
+    """
+
+    label: str
+    values: Callable[[Run], Array]
+    axis: str | None = None
+    clock: bool = False
+
+
+def coordinates_of(finding: Finding, identification: Identification) -> list[Coordinate]:
+    """The coordinates that a finding names, two at most; rows in their order where it names none that can be drawn."""
+    machine, runs = identification.model.machine, identification.model.campaign.runs
+    found = []
+    for words in finding.coordinate.split(", ")[:MOST]:
+        name, _, quantity = words.partition(" ")
+        if words in ("t", "time"):
+            found.append(_clock(runs))
+        elif name in machine.axes:
+            found.append(_of_axis(machine, runs, name, quantity))
+    return found or [_rows(runs)]
+
+
+def _of_axis(machine: Machine, runs: tuple[Run, ...], name: str, quantity: str) -> Coordinate:
+    axis = machine.axes[name]
+    unit = unit_words(axis.unit)
+    if quantity == "velocity":
+        return Coordinate(f"velocity of {name} / ({unit}/s)", lambda run: _rate(run, name, 1))
+    if quantity == "acceleration":
+        return Coordinate(f"acceleration of {name} / ({unit}/s²)", lambda run: _rate(run, name, 2))
+    folded = axis.rotary and any(np.ptp(run.commands[name]) > 360.0 + 1e-6 for run in runs)
+    label = f"{name}{' in one turn' if folded else ''} / {unit}"
+    return Coordinate(label, lambda run: _position(run, name, folded), name if quantity else None)
+
+
+def _position(run: Run, name: str, folded: bool) -> Array:
+    position = np.asarray(run.commands[name])
+    return np.asarray(np.mod(position + 180.0, 360.0) - 180.0 if folded else position)
+
+
+def _rate(run: Run, name: str, order: int) -> Array:
+    """Derivative of the command by time; at rest at each row (static) it is zero."""
+    if not run.dynamic or run.rows < 3:
+        return np.zeros(run.rows)
+    rate = np.asarray(run.commands[name])
+    for _ in range(order):
+        rate = np.gradient(rate, run.time)
+    return rate
+
+
+def _clock(runs: tuple[Run, ...]) -> Coordinate:
+    end = max(run.start_s + float(run.time[-1]) for run in runs)
+    scale, unit = (60.0, "min") if end > MINUTES_FROM_S else (1.0, "s")
+    return Coordinate(f"time of the campaign / {unit}", lambda run: (run.start_s + run.time) / scale, clock=True)
+
+
+def _rows(runs: tuple[Run, ...]) -> Coordinate:
+    first = {}
+    count = 0
+    for run in runs:
+        first[run.id] = count
+        count += run.rows
+    return Coordinate(
+        "row of the campaign, in the order of the runs", lambda run: first[run.id] + 1.0 + np.arange(run.rows),
+        clock=True,
+    )  # fmt: skip

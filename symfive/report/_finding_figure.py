@@ -1,0 +1,220 @@
+"""The picture of a finding: the residual before and after, over the coordinate that matters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from symfive.diagnose import Diagnosis, Finding
+from symfive.identify import Identification
+from symfive.report._coordinate import Coordinate, coordinates_of
+from symfive.report._over_coordinates import means_along
+from symfive.report._style import (
+    BLUE,
+    FAINT,
+    INK,
+    ORANGE,
+    blank,
+    footnote,
+    plain_number,
+    robust_limit,
+    short,
+    styled,
+    unit_words,
+)
+from symfive.report._traces import Array, Trace, direction_of, running_mean, spread, traces_of
+
+__all__ = ["Tips", "finding_figure"]
+
+Tips = Mapping[str, list[str]]
+"""By id of a drawn artist: what hovering over each of its points says."""
+MOST_COLUMNS = 3
+MOST_POINTS = 5000
+FEW_ROWS = 1500
+LEAST_SHARE = 0.25
+LEAST_MEANS = 0.3
+WAVES = 12
+SENSES = ((1, BLUE), (-1, ORANGE))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One reading column of one run: abscissa, direction of motion, both residuals, the effect's visible part (N,)."""
+
+    run: str
+    dynamic: bool
+    at: Array
+    sense: Array
+    before: Array
+    after: Array
+    visible: Array
+    noise: float
+
+
+@styled
+def finding_figure(diagnosis: Diagnosis, finding: Finding, visible: Mapping[str, Array]) -> tuple[Figure, Tips]:
+    """Residual before and after over the finding's coordinate, with the effect's own line, and the points' tips.
+
+    `visible` run → (N, ny): the part of its contribution that the fit before could not take. The reading columns in
+    which that is largest are drawn, at most three.
+    """
+    coordinates = coordinates_of(finding, diagnosis.after)
+    labels = _columns(diagnosis.after, finding, visible)
+    rows = [(label, coordinate) for label in labels for coordinate in coordinates]
+    figure = blank(9.4, 2.25 * len(rows) + 1.05)
+    grid = figure.subplots(len(rows), 2, squeeze=False, sharey="row", sharex="row")
+    tips: dict[str, list[str]] = {}
+    zoomed, thinned = False, 1
+    for i, ((label, unit), coordinate) in enumerate(rows):
+        parts = _parts(diagnosis, finding, visible, (label, unit), coordinate)
+        parts, narrowed = _zoom(parts) if coordinate.clock else (parts, False)
+        zoomed = zoomed or narrowed
+        limit = robust_limit(np.concatenate([p.before for p in parts]), 4.0 * max(p.noise for p in parts))
+        for j, axes in enumerate(grid[i]):
+            name = f"tip-{i}-{j}"
+            thinned = max(thinned, _draw(axes, parts, coordinate, limit, after=bool(j), name=name, tips=tips, unit=unit))
+            axes.set_xlabel(coordinate.label)
+        grid[i, 0].set_ylim(-limit, limit)
+        grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
+    grid[0, 0].set_title("Residual before: without the findings")
+    grid[0, 1].set_title("Residual after: with the findings")
+    _legend(figure, any(c.axis for c in coordinates), next((c.axis for c in coordinates if c.axis), None))
+    footnote(
+        figure,
+        f"Drawn: some {WAVES} waves of the run in which it is strongest." if zoomed else "",
+        f"Dots: one row in {thinned}; the lines are means over all rows." if thinned > 1 else "",
+    )
+    return figure, tips
+
+
+def _columns(result: Identification, finding: Finding, visible: Mapping[str, Array]) -> list[tuple[str, str]]:
+    squares: dict[tuple[str, str], list[Array]] = {}
+    for trace, j in _numbered(result, finding):
+        column = visible[trace.run.id][:, j]
+        squares.setdefault((trace.label, trace.unit), []).append(np.square(column / trace.noise.declared))
+    size = {key: float(np.sqrt(np.mean(np.concatenate(values)))) for key, values in squares.items()}
+    ranked = sorted(size, key=lambda key: -size[key])
+    drawn = [key for key in ranked if size[key] >= LEAST_SHARE * size[ranked[0]]][:MOST_COLUMNS]
+    return [key for key in size if key in drawn]
+
+
+def _numbered(result: Identification, finding: Finding) -> list[tuple[Trace, int]]:
+    """Every trace of the runs in which it acts, with its place among the run's columns."""
+    runs = [r for r in finding.runs if r in finding.contribution] or list(finding.contribution)
+    names = {run: [c.name for c in result.model.columns(run)] for run in runs}
+    return [(t, names[t.run.id].index(t.column)) for t in traces_of(result, runs)]
+
+
+def _parts(
+    diagnosis: Diagnosis, finding: Finding, visible: Mapping[str, Array], key: tuple[str, str], coordinate: Coordinate
+) -> list[_Part]:
+    parts = []
+    for trace, j in _numbered(diagnosis.after, finding):
+        if (trace.label, trace.unit) == key:
+            run = trace.run
+            before = np.where(trace.outlier, np.nan, diagnosis.before.residuals[run.id][:, j])
+            sense = direction_of(run.commands[coordinate.axis]) if coordinate.axis else np.ones(run.rows, dtype=np.int64)
+            parts.append(_Part(
+                run.id, run.dynamic, coordinate.values(run), sense, before, trace.kept, visible[run.id][:, j],
+                max(trace.noise.declared, trace.noise.white),
+            ))  # fmt: skip
+    return parts
+
+
+def _zoom(parts: list[_Part]) -> tuple[list[_Part], bool]:
+    """Where the effect is a fast wave in time: the strongest stretch of the strongest run alone."""
+    strongest = max(parts, key=lambda p: float(np.mean(p.visible**2)))
+    crossings = np.flatnonzero(np.diff(np.signbit(strongest.visible)))
+    if not strongest.dynamic or len(crossings) < 6 * WAVES:
+        return parts, False
+    power = running_mean(strongest.visible**2, max(3, len(strongest.at) // 50))
+    nearest = int(np.argmin(np.abs(crossings - int(np.argmax(power)))))
+    first = int(np.clip(nearest - WAVES, 0, len(crossings) - 1 - 2 * WAVES))
+    rows = slice(int(crossings[first]), int(crossings[first + 2 * WAVES]) + 1)
+    names = ("at", "sense", "before", "after", "visible")
+    cut = {name: getattr(strongest, name)[rows] for name in names}
+    return [_Part(run=strongest.run, dynamic=True, noise=strongest.noise, **cut)], True
+
+
+def _draw(
+    axes: Axes, parts: list[_Part], coordinate: Coordinate, limit: float, *, after: bool, name: str,
+    tips: dict[str, list[str]], unit: str,
+) -> int:  # fmt: skip
+    noise = max(p.noise for p in parts)
+    axes.axhspan(-2.0 * noise, 2.0 * noise, color=FAINT, alpha=0.16, linewidth=0)
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    at, sense = np.concatenate([p.at for p in parts]), np.concatenate([p.sense for p in parts])
+    value = np.concatenate([p.after if after else p.before for p in parts])
+    few = len(at) <= FEW_ROWS
+    index, step = spread(len(at), MOST_POINTS)
+    index = index[np.isfinite(value[index]) & (np.abs(value[index]) <= limit)]
+    for which, colour in SENSES:
+        dots = index[sense[index] == which]
+        if not dots.size:
+            continue
+        look = {"markersize": 3.0 if few else 1.3, "alpha": 0.65 if few else 0.3, "rasterized": not few}
+        (line,) = axes.plot(at[dots], value[dots], "o", color=colour, markeredgewidth=0.0, **look)  # type: ignore[arg-type]
+        if few:
+            line.set_gid(f"{name}-{which % 3}")
+            tips[f"{name}-{which % 3}"] = _said(parts, dots, coordinate, unit)
+    for which, colour in SENSES:
+        if coordinate.axis and np.any(sense == which):
+            axes.plot(*means_along(at[sense == which], value[sense == which]), color=colour, linewidth=1.5)
+    if not after:
+        _effect(axes, parts, coordinate, few=few)
+    axes.margins(x=0.02)
+    return step
+
+
+def _effect(axes: Axes, parts: list[_Part], coordinate: Coordinate, *, few: bool) -> None:
+    """The effect over the coordinate: run by run over time, else a tick for each of few rows, and their means.
+
+    The means are left out where they hide most of it: where it differs much from row to row at the same place.
+    """
+    if coordinate.clock:
+        for part in parts:
+            index = spread(len(part.at), 600)[0]
+            axes.plot(part.at[index], part.visible[index], color=INK, linewidth=1.5)
+        return
+    at, sense = np.concatenate([p.at for p in parts]), np.concatenate([p.sense for p in parts])
+    value = np.concatenate([p.visible for p in parts])
+    if few:
+        axes.plot(at, value, "_", color=INK, markersize=7.0, markeredgewidth=0.9, alpha=0.7)
+    for which, _ in SENSES:
+        mine = sense == which
+        if np.any(mine):
+            places, means = means_along(at[mine], value[mine])
+            if not few or np.nanvar(means) > LEAST_MEANS * np.var(value[mine]):
+                axes.plot(places, means, color=INK, linewidth=1.5)
+
+
+def _said(parts: list[_Part], dots: Array, coordinate: Coordinate, unit: str) -> list[str]:
+    run = np.concatenate([np.full(len(p.at), i) for i, p in enumerate(parts)])
+    first = np.cumsum([0, *(len(p.at) for p in parts)])
+    words, _, over = coordinate.label.partition(" / ")
+    said = []
+    for k in dots.tolist():
+        part = parts[run[k]]
+        row = k - int(first[run[k]])
+        said.append(
+            f"{short(part.run)}, row {row + 1}: {words} {plain_number(float(part.at[row]))} {over}; before "
+            f"{plain_number(float(part.before[row]))}, after {plain_number(float(part.after[row]))}, the effect's "
+            f"visible part {plain_number(float(part.visible[row]))} {unit_words(unit)}"
+        )
+    return said
+
+
+def _legend(figure: Figure, directed: bool, axis: str | None) -> None:
+    handles: list[Line2D | Patch] = []
+    if directed:
+        for (_, colour), words in zip(SENSES, ("up", "down"), strict=True):
+            handles.append(Line2D([], [], color=colour, marker="o", linestyle="none", label=f"{axis} moving {words}"))
+    handles.append(Line2D([], [], color=INK, linewidth=1.5, label="the effect, less what the geometry had taken of it"))
+    handles.append(Patch(color=FAINT, alpha=0.25, label="±2σ of the noise"))
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))
