@@ -1,3 +1,39 @@
-"""symfive: one symbolic model of five-axis machine tools, for identification, test design, diagnosis and code."""
+"""symfive: one symbolic model of five-axis machine tools, for identification, test design, diagnosis and code.
+
+    import symfive as sf
+
+    campaign = sf.read_campaign("measured/")
+    result = sf.identify(campaign)          # errors with uncertainties, what cannot be told apart
+    verdict = sf.diagnose(campaign)         # the physics that the model leaves out
+    plan = sf.plan(sf.preset("table-bc"))   # the measurement that tells most
+
+Data flow one way: machine and campaign (plain data) → model (CasADi) → identify, plan, diagnose → report.
+"""
+
+from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign
+from symfive.convert import convert
+from symfive.design import plan
+from symfive.diagnose import diagnose
+from symfive.effects import make_effect
+from symfive.errors import InputError
+from symfive.identify import (
+    assess,
+    fitted_model,
+    identify,
+    identify_by_position,
+    identify_sequentially,
+    predict,
+    redundancies,
+)
+from symfive.machine import Machine, preset, presets, read_machine, write_machine
+from symfive.model import Model, read_model, write_model
+from symfive.simulate import simulate
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Campaign", "InputError", "Machine", "Model", "Run", "SetupSigma", "assess", "convert", "diagnose", "fitted_model",
+    "identify", "identify_by_position", "identify_sequentially", "make_effect", "plan", "predict", "preset", "presets",
+    "read_campaign", "read_machine", "read_model", "redundancies", "simulate", "write_campaign", "write_machine",
+    "write_model",
+]  # fmt: skip

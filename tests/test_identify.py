@@ -25,7 +25,7 @@ from symfive.identify import (
     predict,
     redundancies,
 )
-from symfive.identify._noise import Noise, whiten
+from symfive.inference._noise import Noise, whiten
 from symfive.machine import Machine, Structure, make_axis
 from symfive.model import Model, read_model, write_model
 from symfive.simulate import simulate

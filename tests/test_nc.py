@@ -49,7 +49,7 @@ def test_every_dialect_visits_every_pose(machine: Machine, run: Run, dialect: st
         if step.row is not None:
             for axis, value in step.positions.items():
                 assert value == pytest.approx(run.commands[axis][step.row], abs=1e-9)
-    words = re.findall(r"\bX[=+]?(-?\d+\.\d+)", text)
+    words = re.findall(r"(?<!G4 )\bX[=+]?(-?\d+\.\d+)", text)
     assert len(words) == sum(bool(step.positions) for step in steps)
 
 

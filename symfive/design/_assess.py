@@ -14,7 +14,7 @@ from symfive.design._information import inverse
 from symfive.design._space import Space, make_space
 from symfive.effects import Effect
 from symfive.errors import InputError
-from symfive.identify import Confounding, confounded_combinations, data_rank
+from symfive.inference import Confounding, confounded_combinations, data_rank
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model

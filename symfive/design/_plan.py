@@ -88,7 +88,8 @@ def plan(
     default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `minutes` a time budget; `returns` visits back to the first pose of each run, against drift; `repeats` readings of
-    each pose; `survive` prefers a plan that stays good if any one pose is lost; `starts` of the search; `anywhere`: whether the certificate also
+    each pose; `survive` prefers a plan that stays good if any one pose is lost; `starts` of the search;
+    `anywhere`: whether the certificate also
     compares with all other set-ups (a few seconds).
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.

@@ -16,7 +16,7 @@ from symfive.diagnose._search import Member, Search, _lacking, _own, _problem, s
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import Identification, fitted_model, predict
-from symfive.identify._solve import gauss_newton
+from symfive.inference import gauss_newton
 from symfive.model import Model
 
 __all__ = ["diagnose"]

@@ -18,7 +18,7 @@ from symfive.diagnose._catalogue import AxisOffset, ToolShift, moving_axes
 from symfive.diagnose._scores import Board
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
-from symfive.identify._noise import Noise, whiten
+from symfive.inference import Noise, whiten
 from symfive.instruments import instruments_of
 
 __all__ = ["Finding", "probes", "scan"]

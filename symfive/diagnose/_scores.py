@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from symfive.effects import Effect
-from symfive.identify import Identification, Problem
-from symfive.identify._noise import whiten
+from symfive.identify import Identification
+from symfive.inference import Problem, whiten
 from symfive.model import Model
 
 __all__ = ["Board", "Score", "score_catalogue"]

@@ -16,8 +16,8 @@ from symfive.diagnose._scores import Board, Score, _added, score_catalogue
 from symfive.diagnose._unknown import unknowns
 from symfive.diagnose._variants import variants
 from symfive.effects import Effect
-from symfive.identify import Identification, Problem, identify
-from symfive.identify._solve import gauss_newton
+from symfive.identify import Identification, identify
+from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 
 __all__ = ["Member", "Search", "Trial", "search"]

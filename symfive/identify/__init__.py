@@ -2,14 +2,12 @@
 
 from symfive.identify._assess import Assessment, assess
 from symfive.identify._calibration import BallRunout, SensorCalibration, ball_runout, calibrate_sensors
-from symfive.identify._confounding import Confounding, confounded_combinations, data_rank
 from symfive.identify._identify import identify
-from symfive.identify._noise import Noise
 from symfive.identify._predict import Prediction, fitted_model, predict
-from symfive.identify._problem import Information, Outlier, Problem
 from symfive.identify._redundancy import all_location_errors, redundancies
 from symfive.identify._result import Identification, MotionCurve
 from symfive.identify._sequential import Stage, identify_by_position, identify_sequentially
+from symfive.inference import Confounding, Information, Noise, Outlier, Problem, confounded_combinations, data_rank
 
 __all__ = [
     "Assessment", "BallRunout", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier",

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.effects import Effect
-from symfive.identify._confounding import Confounding, confounded_combinations, data_rank
-from symfive.identify._problem import Problem
+from symfive.inference import Confounding, Problem, confounded_combinations, data_rank
 from symfive.model import Model
 
 __all__ = ["SCHEMA", "Assessment", "assess"]

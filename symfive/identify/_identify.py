@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.errors import InputError
-from symfive.identify._confounding import confounded_combinations, data_rank
 from symfive.identify._ipopt import solve_with_ipopt
-from symfive.identify._noise import Block, Noise
-from symfive.identify._problem import Problem
 from symfive.identify._result import Identification
-from symfive.identify._solve import solve
+from symfive.inference import Block, Noise, Problem, confounded_combinations, data_rank, solve
 from symfive.model import Model
 
 __all__ = ["identify", "summarise"]

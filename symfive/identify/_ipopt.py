@@ -8,8 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.identify._noise import whiten
-from symfive.identify._problem import Problem
+from symfive.inference import Problem, whiten
 
 __all__ = ["solve_with_ipopt"]
 

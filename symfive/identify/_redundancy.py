@@ -8,7 +8,7 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.identify._assess import assess
-from symfive.identify._confounding import Confounding
+from symfive.inference import Confounding
 from symfive.machine import ErrorTerm, Machine
 
 __all__ = ["all_location_errors", "redundancies"]

@@ -13,9 +13,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from symfive.errors import InputError
-from symfive.identify._confounding import Confounding
-from symfive.identify._noise import Noise
-from symfive.identify._problem import Outlier
+from symfive.inference import Confounding, Noise, Outlier
 from symfive.kinematics import basis_of
 from symfive.model import Model
 from symfive.parameters import Parameter

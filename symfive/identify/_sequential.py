@@ -11,8 +11,8 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.errors import InputError
 from symfive.identify._identify import identify, summarise
-from symfive.identify._problem import Problem
 from symfive.identify._result import Identification
+from symfive.inference import Problem
 from symfive.machine import ErrorTerm
 from symfive.model import Model
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
 from symfive.errors import InputError
-from symfive.identify import Identification, Noise
+from symfive.identify import Identification
+from symfive.inference import Noise
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.report._style import label_of

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.identify._problem import Problem
+from symfive.inference._problem import Problem
 
 __all__ = ["gauss_newton", "solve"]
 

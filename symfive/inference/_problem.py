@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from symfive.identify._noise import Block, Noise, estimate_noise, long_run_variance, plain_noise, whiten
+from symfive.inference._noise import Block, Noise, estimate_noise, long_run_variance, plain_noise, whiten
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.model import Model
 

@@ -1,0 +1,167 @@
+"""A card for each finding: what, how large, how sure, where, what had hidden it, how the geometry moved, what next."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+from symfive.diagnose import Diagnosis, Finding, RivalName
+from symfive.effects import Quantity
+from symfive.report._chain import chain_picture, guilty
+from symfive.report._geometry import moved_table
+from symfive.report._style import plain_number, rounded, unit_words
+from symfive.report._tables import Cell, table
+
+__all__ = ["card", "percent", "title_of"]
+
+MOST_RIVALS = 6
+LEAST_RIVAL = 1e-4
+MOST_INTERVALS = 40
+SHOWN_RUNS = 6
+_ALONG = 0.985
+
+
+def title_of(finding: Finding) -> str:
+    """The effect and its axis, as `Gravity sag of axis B`."""
+    where = f" of axis {finding.axis}" if finding.axis else ""
+    return f"{finding.name.replace('_', ' ').capitalize()}{where}"
+
+
+def percent(share: float) -> str:
+    """A share in percent; what rounds to all or none says that it is more or less."""
+    if share >= 0.999:
+        return "above 99.9 %"
+    if share < 1e-3:
+        return "0 %" if share <= 0.0 else "below 0.1 %"
+    return f"{100.0 * share:.3g} %"
+
+
+def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> str:
+    """One finding as an HTML article; `picture` is its embedded figure."""
+    machine = diagnosis.after.model.machine
+    title = title_of(finding)
+    parts = [
+        f'<article class="card" id="finding-{number}">',
+        f'<h3><span class="number">{number}</span> {html.escape(title)}</h3>',
+        f'<p class="says">{html.escape(finding.says)}</p>',
+        _tiles(finding),
+        _parameters(finding),
+        chain_picture(machine, [(number, finding)], f"The machine's chain; guilty: {guilty(finding, machine).words}"),
+        _facts(finding, diagnosis),
+        moved_table(finding, diagnosis.after) if finding.moved else "",
+        picture,
+        _rivals(finding),
+        _next(finding),
+        "</article>",
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def _tiles(finding: Finding) -> str:
+    share = f'<span class="bar" title="{percent(finding.share)}"><span style="width: {100 * finding.share:.1f}%"></span></span>'
+    tiles = [
+        ("share of the deviation's mean square", percent(finding.share) + share),
+        ("confidence in the name", percent(finding.confidence)),
+        ("visible before it was named", percent(finding.visible)),
+    ]
+    if finding.shape_differs > 0.0:
+        tiles.append(("its shape differs from the library's", percent(finding.shape_differs)))
+    return '<dl class="tiles">' + "".join(f"<div><dt>{k}</dt><dd>{v}</dd></div>" for k, v in tiles) + "</dl>"
+
+
+def _parameters(finding: Finding) -> str:
+    rows: list[list[str | Cell]] = []
+    for name, quantity in finding.parameters.items():
+        value, std, unit = _words(quantity)
+        said = name.removesuffix("_s") if quantity.unit == "s" else name
+        rows.append([said.replace("_", " "), value, std, unit])
+    return table("Its parameters", ["parameter", "value", "± 1σ", "unit"], rows) if rows else ""
+
+
+def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
+    """Value, 1σ and unit of a quantity; several numbers stand in one cell."""
+    value, std = quantity.value, quantity.std
+    unit = unit_words(quantity.unit or "")
+    unit = "" if unit == "1" else unit
+    if isinstance(value, str):
+        return value, "", unit
+    if isinstance(value, tuple):
+        spreads = std if isinstance(std, tuple) else (0.0,) * len(value)
+        pairs = [(v, s if isinstance(s, (int, float)) else 0.0) for v, s in zip(value, spreads, strict=False)]
+        said = ", ".join(rounded(float(v), float(s)) if isinstance(v, (int, float)) else str(v) for v, s in pairs)
+        return said, ", ".join(rounded(float(s), float(s)) if s else "–" for _, s in pairs), unit
+    spread = float(std) if isinstance(std, (int, float)) else 0.0
+    return Cell(rounded(value, spread), value), Cell(rounded(spread, spread), spread) if spread else "", unit
+
+
+def _facts(finding: Finding, diagnosis: Diagnosis) -> str:
+    effect = finding.effect
+    runs = [run.id for run in diagnosis.after.model.campaign.runs]
+    where = f"in all {len(runs)} runs" if len(finding.runs) == len(runs) > 1 else _listed(finding.runs)
+    link = guilty(finding, diagnosis.after.model.machine)
+    facts = [
+        ("Where in the machine", link.words + (", changing with time" if link.timed else "")),
+        ("Where in the tests", f"over {finding.coordinate}, {where}"),
+        ("In which direction", _direction(finding)),
+        ("What it does", effect.says),
+        ("What had hidden it", _hidden(finding)),
+        ("Would read the same here", ", ".join(finding.alias)),
+    ]
+    listed = "".join(f"<dt>{k}</dt><dd>{html.escape(v)}</dd>" for k, v in facts if v)
+    return f'<dl class="facts-list">{listed}</dl>{_intervals(finding)}'
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:SHOWN_RUNS])
+    return f"in {shown}" + (f" and {len(names) - SHOWN_RUNS} more runs" if len(names) > SHOWN_RUNS else "")
+
+
+def _direction(finding: Finding) -> str:
+    if finding.direction is None:
+        return ""
+    vector = ", ".join(f"{v:.2f}".replace("-", "−") for v in finding.direction)
+    best = max(range(3), key=lambda i: abs(finding.direction[i]))  # type: ignore[index]
+    along = f"along {'XYZ'[best]} of the machine" if abs(finding.direction[best]) > _ALONG else "in the machine's frame"
+    return f"{along}: ({vector})"
+
+
+def _hidden(finding: Finding) -> str:
+    said = [finding.effect.hidden_by.rstrip(".")] if finding.effect.hidden_by else []
+    if finding.visible < 0.999:
+        swallowed = percent(1.0 - finding.visible)
+        said.append(f"here the fit without it had taken {swallowed} of its energy and left {percent(finding.visible)}")
+    return "; ".join(said)
+
+
+def _intervals(finding: Finding) -> str:
+    if not finding.intervals:
+        return ""
+    rows: list[list[str | Cell]] = [
+        [i.run, Cell(f"{i.begin_s:.2f}", i.begin_s), Cell(f"{i.end_s:.2f}", i.end_s)]
+        for i in finding.intervals[:MOST_INTERVALS]
+    ]
+    said = table("Where it exceeds half of its largest deviation", ["run", "from / s", "to / s"], rows)
+    return f"<details><summary>{len(rows)} stretches of the runs in which it acts most</summary>{said}</details>"
+
+
+def _rivals(finding: Finding) -> str:
+    rivals = [r for r in finding.rivals if r.confidence >= LEAST_RIVAL][:MOST_RIVALS]
+    rest = len(finding.rivals) - len(rivals)
+    if not rivals:
+        said = f"All {rest} names that were compared are below 0.01 %." if rest else "No other effect came near."
+        return f"<p><strong>Rivals.</strong> {said}</p>"
+    rows: list[list[str | Cell]] = [
+        [r.effect.replace("_", " "), r.axis or "–", r.component or "–", Cell(_small(r), r.confidence)] for r in rivals
+    ]
+    more = f" ({rest} more below 0.01 %)" if rest else ""
+    return table(f"Rivals{more}", ["effect", "axis", "component", "confidence"], rows)
+
+
+def _small(rival: RivalName) -> str:
+    return f"{plain_number(100.0 * rival.confidence)} %"
+
+
+def _next(finding: Finding) -> str:
+    if not finding.next_test:
+        return ""
+    return f'<p class="next"><strong>Next test.</strong> {html.escape(str(finding.next_test))}</p>'

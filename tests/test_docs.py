@@ -1,0 +1,162 @@
+"""The documentation runs: Python and console blocks in order, page by page, in a temporary folder; data blocks parse."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import typer
+
+from symfive.campaign import Run
+from symfive.cli import app, main
+from symfive.effects import EFFECTS
+from symfive.instruments import INSTRUMENTS, instruments_of
+from symfive.machine import machine_from_data
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "benchmarks").glob("*.md"))]
+PAGES += [page for page in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in page.parts]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+COMMANDS = typer.main.get_command(app)
+ONLY_CHECKED = ("plan", "codegen")  # their own tests run them; here only that verb and options exist
+LINKS = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language, text and first line in the page."""
+
+    language: str
+    text: str
+    line: int
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 2) for m in FENCE.finditer(text)]
+
+
+def named(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def commands(block: Block) -> list[list[str]]:
+    """What follows a `$`, in words, without comments."""
+    lines = [line[2:] for line in block.text.splitlines() if line.startswith("$ ")]
+    return [words for words in (shlex.split(line, comments=True) for line in lines) if words]
+
+
+@pytest.fixture
+def own_tables():
+    """Pages may add instruments and effects; afterwards the tables are as they were."""
+    before = [(table, dict(table)) for table in (INSTRUMENTS, EFFECTS)]
+    yield
+    for table, entries in before:
+        table.clear()
+        table.update(entries)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if any(b.language == "python" for b in blocks(p))], ids=named)
+def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, own_tables):
+    monkeypatch.chdir(tmp_path)
+    space: dict[str, object] = {"__name__": "page"}
+    for block in blocks(page):
+        where = f"{named(page)}:{block.line}"
+        if block.language == "toml" and block.text.startswith("# ") and block.text.split("\n", 1)[0].endswith(".toml"):
+            (tmp_path / block.text.split("\n", 1)[0][2:].strip()).write_text(block.text, encoding="utf-8")
+        if block.language == "python":
+            code = compile("\n" * (block.line - 1) + block.text, str(page), "exec", dont_inherit=True)
+            exec(code, space)
+        if block.language == "console":
+            for words in commands(block):
+                if words[0] == "symfive" and words[1] not in ONLY_CHECKED:
+                    assert main(words[1:]) == 0, f"{where}: {' '.join(words)}: {capsys.readouterr().err}"
+
+
+def test_added_instruments_and_effects_are_taken_out_again():
+    assert "dial_gauge" not in INSTRUMENTS
+    assert "bar_droop" not in EFFECTS
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if any(b.language == "console" for b in blocks(p))], ids=named)
+def test_the_commands_exist(page):
+    for block in blocks(page):
+        if block.language != "console":
+            continue
+        for words in commands(block):
+            program = words[0]
+            if program == "symfive":
+                _check_symfive(words[1:])
+            elif words[:2] == ["python3", "go.py"]:
+                assert f"def {words[2]}(" in (ROOT / "go.py").read_text(), words
+            elif program.rsplit("/", 1)[-1].startswith("python"):
+                assert words[1] == "-m" or (ROOT / words[1]).is_file(), words
+            else:
+                assert program in (".", "git", "pip", "cd"), words
+
+
+def _check_symfive(words: list[str]) -> None:
+    options = words
+    command = COMMANDS
+    if words and not words[0].startswith("-"):
+        assert words[0] in COMMANDS.commands, f"there is no verb {words[0]}"
+        command, options = COMMANDS.commands[words[0]], words[1:]
+    known = {name for p in command.params for name in (*p.opts, *p.secondary_opts)} | {"--help", "-h"}
+    for word in options:
+        assert not word.startswith("-") or word in known, f"{words[0]} has no option {word}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_data_blocks_parse(page):
+    for block in blocks(page):
+        if block.language == "json":
+            json.loads(block.text)
+        if block.language == "toml":
+            data = tomllib.loads(block.text)
+            if data.get("schema") == "symfive.machine/1":
+                machine_from_data(data, named(page))
+
+
+def test_the_campaign_of_the_conventions_is_read():
+    [block] = [b for b in blocks(ROOT / "docs/conventions.md") if "symfive.campaign/1" in b.text and b.language == "toml"]
+    [table] = tomllib.loads(block.text)["run"]
+    run = Run(
+        id=table["id"], instrument=(table["instrument"],), sampling=table["sampling"], time=[0.0], commands={"X": [0.0]},
+        length=table["length"], table_ball=tuple(table["table_ball"]), tool_ball=tuple(table["tool_ball"]),
+    )  # fmt: skip
+    assert instruments_of(run)
+
+
+def test_the_conventions_name_every_option_instrument_and_effect():
+    from symfive.campaign._options import OPTIONS
+    from symfive.effects import VOCABULARY
+    from symfive.instruments import INSTRUMENTS as TABLE
+
+    text = (ROOT / "docs/conventions.md").read_text(encoding="utf-8")
+    for name in (*OPTIONS, *TABLE, *VOCABULARY):
+        assert f"| `{name}` |" in text, name
+
+
+def test_every_verb_stands_in_the_conventions_and_the_readme():
+    for page in ("docs/conventions.md", "README.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for verb in COMMANDS.commands:
+            assert f"`symfive {verb} " in text, f"{page}: {verb}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_links_within_the_repository_lead_somewhere(page):
+    for target in LINKS.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
+        if "://" not in target and not target.startswith("mailto:"):
+            assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_no_paths_of_one_computer(page):
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"(?<![\w.])/(work|tmp|home|root)/", text)
