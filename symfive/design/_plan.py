@@ -229,7 +229,7 @@ def _finished(
     value = value_of(space, task, rows)
     sensitivities = space.kernel.rows(rows.z, rows.k)
     left, _ = lost_pose(task, sensitivities, rows.group, rows.groups)
-    mean, worst = over_prior(machine, space, task, rows, draws=4)
+    mean, worst = over_prior(machine, space, task, rows, draws=2)
     before = task.value_of_marginal(task.prior)
     notes = [f"NC dialects: {', '.join(DIALECTS)}"]
     for run, unsafe in schedule.unsafe.items():

@@ -75,14 +75,11 @@ def _discretisation() -> Any:
     return ca.Function("discretise", mx_inputs, [step, ca.jacobian(ca.vec(step), mx_inputs[0])])
 
 
-@lru_cache(maxsize=64)
-def _acceleration(rows: int) -> Any:
-    """(state 3, c, dc/dt, gains 5) → acceleration without friction, slopes in state and gains; for N rows."""
+@lru_cache(maxsize=1)
+def _acceleration() -> Any:
+    """gains → the row (1, 5) that makes the acceleration of (x, v, ∫, c, dc/dt), and its slope (5, 5) in the gains."""
     gains, rate, _ = _loop()
-    state, c, slope = ca.SX.sym("s", 3), ca.SX.sym("c"), ca.SX.sym("dc")
-    value = (rate @ ca.vertcat(state, c, slope))[1]
-    slopes = [ca.jacobian(value, x) for x in (state, gains)]
-    return ca.Function("acceleration", [state, c, slope, gains], [value, *slopes]).map(rows)
+    return ca.Function("acceleration", [gains], [rate[1, :], ca.jacobian(rate[1, :].T, gains)])
 
 
 def linear_recurrence(step: Array, forcing: Array) -> Array:
@@ -116,14 +113,12 @@ def drive_response(command: Array, dt: float, gains: Mapping[str, float], wanted
         states = _linear(relative, slope, dt, vector, wanted)
     motion = np.empty((len(command), 3, 1 + len(wanted)))
     motion[:, 0:2] = states[:, 0:2]
-    value, by_state, by_gain = (
-        np.asarray(part) for part in _acceleration(len(command))(states[:, :, 0].T, relative[None], slope[None], vector)
-    )
-    by_state, by_gain = by_state.reshape(-1, 3), by_gain.reshape(-1, 5)
-    motion[:, 2, 0] = value[0]
+    row, slopes = (np.asarray(part) for part in _acceleration()(vector))
+    state = np.column_stack([states[:, :, 0], relative, slope])
+    motion[:, 2, 0] = state @ row[0]
     for i, name in enumerate(wanted):
-        direct = by_gain[:, LOOP.index(name)] if name in LOOP else 0.0
-        motion[:, 2, 1 + i] = np.einsum("kj,kj->k", by_state, states[:, :, 1 + i]) + direct
+        direct = state @ slopes[:, LOOP.index(name)] if name in LOOP else 0.0
+        motion[:, 2, 1 + i] = states[:, :, 1 + i] @ row[0, :3] + direct
     if rubs:
         _add_friction(motion, friction, wanted)
     motion[:, 0, 0] += reference
