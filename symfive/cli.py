@@ -183,11 +183,10 @@ def identify(
         write_json(folder / "identification.json", result.to_data())
         write_model(fitted_model(result), folder / "model.json")
         if figures:
-            from symfive.report import identification_report, save_figures
+            from symfive.report import identification_report
 
             progress("drawing the figures")
-            save_figures(result, folder / "figures")
-            identification_report(result, folder)
+            identification_report(result, folder, figures=folder / "figures")
     if not quiet:
         for note in result.notes:
             typer.echo(f"note: {note}", err=True)
@@ -228,6 +227,7 @@ def diagnose(
 ) -> None:
     """Where the model is wrong: locate the mismatch, name the physics left out, model it and show the fit improve."""
     from symfive.diagnose import diagnose as diagnose_campaign
+    from symfive.report import diagnosis_report
 
     progress = _Progress(quiet)
     data = _joined(campaign, also, quiet)
@@ -241,7 +241,7 @@ def diagnose(
         write_json(folder / "identification.json", result.after.to_data())
         write_model(fitted_model(result.after), folder / "model.json")
         progress("drawing the figures")
-        diagnosis_report(result, folder)
+        diagnosis_report(result, folder, false_alarms=false_alarms)
     _tell(result.to_data(), str(result), as_json)
 
 

@@ -77,7 +77,7 @@ def test_rows_agree_with_the_model(made: Plan) -> None:
 
 def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) -> None:
     named = replace(made, machine=replace(OYAMA, name='<script>"x"</script>', text=""))
-    named.write(tmp_path / "plan", nc=("iso", "siemens", "heidenhain", "linuxcnc"))
+    named.write(tmp_path / "plan", nc=("iso", "linuxcnc"))
     campaign = read_campaign(tmp_path / "plan")
     assert not campaign.measured and not campaign.notes
     assert campaign.rows == 20 + 2 * len(campaign.runs)
@@ -87,7 +87,7 @@ def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) 
     assert set(data["valuation"]) == {"B", "C"} and min(data["valuation"].values()) > 2.0
     page = (tmp_path / "plan" / "setup.html").read_text()
     assert "<script" not in page and "&lt;script&gt;" in page and "<svg" in page
-    for file in ("nc/iso/nest-1.nc", "nc/siemens/nest-1.mpf", "nc/heidenhain/nest-1.h", "nc/linuxcnc/nest-1.ngc",
+    for file in ("nc/iso/nest-1.nc", "nc/linuxcnc/nest-1.ngc",
                  "figures/poses-nest-1.svg", "figures/uncertainty.svg", "figures/worth.svg"):  # fmt: skip
         assert (tmp_path / "plan" / file).stat().st_size > 100
 
@@ -104,16 +104,18 @@ def test_return_poses_keep_a_drift_apart(made: Plan) -> None:
         assert np.sum(np.all(commands == commands[0], axis=1)) >= 2 and np.all(commands[-1] == commands[0])
 
 
-def test_few_poses_beat_the_usual_grid() -> None:
-    """84 chosen poses in as many set-ups against the two-nest grid of paper 2 with 168: joint 1σ of the 8 location errors."""
+def test_fewer_poses_do_the_work_of_the_usual_grid() -> None:
+    """96 chosen poses against the two-nest grid of paper 2 with 168, 8 location errors, the same noise."""
     grid = assess(campaign_of(OYAMA, r_test_grid(OYAMA, returning=False, noise_um=0.3)))
-    chosen = plan(OYAMA, points=84, starts=1, returns=0, anywhere=False)
+    chosen = plan(OYAMA, points=96, starts=1, returns=0, noise_um=0.3, anywhere=False)
     assert sum(len(worth) for worth in grid.worth.values()) == 168
-    assert chosen.assessment.value < grid.value + 0.05
+    assert chosen.assessment.value < grid.value
 
 
 def test_plan_for_chosen_parameters_and_in_addition_to_a_campaign(made: Plan) -> None:
-    for_centre = plan(OYAMA, points=8, setups=1, for_=("EX0C", "EY0C"), criterion="A", starts=1, returns=0, anywhere=False)
+    for_centre = plan(
+        OYAMA, points=8, setups=1, for_=("EX0C", "EY0C"), criterion="A", starts=1, returns=0, anywhere=False
+    )
     assert for_centre.interest == ("EX0C", "EY0C")
     more = plan(OYAMA, points=8, setups=1, given=made.campaign, starts=1, returns=0, anywhere=False)
     for name in ("EA0B", "EX0C", "EB0C"):

@@ -123,7 +123,9 @@ def test_data_blocks_parse(page):
 
 
 def test_the_campaign_of_the_conventions_is_read():
-    [block] = [b for b in blocks(ROOT / "docs/conventions.md") if "symfive.campaign/1" in b.text and b.language == "toml"]
+    [block] = [
+        b for b in blocks(ROOT / "docs/conventions.md") if "symfive.campaign/1" in b.text and b.language == "toml"
+    ]
     [table] = tomllib.loads(block.text)["run"]
     run = Run(
         id=table["id"], instrument=(table["instrument"],), sampling=table["sampling"], time=[0.0], commands={"X": [0.0]},

@@ -6,8 +6,9 @@ from symfive.design._criteria import CRITERIA, Criterion, criterion_of
 from symfive.design._discriminate import Discrimination, Separation, discriminate
 from symfive.design._dynamic import Circle, CirclePlan, best_ratio, circle_information, plan_circles
 from symfive.design._plan import Plan, plan
+from symfive.design._write import assessment_data
 
 __all__ = [
     "CRITERIA", "Assessment", "Certificate", "Circle", "CirclePlan", "Criterion", "Discrimination", "Plan", "Separation",
-    "assess", "best_ratio", "circle_information", "criterion_of", "discriminate", "plan", "plan_circles",
+    "assess", "assessment_data", "best_ratio", "circle_information", "criterion_of", "discriminate", "plan", "plan_circles",
 ]  # fmt: skip

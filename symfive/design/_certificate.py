@@ -13,7 +13,7 @@ motions) it is a dense search with local refinement and no proof; `rigour` says 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from scipy.stats import qmc
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._refine import Rows
-from symfive.design._relaxed import Relaxed, relax, sensitivity
+from symfive.design._relaxed import Relaxed, best_told, relax, sensitivity
 from symfive.design._space import Space
 
 __all__ = ["Certificate", "certify"]
@@ -33,6 +33,7 @@ GAP = 2e-3
 ROUNDS = 25
 COARSE = 4096
 KEPT, FIRST, PATIENCE = 1e-5, 1000, 4
+LEAST_WEIGHT = 1.0
 TORUS = 48
 MARGIN_MM = 2.0
 MOST_CELLS = 100_000
@@ -84,6 +85,7 @@ def certify(space: Space, task: Task, rows: Rows, value: float | None = None, ga
     for rounds in range(1, ROUNDS + 1):  # noqa: B007
         relaxed = relax(task, columns, rows.groups, points, weights, tolerance=0.5 * gap)
         reached = min(reached, relaxed.value)
+        relaxed = replace(relaxed, pull=_extended(task, relaxed, columns, search.grid, rows.groups, points))
         top, fresh = search.largest(relaxed)
         bound = max(bound, _bound(task, relaxed, rows.groups, points, top))
         history.append(bound)
@@ -103,6 +105,29 @@ def certify(space: Space, task: Task, rows: Rows, value: float | None = None, ga
         )
     efficiency = min(1.0, math.exp(bound - value))
     return Certificate(efficiency, value, bound, reached, rigour, rounds, points)
+
+
+def _extended(task: Task, relaxed: Relaxed, columns: Candidates, grid: Candidates, groups: int, points: int) -> Array:
+    """G of the machine's parameters carried to set-up errors: (I, B)ᵀ G (I, B), which bounds for any B (see `_anywhere`).
+
+    At the relaxed design this is G itself; for a set-up that it leaves empty B is taken from the poses that tell most there.
+    """
+    shared, own = len(task.prior), len(task.own_sigma)
+    weight = np.bincount(columns.group, relaxed.weights, groups)
+    if own == 0 or weight.min() >= LEAST_WEIGHT:
+        return relaxed.pull
+    prior = np.diag(task.own_sigma**-2.0)
+    machine = relaxed.pull[:shared, :shared]
+    carried = [np.eye(shared)]
+    for g in range(groups):
+        source, mine = (columns, columns.group == g) if weight[g] >= LEAST_WEIGHT else (grid, grid.group == g)
+        rows = source.rows[mine]
+        weights = relaxed.weights[mine] if source is columns else best_told(machine, rows, prior, points)[2]
+        flat = rows.transpose(1, 0, 2).reshape(shared + own, -1)
+        gram = (flat * np.repeat(weights, rows.shape[2])) @ flat.T
+        carried.append(-np.linalg.solve(gram[shared:, shared:] + prior, gram[shared:, :shared]))
+    whole = np.concatenate(carried)
+    return np.asarray(whole @ machine @ whole.T)
 
 
 def _bound(task: Task, relaxed: Relaxed, groups: int, points: int, top: float) -> float:

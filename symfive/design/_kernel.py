@@ -17,6 +17,7 @@ __all__ = ["Batch", "Kernel"]
 
 Array = NDArray[np.float64]
 LARGEST_BLOCK = 1024
+EXACT = 200
 
 
 @dataclass
@@ -29,7 +30,9 @@ class Batch:
     def __call__(self, *inputs: Array) -> list[Array]:
         """Every output as (n, number of its elements), elements in column-major order."""
         n = len(inputs[0])
-        block = min(LARGEST_BLOCK, 1 << max(0, n - 1).bit_length())
+        if n == 0:
+            return [np.empty((0, self.function.numel_out(i))) for i in range(self.function.n_out())]
+        block = n if n <= EXACT else min(LARGEST_BLOCK, 1 << (n - 1).bit_length())
         buffer, trigger, sources, outputs = self._prepared(block)
         results = [np.empty((n, output.shape[1])) for output in outputs]
         del buffer

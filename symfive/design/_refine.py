@@ -27,7 +27,7 @@ __all__ = ["Objective", "Rows", "refine"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 OPTIONS: dict[str, Any] = {
-    "max_iter": 60, "tol": 1e-6, "acceptable_tol": 1e-5, "acceptable_iter": 5, "mu_init": 1e-3, "bound_push": 1e-4,
+    "max_iter": 40, "tol": 1e-5, "acceptable_tol": 1e-3, "acceptable_iter": 6, "mu_init": 1e-2, "bound_push": 1e-4,
     "bound_frac": 1e-4, "bound_relax_factor": 0.0, "print_level": 0, "sb": "yes",
 }  # fmt: skip
 

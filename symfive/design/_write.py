@@ -13,19 +13,39 @@ from symfive.files import write_json, write_text
 from symfive.nc import DIALECTS, Post, write_programs
 
 if TYPE_CHECKING:
+    from symfive.design._assess import Assessment
     from symfive.design._plan import Plan
 
-__all__ = ["SCHEMA", "plan_data", "write_plan"]
+__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_plan"]
 
 SCHEMA = "symfive.plan/1"
 
 
-def plan_data(plan: Plan) -> dict[str, Any]:
-    """plan.json: criterion, certificate, expected 1σ, what stays confounded, valuation, worth of poses and runs."""
-    assessment, certificate = plan.assessment, plan.certificate
-    sigma = assessment.sigma
+def assessment_data(assessment: Assessment) -> dict[str, Any]:
+    """An assessment as nested mappings: expected 1σ, rank, what stays confounded, valuation, worth of rows and runs."""
+    sigma, centre = assessment.sigma, assessment.tool_centre_um
     most, row = assessment.most()
-    centre = assessment.tool_centre_um
+    return {
+        "expected": {
+            p.name: {"std": _number(sigma[p.name]), "prior_std": _number(p.sigma), "unit": p.unit}
+            for p in assessment.parameters
+        },
+        "joint_value": _number(assessment.value),
+        "tool_centre_point_um": None if centre is None else {"mean": _number(centre[0]), "largest": _number(centre[1])},
+        "rank": assessment.rank,
+        "parameters": len(assessment.parameters),
+        "confounded": [list(c.names) for c in assessment.confounded],
+        "confounded_in_words": [c.words for c in assessment.confounded],
+        "valuation": {axis: _number(v) for axis, v in assessment.valuation.items()},
+        "tells_most": {"run": most, "row": row + 1},
+        "tells_nothing": {run: sum(r == run for r, _ in assessment.nothing()) for run in assessment.worth},
+        "run_worth": {run: _number(v) for run, v in assessment.run_worth.items()},
+    }
+
+
+def plan_data(plan: Plan) -> dict[str, Any]:
+    """plan.json: criterion, certificate and the assessment."""
+    certificate = plan.certificate
     return {
         "schema": SCHEMA,
         "machine": plan.machine.name,
@@ -42,24 +62,12 @@ def plan_data(plan: Plan) -> dict[str, Any]:
             "rigour": certificate.rigour,
             "starts": [_number(v) for v in plan.starts],
         },
-        "expected": {
-            p.name: {"std": _number(sigma[p.name]), "prior_std": _number(p.sigma), "unit": p.unit}
-            for p in assessment.parameters
-        },
-        "tool_centre_point_um": None if centre is None else {"mean": _number(centre[0]), "largest": _number(centre[1])},
-        "rank": assessment.rank,
-        "parameters": len(assessment.parameters),
-        "confounded": [list(c.names) for c in assessment.confounded],
-        "confounded_in_words": [c.words for c in assessment.confounded],
-        "valuation": {axis: _number(v) for axis, v in assessment.valuation.items()},
+        **assessment_data(plan.assessment),
         "minutes": _number(plan.minutes),
         "information_per_minute": _number(plan.information_per_minute),
         "efficiency_with_drift": _number(plan.drift),
         "efficiency_without_the_most_important_pose": _number(plan.lost),
         "efficiency_over_the_prior": {"mean": _number(plan.over_prior[0]), "worst": _number(plan.over_prior[1])},
-        "tells_most": {"run": most, "row": row + 1},
-        "tells_nothing": [{"run": run, "row": i + 1} for run, i in assessment.nothing()],
-        "run_worth": {run: _number(v) for run, v in assessment.run_worth.items()},
         "spindle_drawn_back_before_rows": {run: [i + 1 for i in rows] for run, rows in plan.unsafe.items()},
         "notes": list(plan.notes),
     }

@@ -24,10 +24,10 @@ SHARE = 0.3
 """Prior 1σ of one coefficient as a share of the effect's size on its channel."""
 
 _FAMILY = {
-    "backlash": ("reversal", "axis"), "counterbalance": ("reversal", "axis"), "friction": ("servo", "axis"),
-    "reversal_spike": ("servo", "axis"), "servo_mismatch": ("servo", "axis"), "lateral_play": ("reversal", "component"),
+    "backlash": ("reversal", "axis"), "counterbalance": ("reversal", "axis"), "friction": ("friction", "axis"),
+    "reversal_spike": ("friction", "axis"), "servo_mismatch": ("servo", "axis"), "lateral_play": ("reversal", "component"),
     "transmission_error": ("periodic", "axis"), "scale_error": ("smooth", "axis"), "table_step": ("smooth", "axis"),
-    "gravity_sag": ("smooth", "component"), "error_motion": ("smooth", "component"), "thermal_drift": ("time", "tool"),
+    "gravity_sag": ("hysteresis", "component"), "error_motion": ("smooth", "component"), "thermal_drift": ("time", "tool"),
     "spindle_growth": ("time", "tool"), "setup_shift": ("time", "tool"),
 }  # fmt: skip
 

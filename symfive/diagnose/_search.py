@@ -98,6 +98,7 @@ def _forward(
             state.log_p = min(0.0, min((s.log_p for s in scores), default=0.0) + np.log(max(looks, 1)))
         best = _best(state.after, scores, looks, level, progress)
         if best is None:
+            state.after = _with_families(campaign, state.after)
             return
         trial, log_p = best
         state.after = _shaped(campaign, state.after, trial)
@@ -309,24 +310,22 @@ def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identif
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):
             named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
             best, best_evidence = identify(model, start=named), evidence
-    return _with_family(campaign, best)
+    return best
 
 
-def _with_family(campaign: Campaign, result: Identification) -> Identification:
-    """The fit with the rest of its last effect's family in the model, where the evidence for it is decisive.
+def _with_families(campaign: Campaign, result: Identification) -> Identification:
+    """The fit with the rest of each effect's family in the model, where the evidence for it is decisive.
 
-    Family right, shape different: the rest is a part of the finding, not a second one.
+    Family right, shape different: the rest is a part of the finding, not a second one. It comes last, when no effect
+    with a name of its own explains more.
     """
-    newest = [e for e in _own(result) if e.id != "family_shape"][-1:]
-    shapes = remainder(result.model, result.values, newest)
-    problem = _problem(result.model, result)
-    if not shapes:
-        return result
-    wide = Model(campaign, (*_own(result), *shapes))
-    if _marginal(problem, wide, result.values) < _plain_evidence(problem, result.values) + DECISIVE:
-        return result
-    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
-    return identify(wide, start=start)
+    for shape in remainder(result.model, result.values, _own(result)):
+        wide = Model(campaign, (*_own(result), shape))
+        problem = _problem(result.model, result)
+        if _marginal(problem, wide, result.values) > _plain_evidence(problem, result.values) + DECISIVE:
+            start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+            result = identify(wide, start=start)
+    return result
 
 
 def _prune(campaign: Campaign, state: Search) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
-FAMILIES = ("reversal", "smooth", "servo", "periodic", "time")
+FAMILIES = ("reversal", "friction", "smooth", "hysteresis", "servo", "periodic", "time")
 WAVES = 8
 DISTANCES = (0.003, 0.01, 0.03, 0.1, 0.3)
 TIMES_S = (0.02, 0.06, 0.2, 0.6)
@@ -31,13 +31,16 @@ class FamilyShape(Effect):
     `of` is the key of that effect, `channel` what it moves: `axis` (the coordinate of `axis`), an error motion's symbol
     (`EZB`) or `tool`. `family` chooses the functions f_k:
 
-    - `reversal`: the direction s of motion times decays over the distance and the time since the reversal, and times
-      the place; `servo`: these, with velocity, acceleration and their products;
-    - `smooth`: Legendre polynomials (a rotary axis over more than 200°: harmonics) of the coordinate, and hysteresis;
+    - `reversal`: the direction s of motion times decays over the distance since the reversal, and times the place;
+    - `friction`: s times decays over the distance and the time since the reversal;
+    - `servo`: velocity times speed, its third power, acceleration;
+    - `smooth`: Legendre polynomials (a rotary axis over more than 200°: harmonics) of the coordinate, and hysteresis s·(1 - x²);
+    - `hysteresis`: `smooth` with s and s·x (a structure that yields under load comes back by another way);
     - `periodic`: harmonics of `period` (file unit), growing and fading along the axis;
     - `time`: Legendre polynomials of the campaign's clock.
 
-    `size` (µm or µrad) is the prior 1σ of each coefficient. Its share of the effect says by how much the shape differs.
+    No function is another effect of the library by itself (a plain s is a play, a velocity a servo mismatch). `size` (µm
+    or µrad) is the prior 1σ of each coefficient. Its share of the effect says by how much the shape differs.
     """
 
     id = "family_shape"
@@ -96,8 +99,10 @@ class FamilyShape(Effect):
             return ()
         axis = self._turning
         found: list[Signal] = [Direction(axis), Position(axis)]
-        if self.family in ("reversal", "servo"):
-            found += [ReversalDistance(axis), *([ReversalTime(axis)] if self.timed else [])]
+        if self.family in ("reversal", "friction"):
+            found.append(ReversalDistance(axis))
+        if self.family == "friction" and self.timed:
+            found.append(ReversalTime(axis))
         if self.family == "servo":
             found += [Velocity(axis), Acceleration(axis)]
         return tuple(found)
@@ -117,8 +122,8 @@ class FamilyShape(Effect):
     def _functions(self, axis: Any) -> list[tuple[str, Callable[[Row], Any]]]:
         """Names and functions of a row, each of size about one."""
         make = {
-            "reversal": self._reversal, "smooth": self._smooth, "servo": self._servo, "periodic": self._periodic,
-            "time": self._in_time,
+            "reversal": self._reversal, "friction": self._friction, "smooth": self._smooth,
+            "hysteresis": self._hysteresis, "servo": self._servo, "periodic": self._periodic, "time": self._in_time,
         }  # fmt: skip
         return list(make[self.family](axis))
 
@@ -129,22 +134,26 @@ class FamilyShape(Effect):
     def _sign(self, row: Row) -> Any:
         return row.signal(Direction(self._turning))
 
-    def _reversal(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+    def _after_distance(self) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         reach = max(self.span[1] - self.span[0], 1e-12)
 
         def far(share: float) -> Callable[[Row], Any]:
             return lambda row: self._sign(row) * ca.exp(-row.signal(ReversalDistance(self._turning)) / (share * reach))
 
+        yield from ((f"distance{k}", far(share)) for k, share in enumerate(DISTANCES, start=1))
+
+    def _reversal(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+        yield from self._after_distance()
+        yield "sign*place", lambda row: self._sign(row) * self._place(row)
+        yield "sign*place2", lambda row: self._sign(row) * self._place(row) ** 2
+
+    def _friction(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         def late(tau: float) -> Callable[[Row], Any]:
             return lambda row: self._sign(row) * ca.exp(-row.signal(ReversalTime(self._turning)) / tau)
 
-        yield from ((f"distance{k}", far(share)) for k, share in enumerate(DISTANCES, start=1))
+        yield from self._after_distance()
         if self.timed:
             yield from ((f"time{k}", late(tau)) for k, tau in enumerate(TIMES_S, start=1))
-        yield "sign", self._sign
-        yield "sign*place", lambda row: self._sign(row) * self._place(row)
-        yield "sign*place2", lambda row: self._sign(row) * self._place(row) ** 2
-        yield "place", self._place
 
     def _smooth(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         if axis is not None and axis.rotary and self.span[1] - self.span[0] > np.deg2rad(200.0):
@@ -154,20 +163,23 @@ class FamilyShape(Effect):
         else:
             for k in range(1, WAVES + 1):
                 yield f"P{k}", lambda row, k=k: _legendre(k, self._place(row))  # type: ignore[misc]
+        yield "sign*bow", lambda row: self._sign(row) * (1.0 - self._place(row) ** 2)
+
+    def _hysteresis(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+        yield from self._smooth(axis)
         yield "sign", self._sign
         yield "sign*place", lambda row: self._sign(row) * self._place(row)
-        yield "sign*bow", lambda row: self._sign(row) * (1.0 - self._place(row) ** 2)
 
     def _servo(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         speed = (axis.max_feed or 6000.0) * axis.to_internal / 60.0 / 10.0
         rise = (axis.max_acceleration or 3000.0) * axis.to_internal / 10.0
-        yield "velocity", lambda row: row.signal(Velocity(self._turning)) / speed
-        yield (
-            "velocity*speed",
-            lambda row: row.signal(Velocity(self._turning)) * ca.fabs(row.signal(Velocity(self._turning))) / speed**2,
-        )
+
+        def velocity(row: Row) -> Any:
+            return row.signal(Velocity(self._turning)) / speed
+
+        yield "velocity*speed", lambda row: velocity(row) * ca.fabs(velocity(row))
+        yield "velocity3", lambda row: velocity(row) ** 3
         yield "acceleration", lambda row: row.signal(Acceleration(self._turning)) / rise
-        yield from self._reversal(axis)
 
     def _periodic(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         def wave(order: float, power: int, f: Callable[[Any], Any]) -> Callable[[Row], Any]:

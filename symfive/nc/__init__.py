@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from symfive.campaign import Campaign, Run
@@ -21,26 +21,34 @@ __all__ = ["DIALECTS", "Dialect", "Post", "Step", "program", "program_steps", "w
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
 
 
+def _dialect(name: str) -> Dialect:
+    if name not in DIALECTS:
+        raise InputError(f'NC dialect "{name}" is unknown', remedy=f"use one of {', '.join(DIALECTS)}")
+    return DIALECTS[name]
+
+
+def _text(run: Run, dialect: Dialect, steps: Sequence[Step]) -> str:
+    note = Step(
+        kind="comment", text=f"symfive for {dialect.name}, {dialect.verified}, read it and run it slowly in air first"
+    )
+    return render(dialect, run.id, [note, *steps])
+
+
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None) -> str:
     """The program of one run. Raises `InputError` for an unknown dialect and for axes without an NC address."""
-    if dialect not in DIALECTS:
-        raise InputError(f'NC dialect "{dialect}" is unknown', remedy=f"use one of {', '.join(DIALECTS)}")
-    chosen = DIALECTS[dialect]
-    note = Step(
-        kind="comment", text=f"symfive for {chosen.name}, {chosen.verified}, read it and run it slowly in air first"
-    )
-    return render(chosen, run.id, [note, *program_steps(machine, run, post)])
+    return _text(run, _dialect(dialect), program_steps(machine, run, post))
 
 
 def write_programs(
     campaign: Campaign, folder: Path | str, dialects: Iterable[str], post: Post | None = None
 ) -> tuple[Path, ...]:
     """One program per run and dialect into `folder`/dialect; returns their paths."""
+    chosen = [_dialect(name) for name in dialects]
     written = []
-    for dialect in dialects:
-        for run in campaign.runs:
-            text = program(campaign.machine, run, dialect, post)
-            path = Path(folder) / dialect / f"{run.id}{DIALECTS[dialect].suffix}"
-            write_text(path, text)
+    for run in campaign.runs if chosen else ():
+        steps = program_steps(campaign.machine, run, post)
+        for dialect in chosen:
+            path = Path(folder) / dialect.name / f"{run.id}{dialect.suffix}"
+            write_text(path, _text(run, dialect, steps))
             written.append(path)
     return tuple(written)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from symfive.diagnose import Diagnosis, Finding, RivalName
 from symfive.effects import Quantity
+from symfive.machine import Machine
 from symfive.report._chain import chain_picture, guilty
 from symfive.report._geometry import moved_table
 from symfive.report._style import plain_number, rounded, unit_words
@@ -18,7 +19,12 @@ MOST_RIVALS = 6
 LEAST_RIVAL = 1e-4
 MOST_INTERVALS = 40
 SHOWN_RUNS = 6
+MOST_TESTS = 30
 _ALONG = 0.985
+_QUANTITIES = {
+    "velocity sign": "the direction in which {} moves", "velocity": "the velocity of {}",
+    "acceleration": "the acceleration of {}", "": "the position of {}",
+}  # fmt: skip
 
 
 def title_of(finding: Finding) -> str:
@@ -40,13 +46,15 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> s
     """One finding as an HTML article; `picture` is its embedded figure."""
     machine = diagnosis.after.model.machine
     title = title_of(finding)
+    chain = chain_picture(
+        machine, [(number, finding)], f"The machine's chain; guilty: {guilty(finding, machine).words}"
+    )
     parts = [
         f'<article class="card" id="finding-{number}">',
         f'<h3><span class="number">{number}</span> {html.escape(title)}</h3>',
         f'<p class="says">{html.escape(finding.says)}</p>',
         _tiles(finding),
-        _parameters(finding),
-        chain_picture(machine, [(number, finding)], f"The machine's chain; guilty: {guilty(finding, machine).words}"),
+        f'<div class="pair">{_parameters(finding)}{chain}</div>',
         _facts(finding, diagnosis),
         moved_table(finding, diagnosis.after) if finding.moved else "",
         picture,
@@ -97,12 +105,13 @@ def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
 def _facts(finding: Finding, diagnosis: Diagnosis) -> str:
     effect = finding.effect
     runs = [run.id for run in diagnosis.after.model.campaign.runs]
-    where = f"in all {len(runs)} runs" if len(finding.runs) == len(runs) > 1 else _listed(finding.runs)
-    link = guilty(finding, diagnosis.after.model.machine)
+    where = "in all runs" if len(finding.runs) == len(runs) > 1 else _listed(finding.runs)
+    machine = diagnosis.after.model.machine
+    link = guilty(finding, machine)
     facts = [
         ("Where in the machine", link.words + (", changing with time" if link.timed else "")),
-        ("Where in the tests", f"over {finding.coordinate}, {where}"),
-        ("In which direction", _direction(finding)),
+        ("Where in the tests", f"over {_over(finding, machine)}, {where}"),
+        ("In which direction", _direction(finding, machine)),
         ("What it does", effect.says),
         ("What had hidden it", _hidden(finding)),
         ("Would read the same here", ", ".join(finding.alias)),
@@ -116,13 +125,26 @@ def _listed(names: Sequence[str]) -> str:
     return f"in {shown}" + (f" and {len(names) - SHOWN_RUNS} more runs" if len(names) > SHOWN_RUNS else "")
 
 
-def _direction(finding: Finding) -> str:
+def _direction(finding: Finding, machine: Machine) -> str:
     if finding.direction is None:
         return ""
-    vector = ", ".join(f"{v:.2f}".replace("-", "−") for v in finding.direction)
+    vector = ", ".join(f"{v + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−") for v in finding.direction)
     best = max(range(3), key=lambda i: abs(finding.direction[i]))  # type: ignore[index]
-    along = f"along {'XYZ'[best]} of the machine" if abs(finding.direction[best]) > _ALONG else "in the machine's frame"
-    return f"{along}: ({vector})"
+    own = finding.axis in machine.axes and finding.effect.stage in ("drive", "axis")
+    turning = own and machine.axes[str(finding.axis)].rotary
+    if abs(finding.direction[best]) <= _ALONG:
+        return f"in the machine's frame: ({vector})"
+    return f"{'about' if turning else 'along'} {'XYZ'[best]} of the machine: ({vector})"
+
+
+def _over(finding: Finding, machine: Machine) -> str:
+    """The coordinate in words."""
+    said = []
+    for words in finding.coordinate.split(", "):
+        name, _, quantity = words.partition(" ")
+        known = name in machine.axes and quantity in _QUANTITIES
+        said.append(_QUANTITIES[quantity].format(name) if known else {"t": "time"}.get(words, words))
+    return " and ".join(said)
 
 
 def _hidden(finding: Finding) -> str:
@@ -162,6 +184,16 @@ def _small(rival: RivalName) -> str:
 
 
 def _next(finding: Finding) -> str:
-    if not finding.next_test:
+    """What to record next, what it is expected to tell, and what other tests would."""
+    test = finding.test
+    if test is None and not finding.next_test:
         return ""
-    return f'<p class="next"><strong>Next test.</strong> {html.escape(str(finding.next_test))}</p>'
+    said = f"{html.escape(test.says[:1].upper() + test.says[1:])}." if test is not None else ""
+    if finding.next_test:
+        folder = html.escape(finding.next_test)
+        said += f' Its plan: <a href="{folder}">{folder}</a>.'
+    if test is not None and len(test.table) > 1:
+        rows: list[list[str | Cell]] = [[s.name, Cell(f"{s.sigmas:.1f}", s.sigmas)] for s in test.table[:MOST_TESTS]]
+        tests = table("Tests that could be recorded", ["test", "expected separation / σ"], rows)
+        said += f"<details><summary>What other tests would tell</summary>{tests}</details>"
+    return f'<div class="next"><strong>Next test.</strong> {said}</div>'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from symfive.diagnose import Finding
 from symfive.machine import Machine
@@ -52,9 +53,10 @@ def chain_picture(machine: Machine, findings: Sequence[tuple[int, Finding]], tit
     width = 2 * LEFT + len(names) * (BOX + GAP) - GAP
     places = [(number, guilty(finding, machine)) for number, finding in findings]
     axes = set(machine.axes)
-    drawn = [_loop(left, names, any(p.part == "loop" for _, p in places))]
-    for a, b in zip(names, names[1:], strict=False):
+    drawn = []
+    for a, b in pairwise(names):
         drawn.append(_link(left[a] + BOX, left[b], _carried(structure.workpiece, a, b, places)))
+    drawn.append(_loop(left, names, any(p.part == "loop" for _, p in places)))
     for name in names:
         drawn.append(_body(name, left[name], name in axes, machine, _marks(places, ("axis",), name)))
         if name in axes:
@@ -75,10 +77,7 @@ def _marks(places: Sequence[tuple[int, _Place]], parts: tuple[str, ...], axis: s
 
 def _carried(workpiece: tuple[str, ...], a: str, b: str, places: Sequence[tuple[int, _Place]]) -> bool:
     """Whether the link a–b is what a guilty axis carries: outward of it, away from the bed."""
-    for _, place in places:
-        if place.part == "structure" and (b if place.axis in workpiece else a) == place.axis:
-            return True
-    return False
+    return any(p.part == "structure" and (b if p.axis in workpiece else a) == p.axis for _, p in places)
 
 
 def _link(start: int, end: int, guilty: bool) -> str:
@@ -127,7 +126,7 @@ def _instrument(left: dict[str, int], names: Sequence[str], guilty: Sequence[int
     middle, mark = (start + end) / 2, " guilty" if guilty else ""
     y = INSTRUMENT + 14
     return (
-        f'<g><title>the instrument reads between workpiece and tool</title>'
+        f"<g><title>the instrument reads between workpiece and tool</title>"
         f'<path class="thin dashed" d="M{start} {BODY + TALL} V{y} H{middle - 48} M{middle + 48} {y} H{end} '
         f'V{BODY + TALL}"/><rect class="drive{mark}" x="{middle - 48}" y="{INSTRUMENT}" width="96" height="28" rx="3"/>'
         f'<text class="small" x="{middle}" y="{INSTRUMENT + 18}">instrument</text></g>'
@@ -136,16 +135,16 @@ def _instrument(left: dict[str, int], names: Sequence[str], guilty: Sequence[int
 
 def _badge(number: int, place: _Place, left: dict[str, int], names: Sequence[str], width: int) -> str:
     shift = 24 * ((number - 1) % 3)
-    spots = {
+    spots: dict[str, tuple[float, float]] = {
         "instrument": (width / 2 + 56 + shift, INSTRUMENT - 2),
         "loop": (width / 2 + shift, BODY - 12),
     }
     if place.axis is None and place.part == "drive":
         spots["drive"] = (LEFT + 24 + shift, DRIVE - 12)
     elif place.axis is not None:
-        x = left[place.axis]
-        outward = x - GAP / 2 if names.index(place.axis) < names.index("bed") else x + BOX + GAP / 2
-        spots |= {"axis": (x + BOX / 2 + shift, BODY - 2), "drive": (x + BOX - 8 - shift, DRIVE - 2),
+        start = left[place.axis]
+        outward = start - GAP / 2 if names.index(place.axis) < names.index("bed") else start + BOX + GAP / 2
+        spots |= {"axis": (start + BOX / 2 + shift, BODY - 2), "drive": (start + BOX - 8 - shift, DRIVE - 2),
                   "structure": (outward, BODY - 2 + shift / 3)}  # fmt: skip
     x, y = spots[place.part]
     clock = (

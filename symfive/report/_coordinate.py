@@ -77,16 +77,18 @@ def _rate(run: Run, name: str, order: int) -> Array:
 def _clock(runs: tuple[Run, ...]) -> Coordinate:
     end = max(run.start_s + float(run.time[-1]) for run in runs)
     scale, unit = (60.0, "min") if end > MINUTES_FROM_S else (1.0, "s")
-    return Coordinate(f"time of the campaign / {unit}", lambda run: (run.start_s + run.time) / scale, clock=True)
+    return Coordinate(
+        f"time of the campaign / {unit}", lambda run: np.asarray((run.start_s + run.time) / scale), clock=True
+    )
 
 
 def _rows(runs: tuple[Run, ...]) -> Coordinate:
-    first = {}
-    count = 0
+    first, count = {}, 0
     for run in runs:
         first[run.id] = count
         count += run.rows
-    return Coordinate(
-        "row of the campaign, in the order of the runs", lambda run: first[run.id] + 1.0 + np.arange(run.rows),
-        clock=True,
-    )  # fmt: skip
+
+    def numbers(run: Run) -> Array:
+        return np.asarray(first[run.id] + 1.0 + np.arange(run.rows), dtype=np.float64)
+
+    return Coordinate("row of the campaign, in the order of the runs", numbers, clock=True)

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from symfive.diagnose import Diagnosis, Finding
 from symfive.identify import Identification
@@ -37,6 +38,7 @@ Tips = Mapping[str, list[str]]
 MOST_COLUMNS = 3
 MOST_POINTS = 5000
 FEW_ROWS = 1500
+TIPPED_ROWS = 600
 LEAST_SHARE = 0.25
 LEAST_MEANS = 0.3
 WAVES = 12
@@ -45,24 +47,29 @@ SENSES = ((1, BLUE), (-1, ORANGE))
 
 @dataclass(frozen=True)
 class _Part:
-    """One reading column of one run: abscissa, direction of motion, both residuals, the effect's visible part (N,)."""
+    """One reading column of one run: abscissa, direction of motion, the residual before, what of it the other findings
+    do not explain, the residual after, the effect's visible part (N,)."""
 
     run: str
     dynamic: bool
     at: Array
-    sense: Array
+    sense: NDArray[np.int64]
     before: Array
+    alone: Array
     after: Array
     visible: Array
     noise: float
 
 
 @styled
-def finding_figure(diagnosis: Diagnosis, finding: Finding, visible: Mapping[str, Array]) -> tuple[Figure, Tips]:
+def finding_figure(
+    diagnosis: Diagnosis, finding: Finding, visible: Mapping[str, Array], others: Mapping[str, Array] | None = None
+) -> tuple[Figure, Tips]:
     """Residual before and after over the finding's coordinate, with the effect's own line, and the points' tips.
 
-    `visible` run → (N, ny): the part of its contribution that the fit before could not take. The reading columns in
-    which that is largest are drawn, at most three.
+    `visible` run → (N, ny): the part of its contribution that the fit before could not take; `others` the same of all
+    other findings, which is taken off (the residual as it was stays in grey). The reading columns in which the effect
+    is largest are drawn, at most three.
     """
     coordinates = coordinates_of(finding, diagnosis.after)
     labels = _columns(diagnosis.after, finding, visible)
@@ -72,19 +79,21 @@ def finding_figure(diagnosis: Diagnosis, finding: Finding, visible: Mapping[str,
     tips: dict[str, list[str]] = {}
     zoomed, thinned = False, 1
     for i, ((label, unit), coordinate) in enumerate(rows):
-        parts = _parts(diagnosis, finding, visible, (label, unit), coordinate)
+        parts = _parts(diagnosis, finding, (visible, others), (label, unit), coordinate)
         parts, narrowed = _zoom(parts) if coordinate.clock else (parts, False)
         zoomed = zoomed or narrowed
         limit = robust_limit(np.concatenate([p.before for p in parts]), 4.0 * max(p.noise for p in parts))
         for j, axes in enumerate(grid[i]):
             name = f"tip-{i}-{j}"
-            thinned = max(thinned, _draw(axes, parts, coordinate, limit, after=bool(j), name=name, tips=tips, unit=unit))
+            thinned = max(
+                thinned, _draw(axes, parts, coordinate, limit, after=bool(j), name=name, tips=tips, unit=unit)
+            )
             axes.set_xlabel(coordinate.label)
         grid[i, 0].set_ylim(-limit, limit)
         grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
     grid[0, 0].set_title("Residual before: without the findings")
     grid[0, 1].set_title("Residual after: with the findings")
-    _legend(figure, any(c.axis for c in coordinates), next((c.axis for c in coordinates if c.axis), None))
+    _legend(figure, next((c.axis for c in coordinates if c.axis), None), others is not None)
     footnote(
         figure,
         f"Drawn: some {WAVES} waves of the run in which it is strongest." if zoomed else "",
@@ -112,16 +121,21 @@ def _numbered(result: Identification, finding: Finding) -> list[tuple[Trace, int
 
 
 def _parts(
-    diagnosis: Diagnosis, finding: Finding, visible: Mapping[str, Array], key: tuple[str, str], coordinate: Coordinate
-) -> list[_Part]:
+    diagnosis: Diagnosis, finding: Finding, explained: tuple[Mapping[str, Array], Mapping[str, Array] | None],
+    key: tuple[str, str], coordinate: Coordinate,
+) -> list[_Part]:  # fmt: skip
+    visible, others = explained
     parts = []
     for trace, j in _numbered(diagnosis.after, finding):
         if (trace.label, trace.unit) == key:
             run = trace.run
             before = np.where(trace.outlier, np.nan, diagnosis.before.residuals[run.id][:, j])
-            sense = direction_of(run.commands[coordinate.axis]) if coordinate.axis else np.ones(run.rows, dtype=np.int64)
+            alone = before if others is None else before - others[run.id][:, j]
+            sense = (
+                direction_of(run.commands[coordinate.axis]) if coordinate.axis else np.ones(run.rows, dtype=np.int64)
+            )
             parts.append(_Part(
-                run.id, run.dynamic, coordinate.values(run), sense, before, trace.kept, visible[run.id][:, j],
+                run.id, run.dynamic, coordinate.values(run), sense, before, alone, trace.kept, visible[run.id][:, j],
                 max(trace.noise.declared, trace.noise.white),
             ))  # fmt: skip
     return parts
@@ -137,7 +151,7 @@ def _zoom(parts: list[_Part]) -> tuple[list[_Part], bool]:
     nearest = int(np.argmin(np.abs(crossings - int(np.argmax(power)))))
     first = int(np.clip(nearest - WAVES, 0, len(crossings) - 1 - 2 * WAVES))
     rows = slice(int(crossings[first]), int(crossings[first + 2 * WAVES]) + 1)
-    names = ("at", "sense", "before", "after", "visible")
+    names = ("at", "sense", "before", "alone", "after", "visible")
     cut = {name: getattr(strongest, name)[rows] for name in names}
     return [_Part(run=strongest.run, dynamic=True, noise=strongest.noise, **cut)], True
 
@@ -150,9 +164,13 @@ def _draw(
     axes.axhspan(-2.0 * noise, 2.0 * noise, color=FAINT, alpha=0.16, linewidth=0)
     axes.axhline(0.0, color=INK, linewidth=0.6)
     at, sense = np.concatenate([p.at for p in parts]), np.concatenate([p.sense for p in parts])
-    value = np.concatenate([p.after if after else p.before for p in parts])
+    value = np.concatenate([p.after if after else p.alone for p in parts])
     few = len(at) <= FEW_ROWS
     index, step = spread(len(at), MOST_POINTS)
+    if not after and any(p.alone is not p.before for p in parts):
+        before = np.concatenate([p.before for p in parts])
+        axes.plot(at[index], before[index], "o", color=FAINT, markersize=2.0 if few else 1.0, alpha=0.45,
+                  markeredgewidth=0.0, rasterized=True)  # fmt: skip
     index = index[np.isfinite(value[index]) & (np.abs(value[index]) <= limit)]
     for which, colour in SENSES:
         dots = index[sense[index] == which]
@@ -160,7 +178,7 @@ def _draw(
             continue
         look = {"markersize": 3.0 if few else 1.3, "alpha": 0.65 if few else 0.3, "rasterized": not few}
         (line,) = axes.plot(at[dots], value[dots], "o", color=colour, markeredgewidth=0.0, **look)  # type: ignore[arg-type]
-        if few:
+        if len(at) <= TIPPED_ROWS:
             line.set_gid(f"{name}-{which % 3}")
             tips[f"{name}-{which % 3}"] = _said(parts, dots, coordinate, unit)
     for which, colour in SENSES:
@@ -194,7 +212,7 @@ def _effect(axes: Axes, parts: list[_Part], coordinate: Coordinate, *, few: bool
                 axes.plot(places, means, color=INK, linewidth=1.5)
 
 
-def _said(parts: list[_Part], dots: Array, coordinate: Coordinate, unit: str) -> list[str]:
+def _said(parts: list[_Part], dots: NDArray[np.int64], coordinate: Coordinate, unit: str) -> list[str]:
     run = np.concatenate([np.full(len(p.at), i) for i, p in enumerate(parts)])
     first = np.cumsum([0, *(len(p.at) for p in parts)])
     words, _, over = coordinate.label.partition(" / ")
@@ -202,19 +220,23 @@ def _said(parts: list[_Part], dots: Array, coordinate: Coordinate, unit: str) ->
     for k in dots.tolist():
         part = parts[run[k]]
         row = k - int(first[run[k]])
-        said.append(
-            f"{short(part.run)}, row {row + 1}: {words} {plain_number(float(part.at[row]))} {over}; before "
-            f"{plain_number(float(part.before[row]))}, after {plain_number(float(part.after[row]))}, the effect's "
-            f"visible part {plain_number(float(part.visible[row]))} {unit_words(unit)}"
-        )
+        old, new = (plain_number(float(v)) for v in (part.before[row], part.after[row]))
+        where = f"{words} {plain_number(float(part.at[row]))} {over}"
+        said.append(f"{short(part.run)}, row {row + 1}, {where}: {old} → {new} {unit_words(unit)}")
     return said
 
 
-def _legend(figure: Figure, directed: bool, axis: str | None) -> None:
+def _legend(figure: Figure, axis: str | None, others: bool) -> None:
     handles: list[Line2D | Patch] = []
-    if directed:
+    look = {"marker": "o", "linestyle": "none", "markersize": 4.0, "markeredgewidth": 0.0}
+    if others:
+        handles.append(Line2D([], [], color=FAINT, alpha=0.6, label="as it was", **look))  # type: ignore[arg-type]
+    if axis is None:
+        words = "less what other findings explain" if others else "residual"
+        handles.append(Line2D([], [], color=BLUE, label=words, **look))  # type: ignore[arg-type]
+    else:
         for (_, colour), words in zip(SENSES, ("up", "down"), strict=True):
-            handles.append(Line2D([], [], color=colour, marker="o", linestyle="none", label=f"{axis} moving {words}"))
-    handles.append(Line2D([], [], color=INK, linewidth=1.5, label="the effect, less what the geometry had taken of it"))
+            handles.append(Line2D([], [], color=colour, label=f"{axis} moving {words}", **look))  # type: ignore[arg-type]
+    handles.append(Line2D([], [], color=INK, linewidth=1.5, label="the effect, as far as geometry had not taken it"))
     handles.append(Patch(color=FAINT, alpha=0.25, label="±2σ of the noise"))
     figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -92,11 +94,11 @@ def moved_table(finding: Finding, after: Identification) -> str:
     return _table(said, finding.moved, after)
 
 
-def _table(caption: str, moved: dict[str, tuple[float, float]] | object, after: Identification) -> str:
+def _table(caption: str, moved: Mapping[str, tuple[float, float]], after: Identification) -> str:
     rows: list[list[str | Cell]] = []
     classes = []
     machine = after.model.machine
-    for name, (old, new) in dict(moved).items():  # type: ignore[call-overload]
+    for name, (old, new) in moved.items():
         p = after.parameters[after.model.index[name]]
         std = after.uncertainty(name)
         sigmas = abs(new - old) / std if std > 0.0 else 0.0

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Iterator
 from pathlib import Path
 
 from symfive.identify import Identification
 from symfive.report._page import embedded, sentences, write_page
-from symfive.report._save import drawings
+from symfive.report._save import drawings, keep
 from symfive.report._style import unit_words
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
 from symfive.report._words import confounded_machine, confounded_setup, fits, verdict
@@ -24,8 +25,12 @@ HEADLINES = {
 }
 
 
-def identification_report(identification: Identification, folder: Path | str) -> Path:
+def identification_report(
+    identification: Identification, folder: Path | str, *, figures: Path | str | None = None
+) -> Path:
     """Write `identification.html` into `folder` and return its path.
+
+    `figures`: a folder for the same figures as PNG files, each drawn once (as `save_figures` writes them).
 
     One self-contained file (no network, below 3 MB): the verdict in plain words, what cannot be told apart, every
     parameter with 1σ, 95 % interval, unit and prior, noise found against declared, outliers by file, row and column,
@@ -34,7 +39,8 @@ def identification_report(identification: Identification, folder: Path | str) ->
     path = Path(folder) / NAME
     machine = identification.model.machine
     title = f"Identification of {machine.name}"
-    write_page(path, title, "\n".join([_head(identification, title), *_sections(identification)]))
+    target = None if figures is None else Path(figures)
+    write_page(path, title, "\n".join([_head(identification, title), *_sections(identification, target)]))
     return path
 
 
@@ -68,7 +74,7 @@ def _head(identification: Identification, title: str) -> str:
     ])  # fmt: skip
 
 
-def _sections(identification: Identification) -> list[str]:
+def _sections(identification: Identification, target: Path | None) -> list[str]:
     machine, setup = confounded_machine(identification), confounded_setup(identification)
     said = sentences(machine) if machine else "<p>Every parameter of the machine is told apart from all others.</p>"
     if setup:
@@ -90,5 +96,12 @@ def _sections(identification: Identification) -> list[str]:
         '<h2 id="setup">Set-up</h2>',
         setup_table(identification) if has_setup else "<p>No set-up parameter was estimated.</p>",
         '<h2 id="figures">Figures</h2>',
-        *(embedded(figure, d.name, d.title, d.reading) for d, figure in drawings(identification)),
+        *_figures(identification, target),
     ]  # fmt: skip
+
+
+def _figures(identification: Identification, target: Path | None) -> Iterator[str]:
+    for drawing, figure in drawings(identification):
+        if target is not None:
+            keep(figure, drawing.name, target)
+        yield embedded(figure, drawing.name, drawing.title, drawing.reading)

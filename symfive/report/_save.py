@@ -20,7 +20,7 @@ from symfive.report._polar import polar_trace
 from symfive.report._spectrum import residual_spectrum
 from symfive.report._style import rendered
 
-__all__ = ["FIGURES", "Drawing", "drawings", "save_figures"]
+__all__ = ["FIGURES", "Drawing", "drawings", "keep", "save_figures"]
 
 FORMATS = ("png", "svg", "pdf")
 
@@ -68,6 +68,17 @@ def drawings(identification: Identification) -> Iterator[tuple[Drawing, Figure]]
             yield drawing, drawing.draw(identification)
         except InputError:
             continue  # nothing to draw: no circle among the runs, no error motion in the machine file
+
+
+def keep(figure: Figure, name: str, folder: Path) -> None:
+    """Write one figure as PNG, and freeze its layout: whoever renders it next need not arrange it again."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.png").write_bytes(rendered(figure, "png"))
+    except OSError as error:
+        problem = f"it cannot be written ({error.strerror or error})"
+        raise InputError(problem, path=folder, remedy="choose a place with room where you may write") from None
+    figure.set_layout_engine("none")
 
 
 def save_figures(

@@ -6,7 +6,7 @@ import functools
 import io
 import re
 from collections.abc import Callable
-from typing import Any, ParamSpec
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib import rc_context
@@ -41,13 +41,14 @@ _LOOK: Any = {
 _RESOLUTION = {"svg": 110}
 
 P = ParamSpec("P")
+T = TypeVar("T")
 
 
-def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
     """Draw with this look whatever the caller's matplotlib settings are, and leave those as they were."""
 
     @functools.wraps(draw)
-    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> T:
         with rc_context(_LOOK):
             return draw(*args, **kwargs)
 

@@ -16,6 +16,7 @@ __all__ = ["Cell", "noise_table", "outlier_table", "parameter_table", "setup_tab
 
 MOST_OUTLIERS = 500
 TALL = 24
+LONG = 48
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str | Cell
 
 def _cell(cell: str | Cell) -> str:
     if isinstance(cell, str):
-        return f"<td>{html.escape(cell)}</td>"
+        wrapped = ' class="long"' if len(cell) > LONG else ""
+        return f"<td{wrapped}>{html.escape(cell)}</td>"
     key = f' data-sort="{cell.value!r}"' if math.isfinite(cell.value) else ""
     return f'<td class="n"{key}>{html.escape(cell.text)}</td>'
 

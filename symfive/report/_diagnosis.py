@@ -1,0 +1,190 @@
+"""The report of a diagnosis: one HTML file that a service engineer reads from top to bottom."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from symfive.diagnose import Diagnosis, Finding
+from symfive.errors import InputError
+from symfive.files import output_folder
+from symfive.report._bands import error_motion_bands
+from symfive.report._cards import card, percent, title_of
+from symfive.report._chain import chain_picture
+from symfive.report._evidence import classes_list, fit_table, gap_table, observability_table
+from symfive.report._finding_figure import Tips, finding_figure
+from symfive.report._geometry import geometry_chart, geometry_table
+from symfive.report._over_time import residuals_over_time
+from symfive.report._page import embedded, write_page
+from symfive.report._polar import polar_trace
+from symfive.report._save import keep
+from symfive.report._spectrum import residual_spectrum
+from symfive.report._tables import noise_table, outlier_table, setup_table
+from symfive.report._visible import visible_parts
+
+__all__ = ["diagnosis_report"]
+
+NAME = "report.html"
+Array = NDArray[np.float64]
+Drawn = Callable[[], tuple[Figure, Tips]]
+_READING = (
+    "Left: the dots follow the dark line, which is this effect; where there are other findings, the residual as it was "
+    "is grey and what they explain is taken off the coloured dots. Right: with all findings in the model only noise "
+    "may be left, evenly around zero within the grey band."
+)
+
+
+def diagnosis_report(diagnosis: Diagnosis, folder: Path | str, *, false_alarms: float | None = None) -> Path:
+    """Write `report.html` and its figures (`figures/*.png`) into `folder`; returns the page's path.
+
+    One self-contained page (no network, below 3 MB): the verdict, a card per finding in order of its share of the
+    deviation, the machine's chain with the guilty links, before and after, what the campaign can see at all, the
+    quality of the data, noise and set-up. `false_alarms` is the rate that the diagnosis was made with, where it does
+    not carry it itself. Raises `InputError` where the folder cannot be written.
+    """
+    folder = Path(folder)
+    findings = sorted(diagnosis.findings, key=lambda f: -f.share)
+    title = f"Diagnosis of {diagnosis.after.model.machine.name}"
+    with output_folder(folder) as target:
+        body = [
+            *_head(diagnosis, findings, title, getattr(diagnosis, "false_alarms", false_alarms)),
+            *_cards(diagnosis, findings, target / "figures"),
+            *_proof(diagnosis, target / "figures"),
+            *_sight(diagnosis),
+            *_quality(diagnosis, target / "figures"),
+        ]
+        write_page(target / NAME, title, "\n".join(body))
+    return folder / NAME
+
+
+def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str, rate: float | None) -> list[str]:
+    model = diagnosis.after.model
+    campaign, machine = model.campaign, model.machine
+    count = len(findings)
+    headline = "The model explains these readings; nothing is missing that they could show."
+    if diagnosis.mismatch:
+        pieces = "One piece" if count == 1 else f"{count} pieces"
+        names = "; ".join(title_of(f) for f in findings)
+        headline = (
+            f"{pieces} of physics had been left out: {names}." if count else "Something is left that has no name."
+        )
+    tiles = [
+        ("residual RMS before → after", f"{diagnosis.fit.rms_before_um:.3g} → {diagnosis.fit.rms_after_um:.3g} µm"),
+        ("noise found (1σ of one reading)", f"{diagnosis.noise_um:.3g} µm"),
+        ("p-value of “nothing is missing”", _power(diagnosis.p_value)),
+        *([("false-alarm rate allowed", percent(rate))] if rate is not None else []),
+        ("effects looked for", str(len(diagnosis.observability))),
+    ]
+    links = [("findings", "Findings")] if findings else []
+    links += [("proof", "Before and after"), ("sight", "What these tests can see"), ("quality", "Data quality"),
+              ("noise", "Noise"), ("setup", "Set-up")]  # fmt: skip
+    facts = f"Campaign {campaign.name}; structure {machine.structure.code}; {len(campaign.runs)} runs, {campaign.rows} rows."
+    chain = chain_picture(machine, list(enumerate(findings, start=1)), "The machine's chain with every finding's place")
+    return [
+        f"<h1>{html.escape(title)}</h1>",
+        f'<p class="facts">{html.escape(facts)}</p>',
+        f'<div class="verdict {"no" if diagnosis.mismatch else "yes"}"><strong>{html.escape(headline)}</strong>'
+        f"<p>{html.escape(diagnosis.letter)}</p></div>",
+        '<dl class="tiles">' + "".join(f"<div><dt>{k}</dt><dd>{html.escape(v)}</dd></div>" for k, v in tiles) + "</dl>",
+        chain if findings else "",
+        "<nav>" + "".join(f'<a href="#{key}">{words}</a>' for key, words in links) + "</nav>",
+        *(f"<p>Note: {html.escape(note)}.</p>" for note in (*diagnosis.after.notes, *campaign.notes)),
+    ]
+
+
+def _power(p: float) -> str:
+    """A probability; small ones as a power of ten."""
+    if p >= 1e-3:
+        return f"{p:.2g}"
+    exponent = math.log10(max(p, 1e-300))
+    digits = str(abs(math.floor(exponent))).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"below 10⁻{digits}" if exponent <= -299.0 else f"about 10⁻{digits}"
+
+
+def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> Iterator[str]:
+    if not findings:
+        return
+    yield '<h2 id="findings">Findings</h2>'
+    parts = visible_parts(diagnosis.before, [f.contribution for f in findings])
+    for number, (finding, visible) in enumerate(zip(findings, parts, strict=True), start=1):
+        title = f"{title_of(finding)}: residual before and after"
+        picture = _figure(f"finding-{number}-residual", title, _READING,
+                          partial(finding_figure, diagnosis, finding, visible, _others(parts, number - 1)), figures)  # fmt: skip
+        yield card(number, finding, diagnosis, picture)
+
+
+def _others(parts: Sequence[Mapping[str, Array]], mine: int) -> dict[str, Array] | None:
+    """The sum of what all other findings explain; None where there is no other."""
+    rest = [part for i, part in enumerate(parts) if i != mine]
+    return {run: np.sum([part[run] for part in rest], axis=0) for run in rest[0]} if rest else None
+
+
+def _proof(diagnosis: Diagnosis, figures: Path) -> Iterator[str]:
+    yield '<h2 id="proof">Before and after</h2>'
+    yield fit_table(diagnosis)
+    before, after = diagnosis.before, diagnosis.after
+    if diagnosis.findings:
+        said = "A bar that moved by more than its length: the geometry had taken up what belongs to a finding."
+        yield _figure("geometry", "Geometry before and after", said, lambda: geometry_chart(before, after), figures)
+        shown = geometry_table(diagnosis)
+        yield f"<details><summary>All of the geometry in numbers</summary>{shown}</details>"
+    said = "Measured, with the model dashed, and what is left, magnified further. Both senses of travel overlaid."
+    if diagnosis.findings:
+        yield _figure("polar-before", "Circular tests before", f"Before: without the findings. {said}",
+                      lambda: (polar_trace(before), {}), figures)  # fmt: skip
+    words = "After: with all findings. " if diagnosis.findings else ""
+    yield _figure("polar-after", "Circular tests", words + said, lambda: (polar_trace(after), {}), figures)
+    said = (
+        "The error over the travel that was used, with its uncertainty. Where the band contains zero, none is proven."
+    )
+    yield _figure("error-motions", "Error motions", said, lambda: (error_motion_bands(after), {}), figures)
+
+
+def _figure(name: str, title: str, reading: str, draw: Drawn, figures: Path) -> str:
+    """The figure on the page and as a file; "" where there is nothing to draw."""
+    try:
+        figure, tips = draw()
+    except InputError:
+        return ""  # no circle among the runs, no error motion in the machine file
+    keep(figure, name, figures)
+    return embedded(figure, name, title, reading, tips)
+
+
+def _sight(diagnosis: Diagnosis) -> list[str]:
+    return [
+        '<h2 id="sight">What these tests can see at all</h2>',
+        "<p>For each effect: the share of its energy that the fit cannot take up as geometry or set-up, and by how many "
+        "σ one of usual size would stand out. An effect with a small share could be there and stay unseen.</p>",
+        classes_list(diagnosis),
+        observability_table(diagnosis),
+    ]
+
+
+def _quality(diagnosis: Diagnosis, figures: Path) -> list[str]:
+    after = diagnosis.after
+    gaps = gap_table(after.model.campaign)
+    has_setup = any(p.run is not None for p in after.parameters)
+    noise = "Only noise should be left: even around zero, within the grey band, without waves or steps."
+    peaks = "Peaks above the dashed line are no noise: at a fixed frequency a vibration, at a fixed order an error per turn."
+    return [
+        '<h2 id="quality">Data quality</h2>',
+        outlier_table(after) if after.outliers else "<p>No outliers were left out.</p>",
+        gaps or "<p>No rows are missing in the recordings.</p>",
+        _figure(
+            "residuals-over-time", "What is left, over time", noise, lambda: (residuals_over_time(after), {}), figures
+        ),
+        _figure(
+            "residual-spectrum", "Spectrum of what is left", peaks, lambda: (residual_spectrum(after), {}), figures
+        ),
+        '<h2 id="noise">Noise found and declared</h2>',
+        noise_table(after),
+        '<h2 id="setup">Set-up</h2>',
+        setup_table(after) if has_setup else "<p>No set-up parameter was estimated.</p>",
+    ]

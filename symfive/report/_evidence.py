@@ -1,0 +1,102 @@
+"""Tables of a diagnosis: before and after, what the campaign can see at all, gaps in the recordings."""
+
+from __future__ import annotations
+
+import html
+
+import numpy as np
+
+from symfive.campaign import Campaign
+from symfive.diagnose import Diagnosis
+from symfive.effects import EFFECTS
+from symfive.report._style import plain_number
+from symfive.report._tables import Cell, table
+
+__all__ = ["classes_list", "fit_table", "gap_table", "observability_table"]
+
+FAINT_SIGMAS = 5.0
+GAP = 1.5
+MOST_GAPS = 500
+
+
+def fit_table(diagnosis: Diagnosis) -> str:
+    """rms, χ²/dof and left-out runs, before and after, each against what noise alone would give."""
+    fit, noise = diagnosis.fit, diagnosis.noise_um
+    before, after = diagnosis.before, diagnosis.after
+    lines: list[tuple[str, float | None, float | None, str, str]] = [
+        ("residual RMS of all runs", fit.rms_before_um, fit.rms_after_um, "µm", f"{noise:.3g}"),
+        ("residual RMS of runs left out of the fit in turn", fit.heldout_rms_before_um, fit.heldout_rms_after_um, "µm",
+         f"{noise:.3g}"),
+        ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", "1"),
+        ("χ²/dof against the noise found", before.chi2_dof_whitened, after.chi2_dof_whitened, "", "1"),
+        ("parameters", len(before.parameters), len(after.parameters), "", ""),
+        ("readings left out as outliers", len(before.outliers), len(after.outliers), "", ""),
+    ]  # fmt: skip
+    rows: list[list[str | Cell]] = [
+        [what, _number(old), _number(new), unit, aim] for what, old, new, unit, aim in lines if old is not None
+    ]
+    heads = ["quantity", "before", "after", "unit", "noise alone"]
+    return table("What is left, against what noise alone would leave", heads, rows)
+
+
+def _number(value: float | None) -> str | Cell:
+    if value is None:
+        return "–"
+    return Cell(str(value) if isinstance(value, int) else f"{value:.4g}", float(value))
+
+
+def observability_table(diagnosis: Diagnosis) -> str:
+    """What the campaign can see of every effect of the catalogue, whether or not it was found."""
+    rows: list[list[str | Cell]] = []
+    classes = []
+    together = {key: i for i, group in enumerate(diagnosis.classes, start=1) for key in group}
+    for o in sorted(diagnosis.observability, key=lambda o: -o.sigmas):
+        kind = EFFECTS.get(o.form.partition(".")[0])
+        group = f"class {together[o.form]}" if o.form in together else ""
+        hidden = kind.hidden_by if kind is not None and o.visible < 0.5 else ""
+        rows.append([o.effect.replace("_", " "), o.axis or "–", o.form, Cell(f"{100.0 * o.visible:.1f}", o.visible),
+                     Cell(f"{o.sigmas:.1f}" if o.sigmas < 1e4 else plain_number(o.sigmas), o.sigmas), group, hidden])  # fmt: skip
+        classes.append("weak" if o.sigmas < FAINT_SIGMAS else "")
+    heads = ["effect", "axis", "form", "visible share / %", "a usual size stands out by / σ", "not told apart",
+             "may hide behind"]  # fmt: skip
+    weak = sum(c == "weak" for c in classes)
+    caption = f"{len(rows)} effects that were looked for" + (
+        f"; {weak} (coloured) would hardly show here: a usual size stands out by less than {FAINT_SIGMAS:g} σ"
+        if weak
+        else ""
+    )
+    return table(caption, heads, rows, classes)
+
+
+def classes_list(diagnosis: Diagnosis) -> str:
+    """The classes of effects whose visible parts have one shape."""
+    if not diagnosis.classes:
+        return "<p>All effects that this campaign can see are told apart.</p>"
+    items = [
+        f"<li><strong>Class {i}:</strong> {html.escape(', '.join(group))}</li>"
+        for i, group in enumerate(diagnosis.classes, start=1)
+    ]
+    return (
+        "<p>These read alike in this campaign, whatever their size; another place or height of the test, not another "
+        f"repetition, can part them:</p><ul>{''.join(items)}</ul>"
+    )
+
+
+def gap_table(campaign: Campaign) -> str:
+    """Rows that recordings at a constant rate lack; "" where none does."""
+    rows: list[list[str | Cell]] = []
+    for run in campaign.runs:
+        if not run.dynamic or run.rows < 3:
+            continue
+        steps = np.diff(run.time)
+        interval = float(np.median(steps))
+        for k in np.flatnonzero(steps > GAP * interval).tolist():
+            lost = round(float(steps[k]) / interval) - 1
+            at = float(run.time[k])
+            rows.append([run.id, run.file, Cell(str(k + 2), k), Cell(f"{at:.3f}", at),
+                         Cell(plain_number(1e3 * float(steps[k])), float(steps[k])), Cell(str(lost), lost)])  # fmt: skip
+    if not rows:
+        return ""
+    heads = ["run", "file", "after row of the file", "time / s", "gap / ms", "rows lost"]
+    more = f" (first {MOST_GAPS} of {len(rows)})" if len(rows) > MOST_GAPS else ""
+    return table(f"Gaps in the recordings{more}", heads, rows[:MOST_GAPS])

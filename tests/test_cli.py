@@ -1,0 +1,444 @@
+"""The command line, verb by verb: what is written, exit codes, one sentence for bad input, nothing half written."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from symfive import __version__, cli
+from symfive.campaign import read_campaign, write_campaign
+from symfive.machine import preset, write_machine
+from symfive.model import read_model
+from symfive.procedures import campaign_of, r_test_grid
+
+CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
+BAR = CAMPAIGNS / "static-ball-bar-two-heights" / "fit"
+NESTS = CAMPAIGNS / "static-none" / "fit"
+SAG = CAMPAIGNS / "static-sag-and-drift" / "fit"
+COMMANDS = typer.main.get_command(cli.app).commands
+
+
+class Answer:
+    """What a command said and returned."""
+
+    def __init__(self, code: int, out: str, err: str) -> None:
+        self.code, self.out, self.err = code, out, err
+
+
+@pytest.fixture
+def symfive(capsys):
+    def run(*words: object) -> Answer:
+        capsys.readouterr()
+        code = cli.main([str(word) for word in words])
+        said = capsys.readouterr()
+        return Answer(code, said.out, said.err)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory) -> Path:
+    """Results of one identification with figures."""
+    folder = tmp_path_factory.mktemp("cli") / "results"
+    assert cli.main(["identify", str(NESTS), "-o", str(folder), "-q"]) == 0
+    return folder
+
+
+@pytest.fixture
+def small_plan(tmp_path) -> Path:
+    """A plan of few poses, without readings."""
+    machine = preset("oyama-2010")
+    write_campaign(campaign_of(machine, r_test_grid(machine, step_deg=90.0)), tmp_path / "plan")
+    return tmp_path / "plan"
+
+
+def refused(answer: Answer, *words: str) -> None:
+    """Exit 2, one line on standard error that names these, nothing on standard output."""
+    assert answer.code == 2
+    assert answer.out == ""
+    assert "Traceback" not in answer.err
+    lines = answer.err.strip().splitlines()
+    assert len(lines) == 1, answer.err
+    assert lines[0].startswith("symfive: ")
+    for word in words:
+        assert word in lines[0]
+
+
+def files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+# --- help ---------------------------------------------------------------------------------------------------------
+
+
+def test_version_and_help(symfive):
+    assert symfive("--version").out.strip() == f"symfive {__version__}"
+    answer = symfive("--help")
+    assert answer.code == 0
+    for verb in COMMANDS:
+        assert verb in answer.out
+
+
+@pytest.mark.parametrize("verb", COMMANDS)
+def test_help_of_every_verb_has_an_example(symfive, verb):
+    answer = symfive(verb, "--help")
+    assert answer.code == 0
+    assert f"Example: symfive {verb} " in " ".join(answer.out.split())
+
+
+@pytest.mark.parametrize("verb", COMMANDS)
+def test_every_argument_and_option_is_explained(verb):
+    for parameter in COMMANDS[verb].params:
+        assert getattr(parameter, "help", "") or parameter.name in ("help",), f"{verb}: {parameter.name}"
+
+
+def test_an_unknown_verb_or_option_is_a_usage_error(symfive):
+    assert symfive("guess").code == 2
+    assert symfive("assess", str(BAR), "--points", "3").code == 2
+    assert symfive("identify", str(BAR)).code == 2  # no -o
+
+
+def test_as_a_program():
+    done = subprocess.run([sys.executable, "-m", "symfive", "assess", "absent"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert "there is no such file" in done.stderr
+
+
+# --- the verbs ----------------------------------------------------------------------------------------------------
+
+
+def test_assess(symfive):
+    answer = symfive("assess", BAR)
+    assert answer.code == 0
+    assert "expected 1σ" in answer.out
+    assert "cannot be told apart" in answer.out
+    data = json.loads(symfive("assess", BAR, "--json").out)
+    assert data["schema"] == "symfive.assessment/1"
+    assert data["parameters"]["EX0C"]["unit"] == "um"
+
+
+def test_simulate_fills_a_plan_in(symfive, small_plan, tmp_path):
+    answer = symfive("simulate", small_plan, "-o", tmp_path / "measured", "--seed", 3)
+    assert answer.code == 0
+    assert answer.out == ""
+    assert "rows" in answer.err
+    measured = read_campaign(tmp_path / "measured")
+    assert measured.measured
+    truth = json.loads((tmp_path / "measured" / "truth.json").read_text())
+    assert truth["schema"] == "symfive.truth/1"
+    assert truth["seed"] == 3
+    assert symfive("simulate", small_plan, "-o", tmp_path / "again", "--seed", 3, "-q").err == ""
+    for run in measured.runs:
+        assert (tmp_path / "again" / run.file).read_bytes() == (tmp_path / "measured" / run.file).read_bytes()
+
+
+def test_simulate_takes_a_truth_with_effects(symfive, small_plan, tmp_path):
+    truth = tmp_path / "truth.json"
+    effects = [{"effect": "gravity_sag", "axis": "B", "component": "EXB"}]
+    truth.write_text(json.dumps({"parameters": {"EX0C": 33.0, "gravity_sag.B.EXB.sin": 5.0}, "effects": effects}))
+    assert symfive("simulate", small_plan, "-o", tmp_path / "m", "--truth", truth).code == 0
+    made = json.loads((tmp_path / "m" / "truth.json").read_text())
+    assert made["parameters"]["EX0C"] == 33.0
+    assert made["effects"] == effects
+
+
+def test_identify_writes_everything(fitted):
+    written = files(fitted)
+    assert {"identification.json", "model.json", "identification.html"} <= written
+    assert any(name.startswith("figures") for name in written)
+    data = json.loads((fitted / "identification.json").read_text())
+    assert data["schema"] == "symfive.identification/1"
+    truth = json.loads((CAMPAIGNS / "static-none" / "truth.json").read_text())["location_errors_um_urad"]
+    for name, value in truth.items():
+        entry = data["parameters"][name]
+        assert abs(entry["value"] - value) < 3.5 * entry["std"], name
+    assert read_model(fitted).names
+
+
+def test_identify_without_figures_as_json_on_two_campaigns(symfive, tmp_path):
+    words = (
+        "identify",
+        BAR,
+        "--with",
+        BAR,
+        "-o",
+        tmp_path / "r",
+        "--no-figures",
+        "--json",
+        "-q",
+        "--noise",
+        "declared",
+    )
+    answer = symfive(*words)
+    assert answer.code == 0
+    assert answer.err == ""
+    assert json.loads(answer.out) == json.loads((tmp_path / "r" / "identification.json").read_text())
+    assert files(tmp_path / "r") == {"identification.json", "model.json"}
+    assert "c2-low" in json.loads(answer.out)["setup"]
+
+
+def test_predict(symfive, fitted, tmp_path):
+    heldout = CAMPAIGNS / "static-none" / "heldout"
+    answer = symfive("predict", fitted / "model.json", heldout, "-o", tmp_path / "p")
+    assert answer.code == 0
+    assert "check: rms of measured minus predicted" in answer.out
+    data = json.loads((tmp_path / "p" / "prediction.json").read_text())
+    assert data["rms"]["check"] < 0.45
+    assert read_campaign(tmp_path / "p").measured
+    as_json = symfive("predict", fitted, heldout, "-o", tmp_path / "p", "--json", "-q")
+    assert json.loads(as_json.out) == data
+
+
+def test_diagnose_names_what_is_hidden(symfive, tmp_path):
+    answer = symfive("diagnose", SAG, "-o", tmp_path / "d", "--json", "-q")
+    assert answer.code == 0
+    data = json.loads(answer.out)
+    assert data == json.loads((tmp_path / "d" / "diagnosis.json").read_text())
+    assert data["schema"] == "symfive.diagnosis/1"
+    assert data["mismatch"] is True
+    assert {finding["effect"] for finding in data["findings"]} >= {"gravity_sag"}
+    assert data["fit"]["chi2_dof_after"] < data["fit"]["chi2_dof_before"]
+    assert {"diagnosis.json", "identification.json", "model.json"} <= files(tmp_path / "d")
+    assert "gravity_sag" in {effect.id for effect in read_model(tmp_path / "d").effects}
+
+
+def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_path):
+    answer = symfive("diagnose", BAR, "-o", tmp_path / "d")
+    assert answer.code == 0
+    assert "The baseline explains the readings" in answer.out
+    assert json.loads((tmp_path / "d" / "diagnosis.json").read_text())["findings"] == []
+
+
+# --- bad input ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def broken(tmp_path) -> Path:
+    """A small campaign to be spoilt."""
+    shutil.copytree(BAR, tmp_path / "bad")
+    return tmp_path / "bad"
+
+
+def spoil(path: Path, old: str, new: str, count: int = 1) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, count), encoding="utf-8")
+
+
+def cell(path: Path, line: int, column: int, value: str) -> None:
+    """Another value in a cell, both counted from 1."""
+    lines = path.read_text(encoding="utf-8").split("\n")
+    cells = lines[line - 1].split(",")
+    cells[column - 1] = value
+    lines[line - 1] = ",".join(cells)
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+CELLS = [
+    ("text", 5, "C_deg", "north", "is not a number"),
+    ("NaN", 6, "dL_um", "nan", "not a finite number"),
+    ("infinity", 7, "X_mm", "inf", "not a finite number"),
+    ("time", 8, "t_s", "0.5", "time does not increase"),
+    ("travel", 9, "X_mm", "5000.0", "outside its travel"),
+]
+
+
+@pytest.mark.parametrize(("line", "name", "value", "says"), [c[1:] for c in CELLS], ids=[c[0] for c in CELLS])
+def test_a_wrong_cell_is_named_by_file_line_and_column(symfive, broken, line, name, value, says):
+    path = broken / "low.csv"
+    column = path.read_text().split("\n", 1)[0].split(",").index(name) + 1
+    cell(path, line, column, value)
+    answer = symfive("identify", broken, "-o", broken.parent / "out")
+    refused(answer, "low.csv", f"line {line}", f"column {column}", says)
+    assert not (broken.parent / "out").exists()
+
+
+HEADERS = [
+    ("missing", "dL_um", None, "is missing"),
+    ("unknown", "dL_um", "dL_um,extra_um", "column"),
+    ("unit", "C_deg", "C_rad", "wrong unit"),
+    ("axis", "C_deg", "Q_deg", "no axis Q"),
+    ("semicolons", ",", ";", "separated by semicolons"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "says"), [h[1:] for h in HEADERS], ids=[h[0] for h in HEADERS])
+def test_a_wrong_header(symfive, broken, old, new, says):
+    path = broken / "low.csv"
+    header, rest = path.read_text().split("\n", 1)
+    names = header.split(",")
+    if new is None:  # a command column goes, header and cells
+        drop = names.index("C_deg")
+        lines = [
+            ",".join(c for i, c in enumerate(line.split(",")) if i != drop) for line in (header, *rest.splitlines())
+        ]
+        path.write_text("\n".join(lines))
+    else:
+        path.write_text(header.replace(old, new) + "\n" + rest)
+    answer = symfive("assess", broken)
+    refused(answer, "low.csv", "line 1", says)
+
+
+FILES = [
+    ("empty", lambda p: p.write_bytes(b""), "the file is empty"),
+    ("header-only", lambda p: p.write_text(p.read_text().split("\n", 1)[0] + "\n"), "no rows"),
+    ("binary", lambda p: p.write_bytes(bytes(range(256)) * 20), "low.csv"),
+    ("utf-16", lambda p: p.write_bytes(p.read_text().encode("utf-16")), "UTF-16"),
+    ("latin-1", lambda p: p.write_bytes(p.read_bytes().replace(b"t_s", b"t_\xb5s")), "UTF-8"),
+    ("truncated", lambda p: p.write_bytes(p.read_bytes()[:-25]), "truncated"),
+    ("gone", lambda p: p.unlink(), "there is no such file"),
+    ("folder", lambda p: (p.unlink(), p.mkdir()), "this is a folder"),
+]
+
+
+@pytest.mark.parametrize(("damage", "says"), [f[1:] for f in FILES], ids=[f[0] for f in FILES])
+def test_a_damaged_recording(symfive, broken, damage, says):
+    damage(broken / "low.csv")
+    answer = symfive("identify", broken, "-o", broken.parent / "out", "--json")
+    refused(answer, "low.csv", says)
+    assert not (broken.parent / "out").exists()
+
+
+def test_a_huge_file_is_refused_before_it_is_read(symfive, broken):
+    with (broken / "low.csv").open("r+b") as stream:
+        stream.truncate(2_000_000_000)  # sparse
+    refused(symfive("assess", broken), "low.csv", "bytes")
+
+
+TOML = [
+    ("campaign.toml", 'instrument = "ball_bar"', 'instrument = "yardstick"', "yardstick"),
+    ("campaign.toml", 'sampling = "static"', 'sampling = "sometimes"', "sometimes"),
+    ("campaign.toml", "[[run]]", "[[run", "line"),
+    ("campaign.toml", "noise_um = ", "noise_um = -", "noise_um"),
+    ("machine.toml", "structure = ", "structur = ", "structural code"),
+    ("machine.toml", "sigma", "sygma", "sigma"),
+]
+
+
+@pytest.mark.parametrize(("file", "old", "new", "says"), TOML, ids=[t[2][:12] for t in TOML])
+def test_a_wrong_toml_file(symfive, broken, file, old, new, says):
+    spoil(broken / file, old, new)
+    refused(symfive("assess", broken), file, says)
+
+
+def test_a_plan_has_nothing_to_identify(symfive, small_plan, tmp_path):
+    for verb in ("identify", "diagnose"):
+        answer = symfive(verb, small_plan, "-o", tmp_path / "out", "-q")
+        refused(answer, "no readings", "measure or simulate")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_model_that_is_none(symfive, fitted, tmp_path):
+    heldout = CAMPAIGNS / "static-none" / "heldout"
+    refused(symfive("predict", fitted / "identification.json", heldout, "-o", tmp_path / "o"), "this is not a model")
+    (tmp_path / "m.json").write_text("{ not json")
+    refused(symfive("predict", tmp_path / "m.json", heldout, "-o", tmp_path / "o"), "m.json, line 1, column 3")
+    other = CAMPAIGNS / "planar-none" / "heldout"
+    refused(symfive("predict", fitted, other, "-o", tmp_path / "o", "-q"), "use the model of the same machine")
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_truth_that_is_none(symfive, small_plan, tmp_path):
+    truth, out = tmp_path / "t.json", tmp_path / "o"
+    wrong = {"[]": "no parameters", '{"parameters": {"EX0C": "much"}}': "EX0C", '{"parameters": {"EX9Q": 1.0}}': "EX9Q"}
+    for text, says in wrong.items():
+        truth.write_text(text)
+        refused(symfive("simulate", small_plan, "-o", out, "--truth", truth), says)
+    assert not out.exists()
+
+
+def test_a_wrong_choice(symfive, tmp_path):
+    refused(symfive("identify", BAR, "-o", tmp_path / "o", "--noise", "guess", "-q"), "guess", "estimate")
+    refused(symfive("identify", BAR, "-o", tmp_path / "o", "--loss", "cubic", "-q"), "cubic", "huber")
+    assert not (tmp_path / "o").exists()
+
+
+def test_joining_another_machine(symfive, tmp_path):
+    answer = symfive("identify", BAR, "--with", CAMPAIGNS / "planar-none" / "heldout", "-o", tmp_path / "o", "-q")
+    refused(answer, "join campaigns of one machine")
+
+
+def test_an_output_that_is_a_file(symfive, small_plan, tmp_path):
+    (tmp_path / "o").write_text("mine")
+    refused(symfive("simulate", small_plan, "-o", tmp_path / "o"), "a file of that name exists")
+    assert (tmp_path / "o").read_text() == "mine"
+
+
+# --- whole or not at all ------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_half_written_when_the_figures_fail(symfive, tmp_path, monkeypatch):
+    def fails(*arguments, **options):
+        raise MemoryError
+
+    monkeypatch.setattr("symfive.report.identification_report", fails)
+    refused(symfive("identify", BAR, "-o", tmp_path / "o", "-q"), "memory")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interruption_writes_nothing(symfive, tmp_path, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "write_model", interrupted)
+    answer = symfive("identify", BAR, "-o", tmp_path / "o", "-q", "--no-figures")
+    assert answer.code == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk(symfive, small_plan, tmp_path, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device", "measured")
+
+    monkeypatch.setattr(cli, "write_campaign_files", full)
+    answer = symfive("simulate", small_plan, "-o", tmp_path / "o")
+    refused(answer, "No space left on device")
+    assert not (tmp_path / "o").exists()
+
+
+def test_results_are_replaced_and_other_files_stay(symfive, small_plan, tmp_path):
+    out = tmp_path / "o"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    (out / "truth.json").write_text("old")
+    assert symfive("simulate", small_plan, "-o", out, "-q").code == 0
+    assert (out / "notes.txt").read_text() == "mine"
+    assert json.loads((out / "truth.json").read_text())["seed"] == 0
+
+
+# --- quiet, notes and progress ------------------------------------------------------------------------------------
+
+
+def test_notes_go_to_standard_error_and_quiet_leaves_them_out(symfive, broken):
+    spoil(broken / "campaign.toml", "[[run]]", '[[run]]\noperator = "somebody"')
+    answer = symfive("assess", broken)
+    assert 'note: key "operator"' in answer.err
+    assert "operator" not in answer.out
+    assert symfive("assess", broken, "-q").err == ""
+
+
+def test_progress_is_told_from_two_seconds_on(symfive, tmp_path, monkeypatch):
+    clock = iter(range(0, 100_000, 3))
+    monkeypatch.setattr(cli.time, "monotonic", lambda: next(clock))
+    answer = symfive("identify", BAR, "-o", tmp_path / "o", "--no-figures")
+    assert answer.code == 0
+    assert " s  " in answer.err
+    assert " s  " not in answer.out
+
+
+def test_plan_of_few_poses(symfive, tmp_path):
+    if "plan" not in COMMANDS:
+        pytest.skip("there is no verb plan yet")
+    write_machine(preset("oyama-2010"), tmp_path / "machine.toml")
+    refused(symfive("plan", tmp_path / "absent.toml", "-o", tmp_path / "p"), "absent.toml")
+    refused(symfive("plan", tmp_path / "machine.toml", "-o", tmp_path / "p", "--for", "EX9Q", "-q"), "EX9Q")
+    refused(symfive("plan", tmp_path / "machine.toml", "-o", tmp_path / "p", "--points", "1", "-q"), "points")
+    assert not (tmp_path / "p").exists()

@@ -1,0 +1,247 @@
+"""The report of a diagnosis: verdict, cards, chain, proof and observability, escaped, whole and in one file."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symfive.campaign import read_campaign
+from symfive.design import Discrimination, Separation
+from symfive.diagnose import Diagnosis, Finding, Fit, Interval, Observability, RivalName
+from symfive.effects import make_effect
+from symfive.errors import InputError
+from symfive.identify import Outlier, identify
+from symfive.report import _diagnosis, _save, diagnosis_report, identification_report, save_figures
+from symfive.report._cards import card, percent
+from symfive.report._chain import chain_picture, guilty
+from symfive.report._coordinate import coordinates_of
+from symfive.report._diagnosis import _power
+from symfive.report._evidence import gap_table
+from symfive.report._finding_figure import finding_figure
+from symfive.report._geometry import geometry_chart
+from symfive.report._visible import visible_parts
+
+CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
+HOSTILE = "<script>alert('x')</script> & \"$\\frac{\" 铣床"
+
+
+class Page(HTMLParser):
+    """What a browser would make of the page: its tags, attributes and text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.words = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_data(self, data):
+        self.words += data
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    """What `diagnose` returns for the campaign with sag and drift, from two fits instead of the whole search."""
+    campaign = read_campaign(CAMPAIGNS / "static-sag-and-drift" / "fit")
+    effects = (make_effect("gravity_sag", "B", component="EZB"), make_effect("thermal_drift"))
+    before, after = identify(campaign), identify(campaign, effects=effects)
+    findings = (_finding(after, "thermal_drift", "time", 0.215), _finding(after, "gravity_sag.B.EZB", "B", 0.627))
+    seen = (
+        Observability("backlash", "Y", "backlash.Y", 0.98, 177.8),
+        Observability("location_error", "Y", "location_error.EA0Y", 0.01, 3.2),
+        Observability("location_error", "Z", "location_error.EA0Z", 0.01, 3.1),
+    )
+    fit = Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, 1.67, 0.44)
+    classes = (("location_error.EA0Y", "location_error.EA0Z"),)
+    return Diagnosis(True, 2e-106, 0.4, findings, fit, seen, classes, before, after)
+
+
+def _finding(after, key: str, coordinate: str, share: float) -> Finding:
+    campaign = after.model.campaign
+    effect = next(e for e in after.model.effects if e.key == key)
+    names = [p.name for p in effect.parameters(campaign)]
+    without = after.values.copy()
+    without[[after.model.index[n] for n in names]] = 0.0
+    if key == "thermal_drift":
+        name = "thermal_drift.time_constant_s"
+        without[after.model.index[name]] = after[name]
+    runs = campaign.runs
+    part = {r.id: after.model.predict_run(r, after.values) - after.model.predict_run(r, without) for r in runs}
+    values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
+    covariance = {(n, n): after.uncertainty(n) ** 2 for n in names}
+    return Finding(
+        effect=effect, name=effect.vocabulary, axis=effect.axis, confidence=0.996,
+        parameters=effect.describe(campaign, values, covariance),
+        rivals=(RivalName("error_motion", "B", 0.0036, "EXB"), RivalName("unknown", None, 1e-25)),
+        runs=tuple(r.id for r in runs), coordinate=coordinate, intervals=(Interval("nest1", 1.0, 60.0),),
+        direction=(0.0, 0.0, 1.0), says=f"{key} says so.", log_p=-238.0, visible=0.18, share=share,
+        moved={"EX0C": (4.61, after["EX0C"])}, contribution=part, alias=("gravity_sag.B.EXB",),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def written(found, tmp_path_factory) -> Path:
+    return diagnosis_report(found, tmp_path_factory.mktemp("out") / "diagnosis", false_alarms=0.01)
+
+
+def test_the_page_says_all_that_the_diagnosis_holds(found, written):
+    text = written.read_text()
+    page = Page(text)
+    assert written.name == "report.html" and len(text.encode()) < 3_000_000
+    assert "2 pieces of physics had been left out: Gravity sag of axis B; Thermal drift." in page.words
+    for words in (
+        found.letter, "about 10⁻¹⁰⁶", "false-alarm rate allowed", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
+        "time constant", "the structure that axis B carries", "changing with time", "location errors of the rotary axes",
+        "here the fit without it had taken 82 % of its energy", "axis C displaced along X", "gravity_sag.B.EXB",
+        "χ²/dof against the noise found", "left out of the fit in turn", "location_error.EA0Z", "Class 1:",
+        "cannot take up as geometry", "No rows are missing", "declared 1σ", "along Z of the machine: (0.00, 0.00, 1.00)",
+    ):  # fmt: skip
+        assert words in page.words, words
+    assert "µrad" in page.words and not re.search(r"\b(um|urad)\b", page.words.replace("dL_um", "")), "units as written"
+    assert text.index('id="finding-1"') < text.index('id="finding-2"') < text.index('id="proof"')
+    assert page.tags.count("article") == 2 and text.count('class="chain"') == 3
+    assert "prefers-color-scheme: dark" in text and "@media print" in text and "data-sort=" in text
+    assert not re.search(r'(src|href)="(?!data:|#)', text.replace('xlink:href="data:', "")), "loads nothing"
+
+
+def test_every_figure_of_the_page_is_a_file_too(written):
+    drawn = set(re.findall(r'<figure id="([^"]+)"', written.read_text()))
+    assert {path.stem for path in (written.parent / "figures").iterdir()} == drawn
+    assert {"finding-1-residual", "finding-2-residual", "geometry", "residuals-over-time"} <= drawn
+    assert sorted(p.name for p in written.parent.iterdir()) == ["figures", "report.html"]
+
+
+def test_hovering_tells_the_numbers(written):
+    text = written.read_text()
+    assert re.search(r"<use [^>]*><title>nest1, row \d+, B −?\d+ °: −?[\d.]+ → −?[\d.]+ µm</title></use>", text)
+    assert re.search(r"<title>EX0C after: −?[\d.]+ ± [\d.]+ µm</title>", text)
+    assert len(set(re.findall(r' id="([^"]+)"', text))) == len(re.findall(r' id="([^"]+)"', text)), "ids are unique"
+
+
+def _nothing(result):
+    raise InputError("nothing to draw", remedy="none")
+
+
+def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
+    monkeypatch.setattr(_diagnosis, "residuals_over_time", _nothing)
+    fit = replace(found.fit, heldout_rms_before_um=None, heldout_rms_after_um=None)
+    clean = replace(found, mismatch=False, findings=(), p_value=0.4, fit=fit, before=found.after)
+    text = diagnosis_report(clean, tmp_path).read_text()
+    page = Page(text)
+    assert "nothing is missing that they could show" in page.words and 'class="verdict yes"' in text
+    assert "backlash.Y" in page.words and page.tags.count("article") == 0 and "0.4" in page.words
+    assert not (tmp_path / "figures" / "geometry.png").exists()
+
+
+def test_what_users_wrote_is_escaped(found, tmp_path, monkeypatch):
+    monkeypatch.setattr(_diagnosis, "residual_spectrum", _nothing)
+    monkeypatch.setattr(_diagnosis, "residuals_over_time", _nothing)
+    first = found.findings[1]
+    evil = replace(
+        first, says=HOSTILE, next_test=f"next/{HOSTILE}", runs=(*first.runs, "<img src=x onerror=alert(1)>"),
+        coordinate=HOSTILE, alias=(HOSTILE,), rivals=(RivalName(HOSTILE, HOSTILE, 0.2, HOSTILE),), axis=HOSTILE,
+        intervals=(Interval(HOSTILE, 0.0, 1.0),),
+    )  # fmt: skip
+    after = replace(found.after, notes=(HOSTILE,), outliers=(Outlier("nest1", 3, "dx_um", 9.0, 22.0),))
+    odd = Observability(HOSTILE, HOSTILE, HOSTILE, 0.1, 2.0)
+    result = replace(found, findings=(evil,), after=after, observability=(odd,), classes=((HOSTILE, "b"),))
+    page = Page(diagnosis_report(result, tmp_path).read_text())
+    assert page.tags.count("script") == 1 and "img" not in page.tags
+    assert not any(name.startswith("on") for name, _ in page.attributes)
+    assert page.words.count(HOSTILE) >= 8 and "nest1.csv" in page.words
+
+
+def test_the_next_test_is_a_link_with_what_it_is_expected_to_tell(found):
+    table = (Separation("height 100 mm", 41.2, 40.0, 42.0, 3.0), Separation("repeat", 2.1, 2.0, 2.2, 3.0))
+    test = Discrimination(found.after.model.campaign, 41.2, 2.0, table)
+    finding = replace(found.findings[0], next_test="next-test/thermal_drift", test=test)
+    text = card(1, finding, found, "")
+    assert '<a href="next-test/thermal_drift">' in text
+    assert "Height 100 mm separates the two by 41.2σ" in text and ">repeat<" in text and ">2.1<" in text
+
+
+def test_the_visible_part_is_what_the_residual_shows(found):
+    """The residual before is noise and the visible parts of all findings."""
+    parts = visible_parts(found.before, [f.contribution for f in found.findings])
+    for run in found.before.residuals:
+        left = found.before.residuals[run] - parts[0][run] - parts[1][run]
+        assert np.sqrt(np.mean(left**2)) < 1.1 * found.noise_um
+    assert visible_parts(found.before, []) == []
+
+
+@pytest.mark.parametrize(
+    ("stage", "axis", "part"),
+    [
+        ("servo_mismatch", "X", "drive"), ("backlash", "B", "axis"), ("thermal_drift", None, "loop"),
+        ("latency", None, "drive"), ("sensor_error", None, "instrument"),
+    ],
+)  # fmt: skip
+def test_the_guilty_link_follows_the_stage(found, stage, axis, part):
+    machine = found.after.model.machine
+    options = {"component": "EZB"} if stage == "gravity_sag" else {}
+    finding = replace(found.findings[0], effect=make_effect(stage, axis, **options), axis=axis, coordinate="time")
+    assert guilty(finding, machine).part == part and guilty(finding, machine).timed
+    picture = chain_picture(machine, [(1, finding)], HOSTILE)
+    assert "guilty" in picture and 'class="badge"' in picture and "<script" not in picture
+    assert "guilty" not in chain_picture(machine, [], "chain")
+
+
+@pytest.mark.parametrize(
+    ("coordinate", "labels"),
+    [
+        ("B velocity sign", ["B / °"]), ("X velocity", ["velocity of X / (mm/s)"]), ("time", ["time of the campaign / min"]),
+        ("X acceleration", ["acceleration of X / (mm/s²)"]), ("pose", ["row of the campaign, in the order of the runs"]),
+        ("B, C", ["B / °", "C in one turn / °"]),
+    ],
+)  # fmt: skip
+def test_coordinates_are_drawn_with_their_units(found, coordinate, labels):
+    finding = replace(found.findings[1], coordinate=coordinate)
+    coordinates = coordinates_of(finding, found.after)
+    assert [c.label.replace(" in one turn", "") for c in coordinates] == [x.replace(" in one turn", "") for x in labels]
+    runs = found.after.model.campaign.runs
+    assert all(c.values(run).shape == run.time.shape for c in coordinates for run in runs)
+    if coordinate == "B velocity sign":
+        figure, _ = finding_figure(found, finding, finding.contribution)
+        assert "B moving down" in [t.get_text() for t in figure.legends[0].get_texts()]
+
+
+def test_lost_rows_are_named_by_file_and_row(found):
+    campaign = found.after.model.campaign
+    assert gap_table(campaign) == ""
+    run = campaign.runs[0]
+    time = np.arange(run.rows) * 0.01
+    time[20:] += 0.05
+    dynamic = replace(run, sampling="dynamic", time=time)
+    said = Page(gap_table(replace(campaign, runs=(dynamic,)))).words
+    assert "nest1.csv" in said and "60" in said and "rows lost" in said
+
+
+def test_small_numbers_in_words(found):
+    assert percent(0.9999) == "above 99.9 %" and percent(0.5) == "50 %" and percent(0.0) == "0 %"
+    assert _power(0.03) == "0.03" and _power(3e-7) == "about 10⁻⁷" and _power(1e-300) == "below 10⁻³⁰⁰"
+    fixed = replace(found.after.model.campaign.machine, errors={})
+    bare = identify(found.after.model.campaign.with_machine(fixed))
+    with pytest.raises(InputError, match="no geometry"):
+        geometry_chart(bare, bare)
+
+
+def test_identification_report_draws_each_figure_once(found, tmp_path, monkeypatch):
+    counted = []
+
+    def counting(drawing):
+        return replace(drawing, draw=lambda result: counted.append(drawing.name) or drawing.draw(result))
+
+    wanted = ("residual-spectrum",)
+    monkeypatch.setattr(_save, "FIGURES", [counting(d) for d in _save.FIGURES if d.name in wanted])
+    identification_report(found.after, tmp_path, figures=tmp_path / "figures")
+    assert counted == list(wanted)
+    assert sorted(p.name for p in (tmp_path / "figures").iterdir()) == ["residual-spectrum.png"]
+    saved = save_figures(found.after, tmp_path / "figures")
+    assert [p.stem for p in saved] == list(wanted)
