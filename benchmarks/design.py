@@ -219,7 +219,7 @@ def paper_2(quick: bool) -> None:
     grid = assess(campaign_of(whole, r_test_grid(whole, returning=False, noise_um=0.3)))
     made = plan(whole, points=48, setups=2, starts=2, returns=0)
     print(
-        f" all 52 parameters of the machine file: grid of 168 ψ = {grid.value:.3f}, 48 chosen poses ψ = {made.assessment.value:.3f}"
+        f" all 52 parameters of the machine file: 168 on the grid ψ = {grid.value:.3f}, 48 chosen ψ = {made.assessment.value:.3f}"
     )
     print(" volume: of the joint uncertainty, plan / grid. The bounds show what no plan can do.")
 

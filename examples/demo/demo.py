@@ -1,7 +1,7 @@
 """The main job from end to end, on one machine: `python3 go.py demo` (or `python examples/demo/demo.py`).
 
-A tilting rotary table is planned, measured in simulation, identified with uncertainties and used to predict a run that
-the fit has not seen. Then the same machine sags under gravity, which its baseline model does not know, and the
+The measurement of a tilting rotary table is planned and done in simulation; its errors are identified with their
+uncertainties and predict a run that the fit has not seen. Then the same machine sags under gravity, which its baseline model does not know, and the
 diagnosis has to find out. Where the public recording of a real drive is at hand, its mass and friction are identified
 too. Pictures and results go to `demo-results/`.
 """
@@ -19,6 +19,7 @@ import numpy as np
 
 from symfive.campaign import Campaign, write_campaign
 from symfive.convert import convert
+from symfive.design import Plan, plan
 from symfive.diagnose import Diagnosis, diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
@@ -28,6 +29,7 @@ from symfive.machine import Machine, preset
 from symfive.model import write_model
 from symfive.procedures import campaign_of, planar_circle, r_test_grid, rotary_circle
 from symfive.report import (
+    diagnosis_report,
     identification_report,
     plot_signature,
     prediction_chart,
@@ -45,14 +47,15 @@ PUBLISHED = {"mass": 95.11, "viscous": 203.5, "coulomb": 20.39, "offset": -3.16}
 UNITS = {"um": "µm", "urad": "µrad", "deg": "°"}
 
 
-def plan(machine: Machine, *, step_deg: float = 30.0, rate_hz: float = 10.0) -> Campaign:
-    """R-tests over a grid of B and C with two nests, and ball-bar circles of C and in the XY plane."""
+def make_plan(machine: Machine, *, points: int = 40, rate_hz: float = 10.0) -> tuple[Plan, Campaign]:
+    """R-test poses chosen for what they tell, and with them ball-bar circles of C and in the XY plane."""
+    chosen = plan(machine, instrument="r_test", points=points, noise_um=0.4, starts=1)
     runs = (
-        *r_test_grid(machine, step_deg=step_deg),
+        *chosen.campaign.runs,
         *rotary_circle(machine, axis="C", rate_hz=rate_hz),
         *planar_circle(machine, plane="XY", feed=2000.0, rate_hz=rate_hz),
     )
-    return campaign_of(machine, runs, name="demo")
+    return chosen, campaign_of(machine, runs, name="demo")
 
 
 def held_out(machine: Machine, truth: Mapping[str, float], *, rate_hz: float = 10.0, seed: int = SEED + 1) -> Campaign:
@@ -83,7 +86,7 @@ def share_covered(result: Identification, truth: Mapping[str, float]) -> tuple[i
 
 
 def conceal(machine: Machine, *, step_deg: float = 30.0, seed: int = SEED + 2) -> Simulation:
-    """The R-test part of the plan on a machine that sags; its baseline knows location errors only."""
+    """R-tests over a grid of B and C on the same machine, sagging; its baseline knows location errors only."""
     rigid = replace(machine, errors={term.name: term for term in machine.location_errors})
     campaign = campaign_of(rigid, r_test_grid(rigid, step_deg=step_deg), name="sagging")
     return simulate(campaign, truth=SAG_UM, effects=[SAG], seed=seed)
@@ -148,8 +151,9 @@ def save_prediction(prediction: Prediction, measured: Campaign, folder: Path) ->
 
 
 def save_diagnosis(found: Diagnosis, folder: Path) -> None:
-    """The diagnosis as data, and the residuals over the axes before and after."""
+    """The diagnosis as data and page, the residuals over the axes before and after, what the sag does by itself."""
     write_json(folder / "diagnosis.json", found.to_data())
+    diagnosis_report(found, folder)
     residuals_over_coordinates(found.before).savefig(folder / "residuals-before.png", dpi=110)
     residuals_over_coordinates(found.after).savefig(folder / "residuals-after.png", dpi=110)
     plot_signature(SAG, found.before.model.campaign).savefig(folder / "signature-of-the-sag.png", dpi=110)
@@ -164,9 +168,13 @@ def main(arguments: list[str] | None = None) -> int:
 
     machine = preset("table-bc")
     print(f"1 Machine: {machine.name}, {machine.structure.code}")
-    campaign = plan(machine)
+    chosen, campaign = make_plan(machine)
     minutes = sum(run.duration for run in campaign.runs) / 60.0
     print(f"2 Plan: {len(campaign.runs)} runs, {campaign.rows} rows, {minutes:.0f} min of measuring")
+    share = 100.0 * chosen.certificate.efficiency
+    print(
+        f"  R-test poses: certified to reach {share:.1f} % of what the best {chosen.certificate.points} poses could tell"
+    )
     measured = simulate(campaign, seed=SEED)
     write_campaign(measured.campaign, folder / "measured")
     print(f"3 Measured in simulation with drawn errors and white noise (seed {SEED}): {folder / 'measured'}")

@@ -95,9 +95,7 @@ class Log:
         """The one channel whose name ends so. Raises `InputError` where there is none."""
         found = self.names(ending)
         if not found:
-            raise InputError(
-                f"there is no channel …{ending} in the log", path=self.path, remedy="check the recording"
-            )
+            raise InputError(f"there is no channel …{ending} in the log", path=self.path, remedy="check the recording")
         return self.channels[found[0]]
 
     def names(self, ending: str) -> list[str]:

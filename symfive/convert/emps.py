@@ -49,14 +49,10 @@ def _run(path: Path) -> tuple[Run, tuple[str, ...]]:
         raise InputError(f"the file is not a MAT file of version 7 or lower ({error})", path=path) from None
     missing = [key for key in KEYS if key not in data]
     if missing:
-        raise InputError(
-            f"the file lacks {', '.join(missing)}", path=path, remedy=f"it must hold {', '.join(KEYS)}"
-        )
+        raise InputError(f"the file lacks {', '.join(missing)}", path=path, remedy=f"it must hold {', '.join(KEYS)}")
     time, command, measured, voltage = (array(data[key]) for key in KEYS[:4])
     if not len(time) == len(command) == len(measured) == len(voltage) > 1000 or np.any(np.diff(time) <= 0.0):
-        raise InputError(
-            "t, qg, qm and vir are not four columns of one recording in order of time", path=path
-        )
+        raise InputError("t, qg, qm and vir are not four columns of one recording in order of time", path=path)
     gain, position_gain = (float(array(data[key])[0]) for key in KEYS[4:])
     notes: tuple[str, ...] = ()
     force = gain * voltage

@@ -40,16 +40,11 @@ def ess_xyz(folder: Path) -> Campaign:
         name="ESS target drive unit",
         structure=Structure.parse("w b X Y Z t"),
         axes={name: make_axis(name, travel=(-30.0, 30.0)) for name in AXES},
-        errors={
-            f"E{a}{a}": ErrorTerm(name=f"E{a}{a}", sigma=200.0, basis=("polynomial",), order=(1,))
-            for a in AXES
-        },
+        errors={f"E{a}{a}": ErrorTerm(name=f"E{a}{a}", sigma=200.0, basis=("polynomial",), order=(1,)) for a in AXES},
     )
     runs: list[Run] = []
     for path in sorted(folder.glob("*_ISO230.dat")):
-        runs.append(
-            iso230_run(path, positive_name(path.name.split(".")[0]), iso230_axis(path), AXES, NOISE_UM)
-        )
+        runs.append(iso230_run(path, positive_name(path.name.split(".")[0]), iso230_axis(path), AXES, NOISE_UM))
     for path in sorted(folder.glob("*.log")):
         runs += _log_runs(read_log(path))
     if not runs:

@@ -74,9 +74,7 @@ def irb120_tracker(folder: Path) -> Campaign:
         if not on_tool:
             far = seen & (np.linalg.norm(readings - np.median(readings[seen], axis=0), axis=1) > FAR_MM)
             if far.any():
-                notes.append(
-                    f"{name}: {int(far.sum())} rows more than {FAR_MM:g} mm from the reflector are left out"
-                )
+                notes.append(f"{name}: {int(far.sum())} rows more than {FAR_MM:g} mm from the reflector are left out")
             seen = seen & ~far
         fixed = np.median(turn.T @ (readings[seen] - shift).T, axis=1)
         point = _point(reflectors[k] if on_tool else fixed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,27 @@ class Assessment:
     def sigma(self) -> dict[str, float]:
         """Expected 1σ by name, in the parameter's unit."""
         return {p.name: float(s) for p, s in zip(self.parameters, np.sqrt(np.diag(self.covariance)), strict=True)}
+
+    def to_data(self) -> dict[str, Any]:
+        """The assessment as nested mappings (`assessment.json`)."""
+        from symfive.design._write import assessment_data
+
+        return assessment_data(self)
+
+    def __str__(self) -> str:
+        sigma = self.sigma
+        lines = [f"{len(self.parameters)} parameters, {self.rank} of their combinations are determined by the readings"]
+        shown = [p for p in self.parameters if p.kind != "setup"]
+        lines += [f"  {p.name:24} {sigma[p.name]:10.4g} {p.unit:5} (prior {p.sigma:g})" for p in shown]
+        if self.tool_centre_um is not None:
+            mean, worst = self.tool_centre_um
+            lines.append(
+                f"tool centre point over the workspace: {mean:.3g} µm on average, {worst:.3g} µm at worst (1σ)"
+            )
+        lines += [f"valuation number of {axis}: {number:.1f}" for axis, number in self.valuation.items()]
+        run, row = self.most()
+        lines.append(f"row {row + 1} of run {run} tells most; {len(self.nothing())} rows tell next to nothing")
+        return "\n".join([*lines, *(c.words for c in self.confounded)])
 
     def most(self) -> tuple[str, int]:
         """The run and row (from 0) that tell most."""

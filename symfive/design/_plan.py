@@ -69,6 +69,16 @@ class Plan:
         with output_folder(Path(folder)) as target:
             write_plan(self, target, tuple(nc), post)
 
+    def __str__(self) -> str:
+        runs = [
+            f"  {run.id}: {run.rows} rows, ball at {tuple(round(v) for v in run.table_ball)} mm"
+            for run in self.campaign.runs
+        ]
+        head = (
+            f"{self.instrument} plan, {self.certificate.points} poses, {self.minutes:.0f} min: {self.certificate.says}"
+        )
+        return "\n".join([head, *runs, str(self.assessment)])
+
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
         from symfive.design._write import plan_data

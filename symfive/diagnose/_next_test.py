@@ -108,8 +108,9 @@ def _places(campaign: Campaign, run: Run) -> Iterator[Run]:
         for sign, word in ((1.0, "plus"), (-1.0, "minus")):
             step = sign * distance
             commands = {n: v + step if n == axes[c] else v for n, v in run.commands.items()}
-            ball = tuple(b + step if k == c else b for k, b in zip("xyz", run.table_ball, strict=True))
-            yield _named(run, f"centre-{word}-{distance:.0f}-{c}", replace(run, commands=commands, table_ball=ball))
+            moved = [b + step if k == c else b for k, b in zip("xyz", run.table_ball, strict=True)]
+            place = replace(run, commands=commands, table_ball=(moved[0], moved[1], moved[2]))
+            yield _named(run, f"centre-{word}-{distance:.0f}-{c}", place)
     if run.length is not None:
         centre = {axes[c]: 0.0 for c in axes}
         for name in centre:

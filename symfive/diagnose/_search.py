@@ -294,7 +294,7 @@ def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identif
 
     The plain shape keeps its place unless another one's evidence is better under the same noise.
     """
-    plain = identify(Model(campaign, (*_own(result), trial.effect)), start=trial.values)
+    plain = identify(Model(campaign, (*_own(result), trial.effect)), start=trial.values, start_noise=result.noises)
     best, best_evidence = plain, _evidence(_problem(plain.model, plain), plain.values)
     for other in variants(trial.effect):
         try:
@@ -309,7 +309,7 @@ def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identif
         simpler = len(prepared.parameters(campaign)) < len(trial.effect.parameters(campaign))
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):
             named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
-            best, best_evidence = identify(model, start=named), evidence
+            best, best_evidence = identify(model, start=named, start_noise=plain.noises), evidence
     return best
 
 
@@ -324,7 +324,7 @@ def _with_families(campaign: Campaign, result: Identification) -> Identification
         problem = _problem(result.model, result)
         if _marginal(problem, wide, result.values) > _plain_evidence(problem, result.values) + DECISIVE:
             start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
-            result = identify(wide, start=start)
+            result = identify(wide, start=start, start_noise=result.noises)
     return result
 
 
@@ -335,5 +335,5 @@ def _prune(campaign: Campaign, state: Search) -> None:
         full = _evidence(_problem(state.after.model, state.after), state.after.values)
         if full - _evidence(_problem(without.model, without), without.values) < 3.0:
             named = {p.name: float(v) for p, v in zip(without.parameters, without.values, strict=True)}
-            state.after = identify(without.model, start=named)
+            state.after = identify(without.model, start=named, start_noise=without.noises)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]

@@ -34,6 +34,7 @@ def identify(
     solver: str = "gauss_newton",
     loss: str = "square",
     start: Mapping[str, float] | None = None,
+    start_noise: Mapping[tuple[str, str], Noise] | None = None,
     progress: Callable[[str], None] = _silent,
 ) -> Identification:
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
@@ -41,7 +42,8 @@ def identify(
     `campaign` with readings (or its `Model`); `effects` join the baseline. `free` names the only parameters that may
     move, `fixed` holds some at given values (file units). `noise`: `estimate` finds the white part (never below the
     declared one), a coloured part and outliers; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
-    (bounds by an interior point); `loss`: `square` or `huber` (IPOPT). `start` where to begin.
+    (bounds by an interior point); `loss`: `square` or `huber` (IPOPT). `start` and `start_noise` (by run and instrument)
+    are where to begin.
 
     Raises `InputError` where there are no readings. Source of the estimator: Gaussian prior and noise (A. Tarantola
     2005, ch. 3), restricted likelihood for the noise.
@@ -59,7 +61,7 @@ def identify(
     for name, value in (fixed or {}).items():
         values[_place(model, name)] = value
         movable[_place(model, name)] = False
-    problem = Problem.of(model, movable)
+    problem = Problem.of(model, movable, start_noise)
     progress(f"{model.campaign.rows} rows, {int(movable.sum())} parameters")
     values, converged = solve(problem, values, noise=noise, progress=progress)
     notes = []

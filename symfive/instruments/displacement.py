@@ -35,7 +35,9 @@ class Displacement(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         sensors = run.options.get("sensors")
         if not isinstance(sensors, (list, tuple)) or not sensors:
-            raise InputError(f"run {run.id}: there are no sensors", remedy="add sensors = [{ direction = …, position = … }]")
+            raise InputError(
+                f"run {run.id}: there are no sensors", remedy="add sensors = [{ direction = …, position = … }]"
+            )
         for sensor in sensors:
             if not {"direction", "position"} <= set(sensor):
                 raise InputError(f"run {run.id}: a sensor lacks direction or position", remedy="give both, in mm")
@@ -87,7 +89,9 @@ class Displacement(Instrument):
 
     def _form(self, row: Row, run: Run, sensor: Any) -> Any:
         target = sensor.get("target", "ball")
-        turning = run.options.get("form_axis") or next((n for n in row.machine.axis_names if row.machine.axes[n].rotary), None)
+        turning = run.options.get("form_axis") or next(
+            (n for n in row.machine.axis_names if row.machine.axes[n].rotary), None
+        )
         if target == "ball" or turning is None:
             return ca.SX(0)
         x, y = float(sensor["position"][0]), float(sensor["position"][1])

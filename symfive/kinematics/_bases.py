@@ -151,7 +151,9 @@ def _bspline(axis: Any, order: int, knots: tuple[float, ...]) -> list[Function]:
 
 def _spline_means(knots: NDArray[np.float64], degree: int, count: int) -> NDArray[np.float64]:
     span = knots[-1] - knots[0]
-    return np.array([float(BSpline(knots, np.eye(count)[i], degree).integrate(knots[0], knots[-1])) / span for i in range(count)])
+    return np.array(
+        [float(BSpline(knots, np.eye(count)[i], degree).integrate(knots[0], knots[-1])) / span for i in range(count)]
+    )
 
 
 def _cox_de_boor(knots: NDArray[np.float64], i: int, degree: int, q: Symbol) -> Symbol:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +44,16 @@ class AxisMotion:
     position: Series
     velocity: Series
     acceleration: Series
+
+
+@lru_cache(maxsize=128)
+def _remembered(
+    command: bytes, interval: float, gains: tuple[tuple[str, float], ...], wanted: tuple[str, ...]
+) -> Array:
+    """`drive_response`, remembered: models of one campaign share their commands, and mostly their drives."""
+    response = drive_response(np.frombuffer(command), interval, dict(gains), wanted)
+    response.flags.writeable = False
+    return response
 
 
 class RunMotion:
@@ -139,7 +149,9 @@ class RunMotion:
             )
         grid = np.arange(rows[-1] * factor + 1) / factor
         filled = command if factor == 1 else np.interp(grid, rows, command)
-        return drive_response(filled, self.interval / factor, gains, tuple(wanted)), tuple(wanted.values())
+        interval, order = self.interval / factor, tuple(sorted(gains.items()))
+        response = _remembered(np.ascontiguousarray(filled).tobytes(), interval, order, tuple(wanted))
+        return response, tuple(wanted.values())
 
     def fine_acceleration(self, name: str, interval: float) -> tuple[Series, NDArray[np.int64], float]:
         """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows,

@@ -76,14 +76,17 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str, rate: f
             f"{pieces} of physics had been left out: {names}." if count else "Something is left that has no name."
         )
     tiles = [
-        ("residual RMS before → after", f"{diagnosis.fit.rms_before_um:.3g} → {diagnosis.fit.rms_after_um:.3g} µm"),
+        ("residual RMS before → after", f"{diagnosis.fit.rms_before_um:.3g} → {diagnosis.fit.rms_after_um:.3g} µm")
+        if findings
+        else ("residual RMS", f"{diagnosis.fit.rms_after_um:.3g} µm"),
         ("noise found (1σ of one reading)", f"{diagnosis.noise_um:.3g} µm"),
         ("p-value of “nothing is missing”", _power(diagnosis.p_value)),
         *([("false-alarm rate allowed", percent(rate))] if rate is not None else []),
         ("effects looked for", str(len(diagnosis.observability))),
     ]
     links = [("findings", "Findings")] if findings else []
-    links += [("proof", "Before and after"), ("sight", "What these tests can see"), ("quality", "Data quality"),
+    proof = "Before and after" if findings else "What is left"
+    links += [("proof", proof), ("sight", "What these tests can see"), ("quality", "Data quality"),
               ("noise", "Noise"), ("setup", "Set-up")]  # fmt: skip
     facts = f"Campaign {campaign.name}; structure {machine.structure.code}; {len(campaign.runs)} runs, {campaign.rows} rows."
     chain = chain_picture(machine, list(enumerate(findings, start=1)), "The machine's chain with every finding's place")
@@ -127,7 +130,7 @@ def _others(parts: Sequence[Mapping[str, Array]], mine: int) -> dict[str, Array]
 
 
 def _proof(diagnosis: Diagnosis, figures: Path) -> Iterator[str]:
-    yield '<h2 id="proof">Before and after</h2>'
+    yield f'<h2 id="proof">{"Before and after" if diagnosis.findings else "What is left"}</h2>'
     yield fit_table(diagnosis)
     before, after = diagnosis.before, diagnosis.after
     if diagnosis.findings:
