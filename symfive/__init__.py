@@ -12,12 +12,11 @@ Data flow one way: machine and campaign (plain data) → model (CasADi) → iden
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign
 from symfive.convert import convert
-from symfive.design import plan
+from symfive.design import assess, plan
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import (
-    assess,
     fitted_model,
     identify,
     identify_by_position,

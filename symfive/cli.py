@@ -14,10 +14,10 @@ import typer
 
 from symfive import __version__
 from symfive.campaign import Campaign, read_campaign, write_campaign_files
+from symfive.design import assess as assess_campaign
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.files import output_folder, write_json
-from symfive.identify import assess as assess_campaign
 from symfive.identify import fitted_model
 from symfive.identify import identify as identify_campaign
 from symfive.identify import predict as predict_campaign

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Campaign, read_campaign
+from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import (
     Stage,
     all_location_errors,
-    assess,
     ball_runout,
     calibrate_sensors,
     fitted_model,
@@ -249,7 +249,7 @@ def test_assessment_of_a_plan_needs_no_readings_and_names_the_useless_run():
     plan = replace(plan, runs=tuple(run.with_readings({}) for run in plan.runs))
     result = assess(plan)
     fit = identify(_open("static-none"), noise="declared")
-    np.testing.assert_allclose(result.std, fit.std, rtol=1e-2)
+    np.testing.assert_allclose([result.sigma[p.name] for p in fit.parameters], fit.std, rtol=1e-2)
     still = replace(
         plan.runs[0],
         id="still",
@@ -258,7 +258,7 @@ def test_assessment_of_a_plan_needs_no_readings_and_names_the_useless_run():
         time=np.arange(5.0),
     )
     more = assess(replace(plan, runs=(*plan.runs, still)))
-    assert more.gain["still"] < 1e-3 < more.gain["nest1"]
+    assert more.run_worth["still"] < 1e-3 < more.run_worth["nest1"]
 
 
 def test_an_unknown_name_or_a_plan_is_refused_in_one_sentence():

@@ -72,7 +72,8 @@ class Assessment:
         lines += [f"valuation number of {axis}: {number:.1f}" for axis, number in self.valuation.items()]
         run, row = self.most()
         lines.append(f"row {row + 1} of run {run} tells most; {len(self.nothing())} rows tell next to nothing")
-        return "\n".join([*lines, *(c.words for c in self.confounded)])
+        machine = {p.name for p in self.parameters if p.kind != "setup"}
+        return "\n".join([*lines, *(c.words for c in self.confounded if machine & set(c.names))])
 
     def most(self) -> tuple[str, int]:
         """The run and row (from 0) that tell most."""

@@ -1,6 +1,5 @@
 """Identification: parameters with uncertainties, what cannot be told apart, outliers, noise."""
 
-from symfive.identify._assess import Assessment, assess
 from symfive.identify._calibration import BallRunout, SensorCalibration, ball_runout, calibrate_sensors
 from symfive.identify._identify import identify
 from symfive.identify._predict import Prediction, fitted_model, predict
@@ -10,8 +9,8 @@ from symfive.identify._sequential import Stage, identify_by_position, identify_s
 from symfive.inference import Confounding, Information, Noise, Outlier, Problem, confounded_combinations, data_rank
 
 __all__ = [
-    "Assessment", "BallRunout", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier",
-    "Prediction", "Problem", "SensorCalibration", "Stage", "all_location_errors", "assess", "ball_runout", "calibrate_sensors",
+    "BallRunout", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier",
+    "Prediction", "Problem", "SensorCalibration", "Stage", "all_location_errors", "ball_runout", "calibrate_sensors",
     "confounded_combinations", "data_rank", "fitted_model", "identify", "identify_by_position", "identify_sequentially",
     "predict", "redundancies",
 ]  # fmt: skip

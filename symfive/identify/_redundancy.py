@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.identify._assess import assess
-from symfive.inference import Confounding
+from symfive.inference import Confounding, Problem, confounded_combinations
 from symfive.machine import ErrorTerm, Machine
+from symfive.model import Model
 
 __all__ = ["all_location_errors", "redundancies"]
 
@@ -52,5 +52,8 @@ def redundancies(machine: Machine, *, poses: int = 400, seed: int = 0) -> tuple[
         )
         for i, ball in enumerate([(0.0, 0.0, -100.0), (60.0, 0.0, -150.0), (0.0, 50.0, -250.0)])
     )  # fmt: skip
-    result = assess(Campaign(machine=machine, runs=runs))
-    return tuple(c for c in result.confounded if not all(name.startswith("placement.") for name in c.names))
+    model = Model(Campaign(machine=machine, runs=runs))
+    problem = Problem.of(model)
+    information = problem.information(problem.blocks(model.start, readings=False))
+    found = confounded_combinations(information.matrix, model.parameters)
+    return tuple(c for c in found if not all(name.startswith("placement.") for name in c.names))
