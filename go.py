@@ -7,6 +7,7 @@ and its pip are needed: no ensurepip, no make, and nothing is installed outside 
 
 import hashlib
 import re
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -29,8 +30,12 @@ def fail(sentence: str) -> NoReturn:
 
 
 def run(*arguments: str) -> int:
-    """Run the environment's Python in the repository and return its exit code."""
-    return subprocess.call([str(PYTHON), *arguments], cwd=ROOT)
+    """Run the environment's Python in the repository and return its exit code.
+
+    One thread for BLAS: the matrices are small, and threads of several processes only hinder each other.
+    """
+    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    return subprocess.call([str(PYTHON), *arguments], cwd=ROOT, env={**one_thread, **os.environ})
 
 
 def fingerprint() -> str:

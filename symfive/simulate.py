@@ -13,6 +13,7 @@ from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.model import Model, effect_to_data
 from symfive.parameters import Parameter
+from symfive.threads import one_thread
 
 __all__ = ["Simulation", "simulate"]
 
@@ -39,6 +40,7 @@ class Simulation:
         }
 
 
+@one_thread
 def simulate(
     plan: Campaign,
     *,

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,6 @@ from symfive.procedures import campaign_of, r_test_grid
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 BAR = CAMPAIGNS / "static-ball-bar-two-heights" / "fit"
 NESTS = CAMPAIGNS / "static-none" / "fit"
-SAG = CAMPAIGNS / "static-sag-and-drift" / "fit"
 COMMANDS = typer.main.get_command(cli.app).commands
 
 
@@ -198,16 +198,23 @@ def test_predict(symfive, fitted, tmp_path):
 
 
 def test_diagnose_names_what_is_hidden(symfive, tmp_path):
-    answer = symfive("diagnose", SAG, "-o", tmp_path / "d", "--json", "-q")
+    machine = preset("oyama-2010")
+    rigid = replace(machine, errors={"EX0C": machine.errors["EX0C"], "EA0B": machine.errors["EA0B"]})
+    write_campaign(campaign_of(rigid, r_test_grid(rigid, step_deg=60.0, returning=False)), tmp_path / "plan")
+    truth = tmp_path / "truth.json"
+    hidden = [{"effect": "location_error", "component": "EB0C"}]
+    truth.write_text(json.dumps({"parameters": {"location_error.EB0C.value": 60.0}, "effects": hidden}))
+    assert symfive("simulate", tmp_path / "plan", "-o", tmp_path / "measured", "--truth", truth).code == 0
+    answer = symfive("diagnose", tmp_path / "measured", "-o", tmp_path / "d", "--json", "-q")
     assert answer.code == 0
     data = json.loads(answer.out)
     assert data == json.loads((tmp_path / "d" / "diagnosis.json").read_text())
     assert data["schema"] == "symfive.diagnosis/1"
     assert data["mismatch"] is True
-    assert {finding["effect"] for finding in data["findings"]} >= {"gravity_sag"}
-    assert data["fit"]["chi2_dof_after"] < data["fit"]["chi2_dof_before"]
-    assert {"diagnosis.json", "identification.json", "model.json"} <= files(tmp_path / "d")
-    assert "gravity_sag" in {effect.id for effect in read_model(tmp_path / "d").effects}
+    assert data["findings"][0]["effect"] == "location_error"
+    assert data["fit"]["chi2_dof_after"] < 1.5 < data["fit"]["chi2_dof_before"]
+    assert {"diagnosis.json", "identification.json", "model.json", "report.html"} <= files(tmp_path / "d")
+    assert {effect.id for effect in read_model(tmp_path / "d").effects} >= {"location_error"}
 
 
 def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_path):

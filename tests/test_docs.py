@@ -12,11 +12,13 @@ from pathlib import Path
 import pytest
 import typer
 
-from symfive.campaign import Run
+from symfive.campaign import Campaign, Run, write_campaign
 from symfive.cli import app, main
 from symfive.effects import EFFECTS
 from symfive.instruments import INSTRUMENTS, instruments_of
-from symfive.machine import machine_from_data
+from symfive.machine import machine_from_data, preset
+from symfive.procedures import campaign_of, planar_circle
+from symfive.simulate import simulate
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "benchmarks").glob("*.md"))]
@@ -61,9 +63,17 @@ def own_tables():
         table.update(entries)
 
 
+@pytest.fixture(scope="module")
+def circles() -> Campaign:
+    """A small measured campaign, for pages that begin with one."""
+    machine = preset("three-axis")
+    return simulate(campaign_of(machine, planar_circle(machine, feed=2000.0, rate_hz=10.0)), seed=1).campaign
+
+
 @pytest.mark.parametrize("page", [p for p in PAGES if any(b.language == "python" for b in blocks(p))], ids=named)
-def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, own_tables):
+def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, own_tables, circles):
     monkeypatch.chdir(tmp_path)
+    write_campaign(circles, "measured")
     space: dict[str, object] = {"__name__": "page"}
     for block in blocks(page):
         where = f"{named(page)}:{block.line}"

@@ -1,19 +1,22 @@
 """The main job from end to end, on one machine: `python3 go.py demo` (or `python examples/demo/demo.py`).
 
 The measurement of a tilting rotary table is planned and done in simulation; its errors are identified with their
-uncertainties and predict a run that the fit has not seen. Then the same machine sags under gravity, which its baseline model does not know, and the
-diagnosis has to find out. Where the public recording of a real drive is at hand, its mass and friction are identified
-too. Pictures and results go to `demo-results/`.
+uncertainties and predict a run that the fit has not seen. Then the same machine sags under gravity, which its baseline
+model does not know, and the diagnosis has to find out. Where the public recording of a real drive is at hand, its mass
+and friction are identified too. Pictures and results go to `demo-results/`.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: more threads only wait for each other
 
 import numpy as np
 

@@ -20,6 +20,7 @@ from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.parameters import Parameter
+from symfive.threads import one_thread
 
 __all__ = ["Assessment", "assess", "machine_information", "workspace_places"]
 
@@ -89,6 +90,7 @@ class Assessment:
         )
 
 
+@one_thread
 def assess(campaign: Campaign, *, effects: Iterable[Effect] = (), given: Campaign | None = None) -> Assessment:
     """Assess a plan or a campaign (its readings do not matter). `given`: one that was measured before, on this machine."""
     model = Model(campaign, effects)

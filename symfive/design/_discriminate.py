@@ -24,6 +24,7 @@ from symfive.effects import baseline_effects
 from symfive.effects._base import Effect
 from symfive.errors import InputError
 from symfive.model import Model
+from symfive.threads import one_thread
 
 __all__ = ["Discrimination", "Separation", "discriminate"]
 
@@ -71,6 +72,7 @@ class Discrimination:
         return f"{best.name} separates the two by {best.sigmas:.1f}σ (so far {self.before:.1f}σ)"
 
 
+@one_thread
 def discriminate(
     model_a: Model, model_b: Model, candidates: Iterable[Candidate], *, values_a: Mapping[str, float] | None = None,
     values_b: Mapping[str, float] | None = None, draws: int = 0, seed: int = 0, measured: bool = True,

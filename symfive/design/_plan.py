@@ -27,6 +27,7 @@ from symfive.errors import InputError
 from symfive.files import output_folder
 from symfive.machine import Machine
 from symfive.nc import DIALECTS, Post
+from symfive.threads import one_thread
 
 __all__ = ["Plan", "plan"]
 
@@ -86,6 +87,7 @@ class Plan:
         return plan_data(self)
 
 
+@one_thread
 def plan(
     machine: Machine, *, instrument: str = "r_test", criterion: str = "D", points: int = 40, for_: Iterable[str] = (),
     given: Campaign | None = None, setups: int | None = None, minutes: float | None = None, returns: int = 2,

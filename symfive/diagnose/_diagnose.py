@@ -18,6 +18,7 @@ from symfive.effects.unknown import Unknown
 from symfive.identify import Identification, fitted_model, predict
 from symfive.inference import gauss_newton
 from symfive.model import Model
+from symfive.threads import one_thread
 
 __all__ = ["diagnose"]
 
@@ -28,6 +29,7 @@ ALIAS_EVIDENCE = 3.0
 OPEN = 0.05
 
 
+@one_thread
 def diagnose(
     campaign: Campaign,
     *,

@@ -14,6 +14,7 @@ from symfive.identify._ipopt import solve_with_ipopt
 from symfive.identify._result import Identification
 from symfive.inference import Block, Noise, Problem, confounded_combinations, data_rank, solve
 from symfive.model import Model
+from symfive.threads import one_thread
 
 __all__ = ["identify", "summarise"]
 
@@ -24,6 +25,7 @@ def _silent(message: str) -> None:
     pass
 
 
+@one_thread
 def identify(
     campaign: Campaign | Model,
     *,

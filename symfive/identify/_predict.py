@@ -12,6 +12,7 @@ from symfive.errors import InputError
 from symfive.identify._identify import identify
 from symfive.identify._result import Identification
 from symfive.model import FittedModel, Model
+from symfive.threads import one_thread
 
 __all__ = ["Prediction", "fitted_model", "predict"]
 
@@ -44,6 +45,7 @@ def fitted_model(result: Identification) -> FittedModel:
     )
 
 
+@one_thread
 def predict(fitted: FittedModel, campaign: Campaign) -> Prediction:
     """Predicted readings of a plan or campaign. Raises `InputError` where the machines differ.
 

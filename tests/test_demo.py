@@ -1,0 +1,119 @@
+"""The demonstration, its steps on a small scale: they cannot rot, and what they say holds."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symfive.errors import InputError
+from symfive.identify import fitted_model, identify, predict
+from symfive.machine import preset
+from symfive.simulate import simulate
+
+SCRIPT = Path(__file__).resolve().parent.parent / "examples" / "demo" / "demo.py"
+
+
+@pytest.fixture(scope="module")
+def demo():
+    spec = importlib.util.spec_from_file_location("demo", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["demo"] = module
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules["demo"]
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return preset("table-bc")
+
+
+@pytest.fixture(scope="module")
+def measured(demo, machine):
+    chosen, campaign = demo.make_plan(machine, points=12, rate_hz=2.0)
+    assert 0.5 < chosen.certificate.efficiency <= 1.0
+    assert {run.instrument[0] for run in campaign.runs} == {"r_test", "ball_bar"}
+    return simulate(campaign, seed=demo.SEED)
+
+
+@pytest.fixture(scope="module")
+def result(measured):
+    return identify(measured.campaign)
+
+
+def test_most_bands_hold_the_truth_and_every_number_has_its_unit(demo, measured, result):
+    inside, count = demo.share_covered(result, measured.truth)
+    assert count == sum(p.run is None for p in result.parameters)
+    assert inside >= 0.8 * count
+    lines = demo.table_of_errors(result, measured.truth)
+    assert len(lines) == 1 + sum(p.kind == "location_error" for p in result.parameters)
+    for line in lines[1:]:
+        assert line.count("µ") == 3
+
+
+def test_a_held_out_run_is_predicted_to_the_noise(demo, machine, measured, result, tmp_path):
+    check = demo.held_out(machine, measured.truth, rate_hz=2.0)
+    prediction = predict(fitted_model(result), check)
+    [run] = check.runs
+    assert prediction.rms[run.id] < 1.6 * run.noise("ball_bar")
+    demo.save_prediction(prediction, check, tmp_path / "predicted")
+    assert [path.suffix for path in (tmp_path / "predicted").iterdir()] == [".png"]
+
+
+def test_the_concealed_sag_is_found_and_the_geometry_moves_back(demo, machine, tmp_path):
+    sagging = demo.conceal(machine, step_deg=45.0)
+    assert all(term.is_location for term in sagging.campaign.machine.errors.values())
+    found = demo.diagnose(sagging.campaign)
+    assert found.mismatch
+    assert found.fit.rms_after_um < 0.5 * found.fit.rms_before_um
+    text = "\n".join(demo.lines_of_diagnosis(found, sagging.truth))
+    assert "µm before" in text
+    for finding in found.findings:
+        for name, (before, after) in finding.moved.items():
+            assert abs(after - sagging.truth[name]) < max(abs(before - sagging.truth[name]), 2.0)
+    demo.save_diagnosis(found, tmp_path)
+    assert (tmp_path / "diagnosis.json").is_file()
+    assert (tmp_path / "residuals-before.png").stat().st_size > 1000
+
+
+def test_the_real_drive_agrees_with_the_published_values(demo):
+    try:
+        result = demo.real_drive()
+    except InputError as absent:
+        pytest.skip(str(absent))
+    for term, value in demo.PUBLISHED.items():
+        name = f"drive_force.X.{term}"
+        assert abs(result[name] - value) < 2.0 * result.uncertainty(name), term
+    lines = demo.lines_of_drive(result)
+    assert len(lines) == 5
+    assert "N rms" in lines[-1]
+
+
+def test_without_the_recordings_it_says_so(demo, monkeypatch, tmp_path):
+    monkeypatch.setenv("SYMFIVE_DATA", str(tmp_path / "nowhere"))
+    with pytest.raises(InputError, match="is not there"):
+        demo.real_drive()
+
+
+def test_the_whole_story_names_its_folder(demo, measured, result, machine, monkeypatch, tmp_path, capsys):
+    """The order of the story; its slow steps are those of the tests above."""
+    monkeypatch.setenv("SYMFIVE_DATA", str(tmp_path / "nowhere"))
+    chosen, _ = demo.make_plan(machine, points=12, rate_hz=2.0)
+    monkeypatch.setattr(demo, "make_plan", lambda machine: (chosen, measured.campaign))
+    monkeypatch.setattr(demo, "simulate", lambda campaign, **options: measured)
+    monkeypatch.setattr(demo, "held_out", lambda machine, truth: measured.campaign.select("xy-ccw"))
+    monkeypatch.setattr(demo, "conceal", lambda machine: measured)
+    monkeypatch.setattr(demo, "diagnose", lambda campaign: None)
+    monkeypatch.setattr(demo, "lines_of_diagnosis", lambda found, truth: ["  (found)"])
+    monkeypatch.setattr(demo, "save_diagnosis", lambda found, folder: None)
+    monkeypatch.setattr(demo, "save_identification", lambda result, folder: None)
+    assert demo.main(["-o", str(tmp_path / "results")]) == 0
+    said = capsys.readouterr().out
+    assert [line[0] for line in said.splitlines() if line[:1].isdigit()] == list("1234567")
+    assert "NOT RUN: the folder of the recordings" in said
+    assert str((tmp_path / "results").resolve()) in said
+    assert np.isfinite(result.rms_um)
