@@ -118,11 +118,11 @@ def test_as_a_program():
 def test_assess(symfive):
     answer = symfive("assess", BAR)
     assert answer.code == 0
-    assert "expected 1σ" in answer.out
+    assert "determined by the readings" in answer.out
     assert "cannot be told apart" in answer.out
     data = json.loads(symfive("assess", BAR, "--json").out)
     assert data["schema"] == "symfive.assessment/1"
-    assert data["parameters"]["EX0C"]["unit"] == "um"
+    assert data["expected"]["EX0C"]["unit"] == "um"
 
 
 def test_simulate_fills_a_plan_in(symfive, small_plan, tmp_path):

@@ -34,7 +34,7 @@ def machine():
 
 @pytest.fixture(scope="module")
 def measured(demo, machine):
-    chosen, campaign = demo.make_plan(machine, points=12, rate_hz=2.0)
+    chosen, campaign = demo.make_plan(machine, points=12, rate_hz=6.0)
     assert 0.5 < chosen.certificate.efficiency <= 1.0
     assert {run.instrument[0] for run in campaign.runs} == {"r_test", "ball_bar"}
     return simulate(campaign, seed=demo.SEED)
@@ -56,7 +56,7 @@ def test_most_bands_hold_the_truth_and_every_number_has_its_unit(demo, measured,
 
 
 def test_a_held_out_run_is_predicted_to_the_noise(demo, machine, measured, result, tmp_path):
-    check = demo.held_out(machine, measured.truth, rate_hz=2.0)
+    check = demo.held_out(machine, measured.truth, rate_hz=6.0)
     prediction = predict(fitted_model(result), check)
     [run] = check.runs
     assert prediction.rms[run.id] < 1.6 * run.noise("ball_bar")
@@ -65,7 +65,7 @@ def test_a_held_out_run_is_predicted_to_the_noise(demo, machine, measured, resul
 
 
 def test_the_concealed_sag_is_found_and_the_geometry_moves_back(demo, machine, tmp_path):
-    sagging = demo.conceal(machine, step_deg=45.0)
+    sagging = demo.conceal(machine, step_deg=60.0)
     assert all(term.is_location for term in sagging.campaign.machine.errors.values())
     found = demo.diagnose(sagging.campaign)
     assert found.mismatch
@@ -102,7 +102,7 @@ def test_without_the_recordings_it_says_so(demo, monkeypatch, tmp_path):
 def test_the_whole_story_names_its_folder(demo, measured, result, machine, monkeypatch, tmp_path, capsys):
     """The order of the story; its slow steps are those of the tests above."""
     monkeypatch.setenv("SYMFIVE_DATA", str(tmp_path / "nowhere"))
-    chosen, _ = demo.make_plan(machine, points=12, rate_hz=2.0)
+    chosen, _ = demo.make_plan(machine, points=12, rate_hz=6.0)
     monkeypatch.setattr(demo, "make_plan", lambda machine: (chosen, measured.campaign))
     monkeypatch.setattr(demo, "simulate", lambda campaign, **options: measured)
     monkeypatch.setattr(demo, "held_out", lambda machine, truth: measured.campaign.select("xy-ccw"))

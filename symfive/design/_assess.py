@@ -58,7 +58,7 @@ class Assessment:
         """The assessment as nested mappings (`assessment.json`)."""
         from symfive.design._write import assessment_data
 
-        return assessment_data(self)
+        return {"schema": "symfive.assessment/1", **assessment_data(self)}
 
     def __str__(self) -> str:
         sigma = self.sigma
