@@ -33,16 +33,24 @@ def machine():
 
 
 @pytest.fixture(scope="module")
-def measured(demo, machine):
-    chosen, campaign = demo.make_plan(machine, points=12, rate_hz=6.0)
-    assert 0.5 < chosen.certificate.efficiency <= 1.0
-    assert {run.instrument[0] for run in campaign.runs} == {"r_test", "ball_bar"}
-    return simulate(campaign, seed=demo.SEED)
+def planned(demo, machine):
+    return demo.make_plan(machine, points=12, rate_hz=6.0)
+
+
+@pytest.fixture(scope="module")
+def measured(demo, planned):
+    return simulate(planned[1], seed=demo.SEED)
 
 
 @pytest.fixture(scope="module")
 def result(measured):
     return identify(measured.campaign)
+
+
+def test_the_plan_is_certified_and_joined_by_circles(planned):
+    chosen, campaign = planned
+    assert 0.5 < chosen.certificate.efficiency <= 1.0
+    assert {run.instrument[0] for run in campaign.runs} == {"r_test", "ball_bar"}
 
 
 def test_most_bands_hold_the_truth_and_every_number_has_its_unit(demo, measured, result):
@@ -64,6 +72,7 @@ def test_a_held_out_run_is_predicted_to_the_noise(demo, machine, measured, resul
     assert [path.suffix for path in (tmp_path / "predicted").iterdir()] == [".png"]
 
 
+@pytest.mark.slow
 def test_the_concealed_sag_is_found_and_the_geometry_moves_back(demo, machine, tmp_path):
     sagging = demo.conceal(machine, step_deg=60.0)
     assert all(term.is_location for term in sagging.campaign.machine.errors.values())
@@ -99,11 +108,10 @@ def test_without_the_recordings_it_says_so(demo, monkeypatch, tmp_path):
         demo.real_drive()
 
 
-def test_the_whole_story_names_its_folder(demo, measured, result, machine, monkeypatch, tmp_path, capsys):
+def test_the_whole_story_names_its_folder(demo, planned, measured, result, monkeypatch, tmp_path, capsys):
     """The order of the story; its slow steps are those of the tests above."""
     monkeypatch.setenv("SYMFIVE_DATA", str(tmp_path / "nowhere"))
-    chosen, _ = demo.make_plan(machine, points=12, rate_hz=6.0)
-    monkeypatch.setattr(demo, "make_plan", lambda machine: (chosen, measured.campaign))
+    monkeypatch.setattr(demo, "make_plan", lambda machine: planned)
     monkeypatch.setattr(demo, "simulate", lambda campaign, **options: measured)
     monkeypatch.setattr(demo, "held_out", lambda machine, truth: measured.campaign.select("xy-ccw"))
     monkeypatch.setattr(demo, "conceal", lambda machine: measured)

@@ -43,6 +43,15 @@ def blocks(page: Path) -> list[Block]:
     return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 2) for m in FENCE.finditer(text)]
 
 
+SLOW = {ROOT / "docs/design.md"}
+
+
+def pages_with(language: str) -> list:
+    """The pages that hold such a block; those that take long are marked so."""
+    found = [page for page in PAGES if any(block.language == language for block in blocks(page))]
+    return [pytest.param(page, marks=pytest.mark.slow) if page in SLOW else page for page in found]
+
+
 def named(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
@@ -70,7 +79,7 @@ def circles() -> Campaign:
     return simulate(campaign_of(machine, planar_circle(machine, feed=2000.0, rate_hz=10.0)), seed=1).campaign
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if any(b.language == "python" for b in blocks(p))], ids=named)
+@pytest.mark.parametrize("page", pages_with("python"), ids=named)
 def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, own_tables, circles):
     monkeypatch.chdir(tmp_path)
     write_campaign(circles, "measured")
@@ -93,7 +102,7 @@ def test_added_instruments_and_effects_are_taken_out_again():
     assert "bar_droop" not in EFFECTS
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if any(b.language == "console" for b in blocks(p))], ids=named)
+@pytest.mark.parametrize("page", pages_with("console"), ids=named)
 def test_the_commands_exist(page):
     for block in blocks(page):
         if block.language != "console":

@@ -111,17 +111,13 @@ def campaign_like(name: str) -> list[dict[str, Any]]:
     """The shared campaign's runs as plant.paths generates them."""
     if name == "dynamic-none":
         return [
-            plant.synchronous_circle(
-                plant.dynamic_table(), f"x{x}-f{f}-{w}", x_t=float(x) / 2, feed=f, direction=s
-            )
+            plant.synchronous_circle(plant.dynamic_table(), f"x{x}-f{f}-{w}", x_t=float(x) / 2, feed=f, direction=s)
             for x, f, w, s in (("090", 800, "ccw", 1), ("110", 800, "ccw", 1), ("110", 1600, "cw", -1))
         ]
     if name == "planar-none":
         centres = {1: [0.0, 0.0, 80.0], 2: [60.0, -40.0, 80.0]}
         return [
-            plant.planar_circle(
-                plant.planar_table(), f"xy-f{f}-{w}-{i}", centre=centres[i], feed=f, direction=s
-            )
+            plant.planar_circle(plant.planar_table(), f"xy-f{f}-{w}-{i}", centre=centres[i], feed=f, direction=s)
             for f, w, s, i in ((800, "ccw", 1, 2), (2400, "cw", -1, 1))
         ]
     table, poses = plant.static_table(), plant.grid_poses(range(-90, 91, 30), range(0, 360, 30))
@@ -131,9 +127,7 @@ def campaign_like(name: str) -> list[dict[str, Any]]:
     return [plant.static_ball_bar(table, "high", table_ball=[0.0, 0.0, 140.0], poses=poses)]
 
 
-@pytest.mark.parametrize(
-    "name", ["dynamic-none", "planar-none", "static-none", "static-ball-bar-two-heights"]
-)
+@pytest.mark.parametrize("name", ["dynamic-none", "planar-none", "static-none", "static-ball-bar-two-heights"])
 def test_paths_reproduce_the_shared_commands(name: str) -> None:
     _, shared = read_campaign(CAMPAIGNS / name / "fit")
     by_id = {run["id"]: run for run in shared}
@@ -148,12 +142,8 @@ def test_paths_reproduce_the_shared_commands(name: str) -> None:
 
 def test_campaign_files_follow_the_format(tmp_path: Path) -> None:
     machine = plant.dynamic_table()
-    run = plant.synchronous_circle(
-        machine, "one", x_t=45.0, sweep_deg=40.0, instrument=["ball_bar", "encoder"]
-    )
-    grid = plant.planar_circle(
-        machine, "two", plane="ZX", sweep_deg=30.0, instrument="grid_encoder", start_s=9.0
-    )
+    run = plant.synchronous_circle(machine, "one", x_t=45.0, sweep_deg=40.0, instrument=["ball_bar", "encoder"])
+    grid = plant.planar_circle(machine, "two", plane="ZX", sweep_deg=30.0, instrument="grid_encoder", start_s=9.0)
     plant.write_campaign(
         tmp_path, machine, [run, grid], {"EX0C": 3.0}, noise_options=plant.NoiseOptions(missing_rate=0.1)
     )
@@ -176,9 +166,7 @@ def test_campaign_files_follow_the_format(tmp_path: Path) -> None:
 
 def test_seed_decides_everything_and_runs_are_independent(tmp_path: Path) -> None:
     runs = campaign_like("static-none") + campaign_like("static-ball-bar-two-heights")
-    options = replace(
-        plant.LIKE_PLANAR, missing_rate=0.05, walk_um_per_sqrt_s=0.01, drift_um=0.2, quantum_um=0.1
-    )
+    options = replace(plant.LIKE_PLANAR, missing_rate=0.05, walk_um_per_sqrt_s=0.01, drift_um=0.2, quantum_um=0.1)
     for name, seed, some in (("a", 1, runs), ("b", 1, runs), ("c", 2, runs), ("d", 1, runs[:1])):
         plant.write_pair(tmp_path / name, plant.static_table(), some, [], seed=seed, noise_options=options)
     texts = {k: (tmp_path / k / "fit" / "nest2.csv").read_text() for k in "abcd"}
@@ -206,9 +194,7 @@ DRIFT = {
         ("static-sag-and-drift", [SAG, DRIFT], 0.35, 0.45),
     ],
 )
-def test_plant_explains_the_shared_campaign(
-    name: str, effects: list[Any] | None, low: float, high: float
-) -> None:
+def test_plant_explains_the_shared_campaign(name: str, effects: list[Any] | None, low: float, high: float) -> None:
     truth = read_truth(CAMPAIGNS / name)
     for part in ("fit", "heldout"):
         machine, runs = read_campaign(CAMPAIGNS / name / part)
@@ -392,9 +378,7 @@ def test_every_effect_of_the_table_is_tried_and_unknown_names_fail() -> None:
 
 def test_noise_has_the_stated_parts() -> None:
     t, rng = np.arange(40000) * 0.02, np.random.default_rng(1)
-    options = plant.NoiseOptions(
-        white_um=0.3, coloured_um=0.25, correlation_s=0.8, outlier_rate=0.001, outlier_um=5.0
-    )
+    options = plant.NoiseOptions(white_um=0.3, coloured_um=0.25, correlation_s=0.8, outlier_rate=0.001, outlier_um=5.0)
     y = plant.noise.noise(t, 1, 9.0, options, rng)[:, 0]
     core = y[np.abs(y) < 2.0]
     assert core.std() == pytest.approx(np.hypot(0.3, 0.25), rel=0.05)

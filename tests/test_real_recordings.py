@@ -94,4 +94,3 @@ def test_panda_chain_is_the_controllers_own() -> None:
     distance = np.concatenate(distances)
     assert distance.min() < 2e-3
     assert np.median(distance) < 0.025  # mm
-

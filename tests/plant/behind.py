@@ -78,9 +78,7 @@ def transmission_error(state: RunState, spec: Spec) -> None:
     name, form = spec["axis"], spec.get("form", "sine")
     angle = 2.0 * np.pi * state.coordinate(name) / float(spec["period"]) + float(spec.get("phase", 0.0))
     if form == "sawtooth":
-        error = (
-            float(spec["amplitude"]) * 2.0 * (angle / (2.0 * np.pi) - np.floor(angle / (2.0 * np.pi) + 0.5))
-        )
+        error = float(spec["amplitude"]) * 2.0 * (angle / (2.0 * np.pi) - np.floor(angle / (2.0 * np.pi) + 0.5))
     else:
         error = float(spec.get("amplitude", 0.0)) * np.sin(angle)
         for order, amplitude, phase in spec.get("harmonics", []) if form == "harmonics" else []:
@@ -110,9 +108,7 @@ def servo_mismatch(state: RunState, spec: Spec) -> None:
     }
     state.drives[name] = replace(state.drives[name], **changed)
     if spec.get("form", "gains") == "delay":
-        state.command[name] = np.interp(
-            state.t - 1e-3 * float(spec["delay_ms"]), state.t, state.command[name]
-        )
+        state.command[name] = np.interp(state.t - 1e-3 * float(spec["delay_ms"]), state.t, state.command[name])
 
 
 def friction(state: RunState, spec: Spec) -> None:
@@ -132,9 +128,7 @@ def two_mass_screw(state: RunState, spec: Spec) -> None:
     """Outside the vocabulary: the load hangs on the motor by a spring, `frequency_hz`, `damping`, `ratio` of
     inertias.
     """
-    screw = TwoMass(
-        float(spec["frequency_hz"]), float(spec.get("damping", 0.05)), float(spec.get("ratio", 0.0))
-    )
+    screw = TwoMass(float(spec["frequency_hz"]), float(spec.get("damping", 0.05)), float(spec.get("ratio", 0.0)))
     state.drives[spec["axis"]] = replace(state.drives[spec["axis"]], two_mass=screw)
 
 
@@ -155,8 +149,7 @@ def counterbalance(state: RunState, spec: Spec) -> None:
     name = spec["axis"]
     lag = float(spec["amplitude"]) * (1.0 + float(spec.get("slope", 0.0)) * state.coordinate(name))
     up = (
-        1.0
-        + dahl(state.x[name], float(spec.get("distance", 20.0)) * state.small(name), state.approach(name)[0])
+        1.0 + dahl(state.x[name], float(spec.get("distance", 20.0)) * state.small(name), state.approach(name)[0])
     ) / 2.0
     state.x[name] = state.x[name] - state.small(name) * lag * up
 
@@ -183,6 +176,4 @@ def reversal_pulse(state: RunState, spec: Spec) -> None:
     sign = state.approach(name)
     for k in np.flatnonzero(np.diff(sign) != 0.0):
         u = (state.t - state.t[k] - 1e-3 * float(spec["delay_ms"])) / (1e-3 * float(spec["width_ms"]))
-        state.x[name] = state.x[name] + sign[k + 1] * float(spec["amplitude"]) * state.small(name) * np.exp(
-            -(u**2)
-        )
+        state.x[name] = state.x[name] + sign[k + 1] * float(spec["amplitude"]) * state.small(name) * np.exp(-(u**2))

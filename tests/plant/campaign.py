@@ -85,10 +85,7 @@ def csv_text(machine: Mapping[str, Any], run: Spec, reading: Reading | None) -> 
         table += list(reading.values.T)
         keep = reading.rows
     line = ",".join(form)
-    return (
-        "\n".join([",".join(header)] + [line % tuple(row) for row in np.stack(table, axis=1)[keep].tolist()])
-        + "\n"
-    )
+    return "\n".join([",".join(header)] + [line % tuple(row) for row in np.stack(table, axis=1)[keep].tolist()]) + "\n"
 
 
 def write_campaign(
@@ -178,8 +175,6 @@ def truth_json(
         "location_errors_um_urad": dict(location_errors or {}),
     }
     if error_motions:
-        truth["error_motions_um_urad"] = {
-            k: "function" if callable(v) else v for k, v in error_motions.items()
-        }
+        truth["error_motions_um_urad"] = {k: "function" if callable(v) else v for k, v in error_motions.items()}
     truth["setup_um"] = {run: reading.setup_um for run, reading in results.items()}
     return json.dumps(truth, indent=1, default=lambda v: np.asarray(v).tolist())

@@ -98,9 +98,7 @@ def _axis(word: str, side: int, tables: Mapping[str, Mapping]) -> Axis:
     if kind not in ("linear", "rotary") or direction.shape != (3,):
         raise ValueError(f"axis {name!r} needs kind and direction")
     unit = direction / np.linalg.norm(direction)
-    return Axis(
-        name, kind, side, tuple(unit.tolist()), tuple(float(v) for v in table.get("origin", (0.0, 0.0, 0.0)))
-    )
+    return Axis(name, kind, side, tuple(unit.tolist()), tuple(float(v) for v in table.get("origin", (0.0, 0.0, 0.0))))
 
 
 def rot(direction: Sequence[float], angle: ArrayLike) -> Array:
@@ -161,15 +159,11 @@ def ball_in_workpiece(
     n = max(np.size(v) for v in command.values())
     point = np.broadcast_to(np.asarray(tool_ball, float), (n, 3))
     for axis in reversed(chain.tool):
-        r, p = axis_transform(
-            axis, np.asarray(command[axis.name], float), location(axis, place), motion.get(axis.name)
-        )
+        r, p = axis_transform(axis, np.asarray(command[axis.name], float), location(axis, place), motion.get(axis.name))
         point = np.einsum("...ij,...j->...i", r, point) + p
     point = point + np.asarray(tool_shift, float)
     for axis in chain.workpiece:
-        r, p = axis_transform(
-            axis, np.asarray(command[axis.name], float), location(axis, place), motion.get(axis.name)
-        )
+        r, p = axis_transform(axis, np.asarray(command[axis.name], float), location(axis, place), motion.get(axis.name))
         point = np.einsum("...ji,...j->...i", r, point - p)
     return point
 
@@ -187,12 +181,9 @@ def nominal_linear(
     if len(linear) != 3:
         raise ValueError(f"exactly three linear axes are needed, {chain.structure!r} has {len(linear)}")
     base = {
-        a.name: np.broadcast_to(np.asarray(rotary.get(a.name, 0.0), float), (n,))
-        for a in chain.workpiece + chain.tool
+        a.name: np.broadcast_to(np.asarray(rotary.get(a.name, 0.0), float), (n,)) for a in chain.workpiece + chain.tool
     }
     d0 = ball_in_workpiece(chain, base, tool_ball)
     columns = [ball_in_workpiece(chain, {**base, name: np.ones(n)}, tool_ball) - d0 for name in linear]
-    solution = np.linalg.solve(np.stack(columns, axis=-1), (np.asarray(target, float) - d0)[..., None])[
-        ..., 0
-    ]
+    solution = np.linalg.solve(np.stack(columns, axis=-1), (np.asarray(target, float) - d0)[..., None])[..., 0]
     return {**base, **{name: solution[:, i] for i, name in enumerate(linear)}}

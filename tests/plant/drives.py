@@ -88,9 +88,7 @@ def state_matrices(drive: Drive) -> tuple[Array, Array]:
     b[2, :2] = kp, ff
     if drive.two_mass:
         w = 2.0 * np.pi * drive.two_mass.frequency_hz
-        spring = np.array(
-            [w**2, 2.0 * drive.two_mass.damping * w, 0.0, -(w**2), -2.0 * drive.two_mass.damping * w]
-        )
+        spring = np.array([w**2, 2.0 * drive.two_mass.damping * w, 0.0, -(w**2), -2.0 * drive.two_mass.damping * w])
         a[3, 4] = 1.0
         a[4] = spring
         a[1] -= drive.two_mass.ratio * spring

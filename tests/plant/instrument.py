@@ -18,9 +18,7 @@ COLUMNS = {"ball_bar": ("dL_um",), "r_test": ("dx_um", "dy_um", "dz_um"), "grid_
 
 def ball(state: RunState) -> Array:
     """Tool ball in the workpiece frame, (N, 3) mm, with everything the state holds."""
-    return ball_in_workpiece(
-        state.chain, state.x, state.tool_ball, state.location, state.motion, state.tool_shift
-    )
+    return ball_in_workpiece(state.chain, state.x, state.tool_ball, state.location, state.motion, state.tool_shift)
 
 
 def true_reading(state: RunState, instrument: str, run: Spec) -> Array:
@@ -33,9 +31,7 @@ def true_reading(state: RunState, instrument: str, run: Spec) -> Array:
     if instrument == "grid_encoder":
         # The plate is bolted on the table: its set-up shift moves it like the other artefacts.
         moved = d - (state.table_ball - np.asarray(run.get("table_ball", (0.0, 0.0, 0.0)), float))
-        return 1e3 * np.stack(
-            [moved @ np.asarray(run["u"], float), moved @ np.asarray(run["v"], float)], axis=1
-        )
+        return 1e3 * np.stack([moved @ np.asarray(run["u"], float), moved @ np.asarray(run["v"], float)], axis=1)
     raise ValueError(f"the plant has no instrument {instrument!r}")
 
 

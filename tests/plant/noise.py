@@ -45,13 +45,10 @@ def noise(t: Array, channels: int, white_um: float, options: NoiseOptions, rng: 
     out = rng.normal(0.0, 1.0, (n, channels)) * white
     gap = np.diff(t, prepend=t[:1])
     if options.coloured_um > 0.0:
-        out += options.coloured_um * _ar1(
-            np.exp(-gap / options.correlation_s), rng.normal(0.0, 1.0, (n, channels))
-        )
+        out += options.coloured_um * _ar1(np.exp(-gap / options.correlation_s), rng.normal(0.0, 1.0, (n, channels)))
     if options.walk_um_per_sqrt_s > 0.0:
         out += (
-            np.cumsum(rng.normal(0.0, 1.0, (n, channels)) * np.sqrt(gap)[:, None], axis=0)
-            * options.walk_um_per_sqrt_s
+            np.cumsum(rng.normal(0.0, 1.0, (n, channels)) * np.sqrt(gap)[:, None], axis=0) * options.walk_um_per_sqrt_s
         )
     if options.drift_um > 0.0:
         periods, phase = rng.uniform(0.3, 1.0, channels), rng.uniform(0.0, 2.0 * np.pi, channels)

@@ -60,9 +60,7 @@ def _head(
     if length is not None:
         run["length"] = float(length)
     run["noise_um"] = noise_um
-    run["setup_sigma_um"] = {"table_ball": sigma, "tool_ball": sigma} | (
-        {} if length is None else {"length": 0.5}
-    )
+    run["setup_sigma_um"] = {"table_ball": sigma, "tool_ball": sigma} | ({} if length is None else {"length": 0.5})
     return run
 
 
@@ -97,9 +95,7 @@ def planar_circle(
     target[:, i] += radius * np.cos(phi)
     target[:, j] += radius * np.sin(phi)
     grid = "grid_encoder" in instrument
-    run = _head(
-        name, instrument, "dynamic", centre, tool_ball, noise_um, sigma_um, None if grid else radius, start_s
-    )
+    run = _head(name, instrument, "dynamic", centre, tool_ball, noise_um, sigma_um, None if grid else radius, start_s)
     if grid:
         run["u"], run["v"] = np.eye(3)[i].tolist(), np.eye(3)[j].tolist()
     return _run(machine, run, t, {}, target)
@@ -136,9 +132,7 @@ def synchronous_circle(
     phi = direction * (np.deg2rad(start_deg) + angle)
     p = np.stack([x_t + radius * np.cos(phi), radius * np.sin(phi), np.full(len(t), float(height))], axis=1)
     theta = phi / 2.0 if np.isclose(x_t, radius) else np.unwrap(np.arctan2(p[:, 1], p[:, 0]))
-    run = _head(
-        name, instrument, "dynamic", (x_t, 0.0, height), tool_ball, noise_um, sigma_um, radius, start_s
-    )
+    run = _head(name, instrument, "dynamic", (x_t, 0.0, height), tool_ball, noise_um, sigma_um, radius, start_s)
     return _run(machine, run, t, {rotary: theta}, p)
 
 
@@ -208,9 +202,7 @@ def static_ball_bar(
     rotary = {axis: np.deg2rad(poses[:, i]) for i, axis in enumerate(axes)}
     base = {a.name: rotary.get(a.name, np.zeros(len(poses))) for a in chain.axes}
     unit = np.asarray(direction, float) / np.linalg.norm(direction)
-    bar = ball_in_workpiece(chain, base, tool_ball, tool_shift=unit) - ball_in_workpiece(
-        chain, base, tool_ball
-    )
+    bar = ball_in_workpiece(chain, base, tool_ball, tool_shift=unit) - ball_in_workpiece(chain, base, tool_ball)
     run = _head(name, "ball_bar", "static", table_ball, tool_ball, noise_um, sigma_um, length, start_s)
     return _run(
         machine,

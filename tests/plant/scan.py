@@ -75,8 +75,7 @@ void drive(int rows, int sub, int n, double dt, const double *c, const double *P
 def _library() -> ctypes.CDLL | None:
     """The compiled kernel, None where there is no C compiler."""
     target = (
-        Path(tempfile.gettempdir())
-        / f"symfive-plant-{os.getuid()}-{hashlib.sha1(KERNEL.encode()).hexdigest()[:12]}.so"
+        Path(tempfile.gettempdir()) / f"symfive-plant-{os.getuid()}-{hashlib.sha1(KERNEL.encode()).hexdigest()[:12]}.so"
     )
     try:
         if not target.exists():

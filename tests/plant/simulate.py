@@ -131,9 +131,7 @@ def prepare(
 ) -> RunState:
     """The run's state with every motion, error and effect in it, ready to be read."""
     state = build_state(machine, run, setup, seed, oversample)
-    state.location = {
-        k: np.asarray(v * (URAD if k[1] in "ABC" else UM)) for k, v in (location_errors or {}).items()
-    }
+    state.location = {k: np.asarray(v * (URAD if k[1] in "ABC" else UM)) for k, v in (location_errors or {}).items()}
     move(state, effects)
     for component, spec in (error_motions or {}).items():
         state.add_motion(component, error_motion_value(state, component, spec))

@@ -68,9 +68,7 @@ def gravity_sag(state: RunState, spec: Spec) -> None:
     }.get(form, s)
     if form == "hysteresis":
         start = state.approach(name)[0]
-        shape = s - float(spec.get("branch", 0.2)) * dahl(
-            q, np.deg2rad(float(spec.get("distance_deg", 10.0))), start
-        )
+        shape = s - float(spec.get("branch", 0.2)) * dahl(q, np.deg2rad(float(spec.get("distance_deg", 10.0))), start)
     state.add_motion(
         spec["component"],
         float(spec["amplitude"]) * shape + float(spec.get("constant_cos", 0.0)) * (1.0 - np.cos(q)),
