@@ -6,8 +6,8 @@ and its pip are needed: no ensurepip, no make, and nothing is installed outside 
 """
 
 import hashlib
-import re
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable

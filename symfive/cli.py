@@ -245,6 +245,23 @@ def diagnose(
     _tell(result.to_data(), str(result), as_json)
 
 
+@app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")
+def convert(
+    name: Annotated[str, typer.Argument(help="A real recording: emps, ess-xyz, irb120-tracker, …", show_default=False)],
+    output: OutputPath,
+    data: Annotated[Path | None, typer.Option(help="Where the recordings lie (default: $SYMFIVE_DATA).")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Turn a public real recording into a campaign (docs/recordings.md says which, and under which licence)."""
+    from symfive.convert import convert as convert_recording
+
+    campaign = convert_recording(name, data)
+    with output_folder(output) as folder:
+        write_campaign_files(campaign, folder)
+    if not quiet:
+        typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 2 bad input, 130 interrupted)."""
     code = _guarded(lambda: app(arguments, standalone_mode=True))

@@ -166,10 +166,17 @@ class Diagnosis:
     def letter(self) -> str:
         """The verdict in plain words."""
         if not self.mismatch:
-            return (
-                f"The baseline explains the readings: what is left ({self.fit.rms_after_um:.3g} µm rms) is noise; none of "
-                f"{len(self.observability)} effects that were looked for stands out."
+            ratio = float(np.sqrt(self.fit.chi2_dof_after))
+            text = (
+                f"None of {len(self.observability)} effects that were looked for stands out of what the baseline leaves "
+                f"({self.fit.rms_after_um:.3g} µm rms)."
             )
+            if ratio > 1.1:
+                return (
+                    f"{text} That is {ratio:.2g} times the declared noise: coloured noise of the instrument, or something that "
+                    "no effect of the catalogue describes and these recordings cannot place."
+                )
+            return f"{text} The baseline explains the readings down to the declared noise."
         return " ".join(f.says for f in self.findings)
 
     def __str__(self) -> str:

@@ -18,8 +18,7 @@ from symfive.diagnose._catalogue import AxisOffset, ToolShift, moving_axes
 from symfive.diagnose._scores import Board
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
-from symfive.inference import Noise, whiten
-from symfive.instruments import instruments_of
+from symfive.inference import Problem, whiten
 
 __all__ = ["Finding", "probes", "scan"]
 
@@ -58,6 +57,7 @@ class _Channels:
 
     def __init__(self, board: Board) -> None:
         self.board = board
+        self.problem = Problem.of(board.result.model)
         self.campaign = board.model.campaign
         self.axes = moving_axes(self.campaign)
         self.twice: dict[str, Array] = {}
@@ -69,14 +69,15 @@ class _Channels:
                     names = [c.name for c in board.result.model.columns(run)]
                     residual = residual.copy()
                     residual[outlier.row, names.index(outlier.column)] = 0.0
-            self.twice[run.id] = _twice(residual, self.noise(run), _interval(run))
-            tangent = board.tangents[run.id]
-            white, _ = whiten(tangent, self.noise(run), _interval(run))
-            self.power[run.id] = np.sum(white**2, axis=1)
+            self.twice[run.id] = self._white(run, self._white(run, residual)[::-1])[::-1]
+            self.power[run.id] = np.sum(self._white(run, board.tangents[run.id]) ** 2, axis=1)
 
-    def noise(self, run: Run) -> Noise:
-        """Noise of the run's first instrument (a board works on one instrument a run)."""
-        return self.board.result.noises[run.id, instruments_of(run)[0].name]
+    def _white(self, run: Run, table: Array) -> Array:
+        """Each instrument's columns (N, ny, …) whitened by its own noise; columns that are not fitted are zero."""
+        white = np.zeros_like(table)
+        for name, part in self.problem.parts(run):
+            white[:, part] = whiten(table[:, part], self.board.result.noises[run.id, name], _interval(run))[0]
+        return white
 
     def answer(self, run: Run, index: int) -> Array:
         """g·ρ summed over the columns (N,), for the channel at `index`."""
@@ -90,11 +91,10 @@ class _Channels:
         artefact = [i for i, name in enumerate(names) if name.startswith(("table_ball.", "zero."))]
         if not artefact:
             return np.zeros(len(rows))
-        noise, interval = self.noise(run), _interval(run)
         size = line.jacobian.shape[0] * line.jacobian.shape[1]
 
         def white(table: Array) -> Array:
-            return whiten(table, noise, interval)[0].reshape(size, -1)
+            return self._white(run, table).reshape(size, -1)
 
         fitted = white(line.jacobian)
         residual = white(np.asarray(self.board.result.residuals[run.id])[:, :, None])[:, 0]
@@ -122,12 +122,6 @@ class _Channels:
 
 def _interval(run: Run) -> float:
     return float(np.median(np.diff(run.time))) if run.rows > 1 else 1.0
-
-
-def _twice(residual: Array, noise: Noise, interval: float) -> Array:
-    forward, _ = whiten(residual, noise, interval)
-    backward, _ = whiten(forward[::-1], noise, interval)
-    return backward[::-1]
 
 
 def _spectrum(coordinate: Array, answer: Array, origin: float, step: float, count: int) -> Array:

@@ -134,19 +134,20 @@ def score_catalogue(
         problem.left_out[outlier.run][outlier.row, names.index(outlier.column)] = True
     tangents: dict[str, Array] = {}
     probe_columns = [model.index[p.name] for probe in probes for p in probe.parameters(model.campaign)]
-    for key, block in problem.blocks(result.values).items():
-        run = key[0]
+    blocks = problem.blocks(result.values)
+    for run in fitted.campaign.runs:
         line = model.linearise(run, values)
-        jacobian = line.jacobian
         if probe_columns:
             place = {int(c): i for i, c in enumerate(line.columns)}
-            tangents[run] = np.stack([jacobian[:, :, place[c]] for c in probe_columns], axis=2)
-        parts = [jacobian, block.residual[:, :, None]]
-        table = np.where(block.left_out[:, :, None], 0.0, np.concatenate(parts, axis=2))
-        white, _ = whiten(table, result.noises[key], block.interval)
-        flat = white.reshape(-1, white.shape[2])
+            tangents[run.id] = np.stack([line.jacobian[:, :, place[c]] for c in probe_columns], axis=2)
         where = np.append(line.columns, size)
-        gram[np.ix_(where, where)] += flat.T @ flat
+        for name, part in problem.parts(run):
+            block = blocks[run.id, name]
+            stacked = np.concatenate([line.jacobian[:, part], block.residual[:, :, None]], axis=2)
+            table = np.where(block.left_out[:, :, None], 0.0, stacked)
+            white, _ = whiten(table, result.noises[run.id, name], block.interval)
+            flat = white.reshape(-1, white.shape[2])
+            gram[np.ix_(where, where)] += flat.T @ flat
     shape_names = [p.name for shape in shapes for p in shape.parameters(fitted.campaign)]
     names = [*(p.name for p in fitted.parameters), *shape_names]
     base = np.array([model.index[name] for name in names], dtype=np.int64)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from symfive.campaign import Run
 from symfive.inference._noise import Block, Noise, estimate_noise, long_run_variance, plain_noise, whiten
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.model import Model
@@ -72,6 +73,18 @@ class Problem:
         """Diagonal of the prior's information (k,)."""
         return np.asarray(self.model.prior_sigma**-2.0)
 
+    def parts(self, run: Run) -> list[tuple[str, slice]]:
+        """The instruments of a run whose readings are fitted, each with its columns."""
+        found, first = [], 0
+        for instrument in instruments_of(run):
+            count = len(instrument.columns(run, self.model.machine))
+            part = slice(first, first + count)
+            first += count
+            taken = instrument.name == "encoder" and run.options.get("motion_from") == "encoder"
+            if not taken:  # else the recording is the motion itself
+                found.append((instrument.name, part))
+        return found
+
     def blocks(self, values: Array, *, readings: bool = True) -> dict[tuple[str, str], Block]:
         """Residuals and sensitivities of every run and instrument at `values`."""
         found: dict[tuple[str, str], Block] = {}
@@ -81,14 +94,8 @@ class Problem:
             used = self.free[line.columns]
             jacobian, columns = line.jacobian[:, :, used], line.columns[used]
             interval = float(np.median(np.diff(run.time))) if run.rows > 1 else 1.0
-            first = 0
-            for instrument in instruments_of(run):
-                count = len(instrument.columns(run, self.model.machine))
-                part = slice(first, first + count)
-                first += count
-                if instrument.name == "encoder" and run.options.get("motion_from") == "encoder":
-                    continue
-                found[run.id, instrument.name] = Block(
+            for name, part in self.parts(run):
+                found[run.id, name] = Block(
                     residual[:, part], jacobian[:, part], columns, interval, self.left_out[run.id][:, part]
                 )
         return found
