@@ -98,7 +98,8 @@ def test(*arguments: str) -> int:
     """Run the quick tests, or all of them with --full; other arguments go to pytest."""
     prepare("test")
     selection = [] if "--full" in arguments else ["-m", FAST]
-    return run("-m", "pytest", *selection, *(word for word in arguments if word != "--full"))
+    workers = ["-n", "auto", "--dist", "loadscope"]  # one process a core, a module's fixtures made once
+    return run("-m", "pytest", *workers, *selection, *(word for word in arguments if word != "--full"))
 
 
 def lint(*arguments: str) -> int:

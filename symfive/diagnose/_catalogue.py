@@ -132,6 +132,8 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
                 yield make_effect("location_error", component=f"E{letter}0{axis}")
     yield make_effect("latency")
     yield make_effect("thermal_drift")
+    if any("ball_bar" in run.instrument for run in campaign.runs):
+        yield make_effect("bar_temperature")
     for instrument in sorted({name for run in campaign.runs for name in run.instrument}):
         for shape in ("gain", "matrix"):
             yield _optional("sensor_error", instrument=instrument, shape=shape)

@@ -29,17 +29,19 @@ PASSES = 2
 DECISIVE = 5.0
 """Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
-"""An effect counts only if what the fit cannot absorb of it has at least this rms in units of the noise: less changes
-the residual's rms by under 1 % (0.15²/2)."""
+"""An effect counts only if what it takes off the residual has at least this rms in units of the white noise: less
+changes the residual's rms by under 1 % (0.15²/2)."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An exact refit with one more effect: its log evidence against the fit without it, under the same noise."""
+    """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, and its
+    `gain`, the mean square that it takes off the residual over that of the white noise."""
 
     effect: Effect
     evidence: float
     values: Mapping[str, float]
+    gain: float
 
 
 @dataclass(frozen=True)
@@ -178,18 +180,17 @@ def _best(
 ) -> tuple[Trial, float] | None:
     """The effect with the greatest evidence among those that are significant and material, by exact refits."""
     limit = float(np.log(level / looks))
-    count = sum(int(np.size(r)) for r in result.residuals.values())
-    material = [s for s in scores if s.log_p < limit and s.drop > MATERIAL**2 * count * _floor(result)]
-    if not material:
+    significant = [s for s in scores if s.log_p < limit]
+    if not significant:
         return None
-    named = sorted((s for s in material if s.effect.id != "unknown"), key=lambda s: -s.drop)[:TRIALS]
-    nameless = sorted((s for s in material if s.effect.id == "unknown"), key=lambda s: -s.drop)[:1]
+    named = sorted((s for s in significant if s.effect.id != "unknown"), key=lambda s: -s.drop)[:TRIALS]
+    nameless = sorted((s for s in significant if s.effect.id == "unknown"), key=lambda s: -s.drop)[:1]
     ordered = [*named, *nameless]
     trials = []
     for s in ordered:
         progress(f"trying {s.effect.key}")
         trial = _try(result, s)
-        if trial is not None:
+        if trial is not None and trial.gain > MATERIAL**2:
             trials.append(trial)
     if not trials:
         return None
@@ -198,10 +199,16 @@ def _best(
     return best, min(log_p, 0.0)
 
 
-def _floor(result: Identification) -> float:
-    """Declared over found noise power: a drop is counted in units of the noise found, materiality in the white one."""
-    ratios = [n.white**2 / n.total**2 for n in result.noises.values()]
-    return float(np.mean(ratios))
+def _gain(result: Identification, model: Model, values: Array) -> float:
+    """Fall of the residual's mean square, in units of the white noise, over all that was read."""
+    before = after = count = 0.0
+    for run in model.campaign.runs:
+        floor = np.array([n.white for (r, _), n in result.noises.items() if r == run.id]).mean()
+        residual = (model.readings(run) - model.predict_run(run, values)) / floor
+        before += float(np.sum((result.residuals[run.id] / floor) ** 2))
+        after += float(np.sum(residual**2))
+        count += residual.size
+    return (before - after) / max(count, 1.0)
 
 
 def _try(result: Identification, score: Score) -> Trial | None:
@@ -222,7 +229,7 @@ def _try(result: Identification, score: Score) -> Trial | None:
     named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
     if score.effect.id == "unknown":
         evidence -= DECISIVE  # a name is given up only for decisive evidence
-    return Trial(score.effect, evidence, named)
+    return Trial(score.effect, evidence, named, _gain(result, model, values))
 
 
 def _start(model: Model, score: Score) -> dict[str, float]:

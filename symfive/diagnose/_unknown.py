@@ -17,15 +17,16 @@ INTERVALS = 8
 
 
 def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
-    """Splines over every axis that moves, its velocity, and time, moving the tool in the machine frame."""
+    """Splines over every axis that moves, its velocity, and time, moving the tool in the machine frame or the readings."""
     taken = {effect.key for effect in held}
     for over in _coordinates(campaign):
-        try:
-            effect = make_effect("unknown", over=over, order=INTERVALS).prepare(campaign)
-        except InputError:
-            continue
-        if effect.key not in taken and any(effect.applies(run) for run in campaign.runs):
-            yield effect
+        for place, tag in (("structure", ""), ("reading", "reading")):
+            try:
+                effect = make_effect("unknown", over=over, order=INTERVALS, place=place, tag=tag).prepare(campaign)
+            except InputError:
+                continue
+            if effect.key not in taken and any(effect.applies(run) for run in campaign.runs):
+                yield effect
 
 
 def _coordinates(campaign: Campaign) -> Iterator[tuple[str, ...]]:
