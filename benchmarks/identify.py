@@ -35,6 +35,7 @@ from symfive.machine import preset
 from symfive.model import Model
 from symfive.procedures import campaign_of, planar_circle, rotary_circle
 from symfive.simulate import simulate
+from symfive.threads import one_thread
 
 ROWS = 24_000
 FULL = (1_000, 10_000, 100_000, 1_000_000)
@@ -56,6 +57,7 @@ def plan(rows: int) -> Campaign:
     return at(RATE_HZ * rows / at(RATE_HZ).rows)
 
 
+@one_thread
 def one(rows: int, most: int = MOST) -> dict[str, float]:
     """Build, predict, linearise and identify a campaign of so many rows (s), and the memory it took (MB)."""
     begin_memory = _peak_mb()

@@ -17,6 +17,8 @@ MAX_STEPS = 40
 MAX_NOISE_ROUNDS = 5
 STEP_TOLERANCE = 1e-6
 """A step is small when no parameter moves by more than this share of its posterior 1σ (1e-3 before the last round)."""
+COST_TOLERANCE = 1e-6
+"""Or when -2 log posterior falls by no more than this: it says nothing about any parameter."""
 
 
 def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Array, bool]:
@@ -29,7 +31,6 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Arr
     lower = np.array([p.lower for p in model.parameters])
     upper = np.array([p.upper for p in model.parameters])
     free = np.flatnonzero(problem.free)
-    nonlinear = any(p.kind in ("effect", "drive") for p in model.parameters)
     damping, last = 0.0, np.inf
     best = values.copy()
     matrix, gradient = np.zeros((0, 0)), np.zeros(0)
@@ -44,7 +45,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Arr
                 return best, False
             values = np.clip(best + _step(matrix, gradient, damping, free), lower, upper)
             continue
-        converged_step = last - total < 1e-9 * max(total, 1.0) and damping == 0.0
+        settled = last - total < max(COST_TOLERANCE, 1e-12 * total) and damping == 0.0
         best, last = values.copy(), total
         matrix = information.matrix + np.diag(precision)
         gradient = information.gradient - departure * precision
@@ -53,7 +54,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Arr
         sigma = np.sqrt(np.diag(np.linalg.inv(matrix[np.ix_(free, free)])))
         small = float(np.max(np.abs(step[free]) / sigma, initial=0.0)) < tolerance
         values = np.clip(values + step, lower, upper)
-        if small or (converged_step and nonlinear):
+        if small or settled:
             return values, True
     return best, False
 
