@@ -314,18 +314,18 @@ def _sentence(finding: Finding) -> str:
     sizes = []
     for name, q in finding.parameters.items():
         if isinstance(q.value, float) and isinstance(q.std, float):
-            unit = (q.unit or "").replace("um", "µm").replace("urad", "µrad")
-            sizes.append(f"{name} {q.value:.4g} ± {q.std:.2g} {unit}")
+            sizes.append(f"{_plain(name, q.unit)} {q.value:.4g} ± {q.std:.2g} {_shown(q.unit)}".rstrip())
         elif isinstance(q.value, str):
             sizes.append(f"{name} {q.value}")
+    sure = "over 99" if finding.confidence >= 0.995 else f"{100 * finding.confidence:.0f}"
+    count = len(finding.runs)
     text = f"{finding.name.replace('_', ' ').capitalize()}{where} ({effect.says})"
     text += f": {', '.join(sizes[:4])}" if sizes else ""
-    text += (
-        f"; it acts over {finding.coordinate} in {len(finding.runs)} runs, confidence {100 * finding.confidence:.0f} %"
-    )
+    text += f"; it acts over {finding.coordinate} in {count} run{'s' if count > 1 else ''}, confidence {sure} %"
     if finding.moved:
         name, (before, after) = next(iter(finding.moved.items()))
-        text += f"; before it was modelled it hid in the geometry ({name} {before:.3g} → {after:.3g})"
+        unit = "µm" if name[1] in "XYZ" else "µrad"
+        text += f"; before it was modelled it hid in the geometry ({name} {before:.3g} → {after:.3g} {unit})"
     elif finding.visible < 0.5:
         text += f"; the fit had swallowed {100 * (1 - finding.visible):.0f} % of it"
     if finding.shape_differs:
@@ -333,3 +333,12 @@ def _sentence(finding: Finding) -> str:
     if finding.alias:
         text += f"; {', '.join(finding.alias)} would read the same here"
     return text + "."
+
+
+def _shown(unit: str | None) -> str:
+    return (unit or "").replace("um", "µm").replace("urad", "µrad").replace("^2", "²")
+
+
+def _plain(name: str, unit: str | None) -> str:
+    """A parameter's name as words, without the unit that stands behind the number."""
+    return name.removesuffix(f"_{(unit or '').lower()}").replace("_", " ")

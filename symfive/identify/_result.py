@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,6 @@ class Identification:
     dof: float
     notes: tuple[str, ...] = ()
     method: str = "joint"
-    extra: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -167,7 +166,6 @@ class Identification:
                 for o in self.outliers
             ],
             "notes": list(self.notes),
-            **dict(self.extra),
         }  # fmt: skip
 
     def _concerns_machine(self, combination: Confounding) -> bool:

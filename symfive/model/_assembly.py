@@ -17,7 +17,7 @@ from symfive.kinematics import basis_of, first_order
 from symfive.machine import Machine
 from symfive.model._row import Row
 from symfive.motion import Position, Signal
-from symfive.parameters import UNIT_SCALE, Parameter
+from symfive.parameters import Parameter
 
 __all__ = ["RowFunction", "assemble", "machine_parameters", "sensed_columns"]
 
@@ -173,8 +173,3 @@ def _moving(signals: Sequence[Signal], effects: Sequence[Effect]) -> tuple[int, 
     return tuple(
         2 + i for i, signal in enumerate(signals) if signal.parameters or getattr(signal, "axis", None) in freed
     )
-
-
-def unit_scale(unit: str) -> float:
-    """Internal value per file unit."""
-    return UNIT_SCALE.get(unit, 1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -131,8 +131,3 @@ def _entry(name: str, entry: Any, path: Path) -> tuple[float, float, str]:
     if not (math.isfinite(value) and math.isfinite(std)):
         raise InputError(f"parameter {name} is not a finite number", path=path, remedy="run symfive identify again")
     return value, std, str(entry["unit"])
-
-
-def shared_names(names: Iterable[str]) -> tuple[str, ...]:
-    """The names that do not belong to one run."""
-    return tuple(name for name in names if not name.startswith("setup."))
