@@ -17,7 +17,7 @@ MAX_STEPS = 40
 MAX_NOISE_ROUNDS = 5
 STEP_TOLERANCE = 1e-6
 """A step is small when no parameter moves by more than this share of its posterior 1σ (1e-3 before the last round)."""
-COST_TOLERANCE = 1e-6
+COST_TOLERANCE = 1e-4
 """Or when -2 log posterior falls by no more than this: it says nothing about any parameter."""
 
 
