@@ -134,8 +134,9 @@ def _square_over_declared(blocks: Mapping[tuple[str, str], Block], noises: Mappi
 def _rms(problem: Problem, blocks: Mapping[tuple[str, str], Block]) -> dict[str, float]:
     """Root mean square of the kept residuals by unit of reading."""
     sums: dict[str, list[float]] = {}
-    for (run, _), block in blocks.items():
-        units = {column.unit for column in problem.model.columns(run)}
+    places = {(run.id, n): part for run in problem.model.campaign.runs for n, part in problem.parts(run)}
+    for (run, name), block in blocks.items():
+        units = {column.unit for column in problem.model.columns(run)[places[run, name]]}
         unit = units.pop() if len(units) == 1 else "mixed"
         entry = sums.setdefault(unit, [0.0, 0.0])
         entry[0] += float(np.sum(block.residual[~block.left_out] ** 2))

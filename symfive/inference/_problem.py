@@ -158,10 +158,9 @@ class Problem:
         limit = float(norm.isf(0.5 * OUTLIER_LEVEL / max(total, 1)))
         fresh: dict[str, NDArray[np.bool_]] = {run: np.zeros_like(mask) for run, mask in self.left_out.items()}
         found: list[Outlier] = []
-        place: dict[str, int] = {}
+        places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
         for (run, name), block in blocks.items():
-            first = place.get(run, 0)
-            place[run] = first + block.residual.shape[1]
+            first = places[run, name]
             table, _ = whiten(block.residual, self.noises[run, name], block.interval)
             response = _response(self.noises[run, name], block.interval)
             for j in range(block.residual.shape[1]):

@@ -69,7 +69,7 @@ def _tuple(value: Any) -> Any:
     return tuple(_tuple(v) for v in value) if isinstance(value, list) else value
 
 
-def write_model(model: FittedModel, path: Path) -> None:
+def write_model(model: FittedModel, path: Path | str) -> None:
     """Write `model.json`, whole or not at all."""
     data = {
         "schema": SCHEMA,
@@ -81,7 +81,7 @@ def write_model(model: FittedModel, path: Path) -> None:
         },
         "covariance": {"names": list(model.names), "matrix": model.covariance.tolist()},
     }
-    write_json(path, data)
+    write_json(Path(path), data)
 
 
 def read_json(path: Path) -> Any:
