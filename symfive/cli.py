@@ -241,7 +241,7 @@ def diagnose(
         write_json(folder / "identification.json", result.after.to_data())
         write_model(fitted_model(result.after), folder / "model.json")
         progress("drawing the figures")
-        diagnosis_report(result, folder, false_alarms=false_alarms)
+        diagnosis_report(result, folder)
     _tell(result.to_data(), str(result), as_json)
 
 

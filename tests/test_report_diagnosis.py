@@ -10,7 +10,9 @@ import pytest
 
 from symfive.campaign import read_campaign
 from symfive.design import Discrimination, Separation
-from symfive.diagnose import Diagnosis, Finding, Fit, Interval, Observability, RivalName
+from symfive.diagnose import (
+    Diagnosis, Finding, Fit, Interval, Location, Observability, RivalName, Suspect, detect,
+)  # fmt: skip
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
@@ -60,7 +62,10 @@ def found() -> Diagnosis:
     )
     fit = Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, 1.67, 0.44)
     classes = (("location_error.EA0Y", "location_error.EA0Z"),)
-    return Diagnosis(True, 2e-106, 0.4, findings, fit, seen, classes, before, after)
+    first, last = detect(before), detect(after)
+    suspect = Suspect("structure", "B", "B", effects[0], 496.0, -200.0, (), (0.0, 0.0, 1.0))
+    location = Location(first, seen, classes, (suspect,), {"r_test: dx_um": 4.0}, None)
+    return Diagnosis(2e-106, 0.4, findings, fit, first, location, last, before, after)
 
 
 def _finding(after, key: str, coordinate: str, share: float) -> Finding:
@@ -88,7 +93,7 @@ def _finding(after, key: str, coordinate: str, share: float) -> Finding:
 
 @pytest.fixture(scope="module")
 def written(found, tmp_path_factory) -> Path:
-    return diagnosis_report(found, tmp_path_factory.mktemp("out") / "diagnosis", false_alarms=0.01)
+    return diagnosis_report(found, tmp_path_factory.mktemp("out") / "diagnosis")
 
 
 def test_the_page_says_all_that_the_diagnosis_holds(found, written):
@@ -132,7 +137,7 @@ def _nothing(result):
 def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
     monkeypatch.setattr(_diagnosis, "residuals_over_time", _nothing)
     fit = replace(found.fit, heldout_rms_before_um=None, heldout_rms_after_um=None)
-    clean = replace(found, mismatch=False, findings=(), p_value=0.4, fit=fit, before=found.after)
+    clean = replace(found, findings=(), p_value=0.4, fit=fit, before=found.after)
     text = diagnosis_report(clean, tmp_path).read_text()
     page = Page(text)
     assert "nothing is missing that they could show" in page.words and 'class="verdict yes"' in text
@@ -151,7 +156,7 @@ def test_what_users_wrote_is_escaped(found, tmp_path, monkeypatch):
     )  # fmt: skip
     after = replace(found.after, notes=(HOSTILE,), outliers=(Outlier("nest1", 3, "dx_um", 9.0, 22.0),))
     odd = Observability(HOSTILE, HOSTILE, HOSTILE, 0.1, 2.0)
-    result = replace(found, findings=(evil,), after=after, observability=(odd,), classes=((HOSTILE, "b"),))
+    result = replace(found, findings=(evil,), after=after, location=replace(found.location, observability=(odd,), classes=((HOSTILE, "b"),)))
     page = Page(diagnosis_report(result, tmp_path).read_text())
     assert page.tags.count("script") == 1 and "img" not in page.tags
     assert not any(name.startswith("on") for name, _ in page.attributes)

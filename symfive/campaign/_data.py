@@ -164,6 +164,15 @@ class Run:
         """Time from the first row to the last, s."""
         return float(self.time[-1] - self.time[0])
 
+    def repeated_by(self, other: Run) -> bool:
+        """Whether the other run was made in the same way: the readings differ by noise and by what changes in time."""
+        alike = ("instrument", "sampling", "table_ball", "tool_ball", "length", "u", "v", "noise_um", "rows", "options")
+        if any(getattr(self, name) != getattr(other, name) for name in alike):
+            return False
+        if not np.allclose(self.time - self.time[0], other.time - other.time[0], rtol=1e-6, atol=1e-6):
+            return False
+        return all(np.allclose(v, other.commands[n], atol=1e-6) for n, v in self.commands.items() if n in other.commands)
+
     def with_readings(self, readings: Mapping[str, Array]) -> Run:
         """The same run with other readings."""
         return replace(self, readings=readings)
@@ -216,6 +225,18 @@ class Campaign:
     def rows(self) -> int:
         """Number of rows of all runs."""
         return sum(run.rows for run in self.runs)
+
+    @property
+    def repeats(self) -> tuple[tuple[str, ...], ...]:
+        """Ids of runs that repeat each other: same instrument, set-up and commands, row by row."""
+        groups: list[list[Run]] = []
+        for run in self.runs:
+            home = next((g for g in groups if g[0].repeated_by(run)), None)
+            if home is None:
+                groups.append([run])
+            else:
+                home.append(run)
+        return tuple(tuple(r.id for r in g) for g in groups if len(g) > 1)
 
     def run(self, id: str) -> Run:
         """The run of that id."""

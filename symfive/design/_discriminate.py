@@ -20,8 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.effects import baseline_effects
-from symfive.effects._base import Effect
 from symfive.errors import InputError
 from symfive.model import Model
 from symfive.threads import one_thread
@@ -92,7 +90,7 @@ def discriminate(
     end = max((run.start_s + float(run.time[-1]) for run in own), default=0.0)
     named = [tuple(_later(run, i, end) for run in test) for i, test in enumerate(tests)]
     every = Campaign(machine=machine, runs=(*own, *(run for test in named for run in test)))
-    pair = _Pair(Model(every, _added(model_a)), Model(every, _added(model_b)))
+    pair = _Pair(Model(every, model_a.added), Model(every, model_b.added))
     truths_a, truths_b = (_truths(m, v, draws, seed) for m, v in ((pair.a, values_a), (pair.b, values_b)))
     ids = [run.id for run in own]
     before = _separation("measured", pair, ids, truths_a, truths_b, 0.0).sigmas if own else 0.0
@@ -120,12 +118,6 @@ def _runs(candidate: Candidate) -> tuple[Run, ...]:
     return (candidate,) if isinstance(candidate, Run) else tuple(candidate)
 
 
-def _added(model: Model) -> tuple[Effect, ...]:
-    """The effects beyond those of the machine file."""
-    held = {effect.prepare(model.campaign).key for effect in baseline_effects(model.machine)}
-    return tuple(effect for effect in model.effects if effect.key not in held)
-
-
 @dataclass(frozen=True)
 class _Pair:
     a: Model
@@ -135,7 +127,7 @@ class _Pair:
 def _truths(model: Model, values: Mapping[str, float] | None, draws: int, seed: int) -> list[Array]:
     """Parameter vectors at which the model is true."""
     vector = model.prior_mean.copy()
-    for effect in _added(model):
+    for effect in model.added:
         for name, value in effect.typical(model.campaign).items():
             vector[model.index[name]] = value
     for name, value in (values or {}).items():

@@ -1,17 +1,21 @@
-"""Diagnosis: where the model is wrong, what was left out, and the proof that it is that."""
+"""Diagnosis: where the model is wrong, what was left out, and the proof that it is that.
 
+Five steps, each usable alone: `detect`, `locate`, `name_effects`, `amend` (or `findings_of`), `prove`; `diagnose` does all.
+"""
+
+from symfive.diagnose._detect import Detection, Disagreement, Test, detect
 from symfive.diagnose._diagnose import diagnose
+from symfive.diagnose._findings import amend, findings_of, moved
+from symfive.diagnose._groups import partitions
+from symfive.diagnose._locate import Location, Observability, Suspect, locate
 from symfive.diagnose._next_test import next_test, possible_tests
-from symfive.diagnose._result import Diagnosis, Finding, Fit, Interval, Observability, RivalName
+from symfive.diagnose._places import Interval
+from symfive.diagnose._prove import prove
+from symfive.diagnose._result import Diagnosis, Finding, Fit, RivalName
+from symfive.diagnose._search import Member, Naming, Trial, name_effects
 
 __all__ = [
-    "Diagnosis",
-    "Finding",
-    "Fit",
-    "Interval",
-    "Observability",
-    "RivalName",
-    "diagnose",
-    "next_test",
-    "possible_tests",
-]
+    "Detection", "Diagnosis", "Disagreement", "Finding", "Fit", "Interval", "Location", "Member", "Naming",
+    "Observability", "RivalName", "Suspect", "Test", "Trial", "amend", "detect", "diagnose", "findings_of", "locate",
+    "moved", "name_effects", "next_test", "partitions", "possible_tests", "prove",
+]  # fmt: skip

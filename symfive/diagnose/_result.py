@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.design import Discrimination
+from symfive.diagnose._detect import Detection
+from symfive.diagnose._locate import Location, Observability, observability_words
+from symfive.diagnose._places import Interval
 from symfive.effects import Effect, Quantity
 from symfive.identify import Identification
 
-__all__ = ["SCHEMA", "Diagnosis", "Finding", "Fit", "Interval", "Observability", "RivalName"]
+__all__ = ["SCHEMA", "Diagnosis", "Finding", "Fit", "RivalName"]
 
 SCHEMA = "symfive.diagnosis/1"
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A stretch of a run in which the effect acts most (s)."""
-
-    run: str
-    begin_s: float
-    end_s: float
 
 
 @dataclass(frozen=True)
@@ -108,20 +102,9 @@ def _quantity(q: Quantity) -> Any:
 
 
 @dataclass(frozen=True)
-class Observability:
-    """What the campaign can see of one effect: `visible` share of its energy that the fit leaves, `sigmas` by which an
-    effect of usual size would stand out."""
-
-    effect: str
-    axis: str | None
-    form: str
-    visible: float
-    sigmas: float
-
-
-@dataclass(frozen=True)
 class Fit:
-    """Quality before and after, over kept readings; the held-out part by leaving out runs in turn."""
+    """Quality before and after, over kept readings; the held-out part by leaving out runs in turn, `heldout_by` a whole feed
+    or place at a time: what → (before, after), µm."""
 
     rms_before_um: float
     rms_after_um: float
@@ -129,21 +112,48 @@ class Fit:
     chi2_dof_after: float
     heldout_rms_before_um: float | None
     heldout_rms_after_um: float | None
+    heldout_by: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Result of `diagnose`. `before` and `after` are the identifications without and with the findings."""
+    """Result of `diagnose`. `before` and `after` are the identifications without and with the findings, `detection` and
+    `location` what was seen before any name, `remaining` the same tests on what is left."""
 
-    mismatch: bool
     p_value: float
     noise_um: float
     findings: tuple[Finding, ...]
     fit: Fit
-    observability: tuple[Observability, ...]
-    classes: tuple[tuple[str, ...], ...]
+    detection: Detection
+    location: Location
+    remaining: Detection
     before: Identification
     after: Identification
+    false_alarms: float = 0.01
+
+    @property
+    def unnamed(self) -> tuple[str, ...]:
+        """What is left and has no name: what the tests that need none say of the fit with all findings."""
+        return tuple(
+            t.says
+            for t in self.remaining.tests
+            if t.name in ("lack of fit", "agreement of groups") and 2.0 * t.p_value < self.remaining.level
+        )
+
+    @property
+    def mismatch(self) -> bool:
+        """Whether the baseline fails to explain the readings."""
+        return bool(self.findings) or bool(self.unnamed)
+
+    @property
+    def observability(self) -> tuple[Observability, ...]:
+        """What the campaign can see at all of every effect."""
+        return self.location.observability
+
+    @property
+    def classes(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that the campaign cannot tell apart."""
+        return self.location.classes
 
     def to_data(self) -> dict[str, Any]:
         """`diagnosis.json` (conventions, section 6)."""
@@ -153,7 +163,17 @@ class Diagnosis:
             "p_value": self.p_value,
             "noise_um": self.noise_um,
             "findings": [f.to_data() for f in self.findings],
-            "fit": {name: getattr(self.fit, name) for name in self.fit.__dataclass_fields__},
+            "fit": {
+                **{name: getattr(self.fit, name) for name in self.fit.__dataclass_fields__ if name != "heldout_by"},
+                "heldout_by": {
+                    what: {"rms_before_um": b, "rms_after_um": a} for what, (b, a) in self.fit.heldout_by.items()
+                },
+            },
+            "tests": [
+                {"test": t.name, "statistic": t.statistic, "dof": t.dof, "p_value": t.p_value, "says": t.says}
+                for t in self.detection.tests
+            ],
+            "unnamed": list(self.unnamed),
             "observability": [
                 {"effect": o.effect, "axis": o.axis, "form": o.form, "visible": o.visible, "sigmas": o.sigmas}
                 for o in self.observability
@@ -177,18 +197,10 @@ class Diagnosis:
                     "no effect of the catalogue describes and these recordings cannot place."
                 )
             return f"{text} The baseline explains the readings down to the declared noise."
-        return " ".join(f.says for f in self.findings)
+        return " ".join([*(f.says for f in self.findings), *self.unnamed])
 
     def __str__(self) -> str:
-        lines = [
-            "What these recordings can see at all (share of an effect that the fit leaves, σ of one of usual size):"
-        ]
-        shown = sorted(self.observability, key=lambda o: -o.sigmas)
-        lines += [f"  {o.form:<34} {100 * o.visible:6.2f} %  {o.sigmas:8.1f} σ" for o in shown[:25]]
-        if len(shown) > 25:
-            lines.append(f"  … and {len(shown) - 25} more in diagnosis.json")
-        for c in self.classes:
-            lines.append(f"  cannot be told apart here: {', '.join(c)}")
+        lines = [observability_words(self.observability, self.classes)]
         lines.append("")
         lines.append(self.letter)
         f = self.fit

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from symfive.effects import Effect
 from symfive.identify import Identification
-from symfive.inference import Problem, whiten
+from symfive.inference import whiten
 from symfive.model import Model
 
 __all__ = ["Board", "Score", "score_catalogue"]
@@ -124,14 +124,11 @@ def score_catalogue(
     `shapes` join the fit at zero with their priors: what they can explain does not count for any effect.
     """
     fitted = result.model
-    model = Model(fitted.campaign, [*_added(fitted), *shapes, *effects, *probes])
+    model = Model(fitted.campaign, [*fitted.added, *shapes, *effects, *probes])
     values = model.vector({p.name: float(v) for p, v in zip(fitted.parameters, result.values, strict=True)})
     size = len(model.parameters)
     gram = np.zeros((size + 1, size + 1))
-    problem = Problem.of(fitted, noises=result.noises)
-    for outlier in result.outliers:
-        names = [c.name for c in fitted.columns(outlier.run)]
-        problem.left_out[outlier.run][outlier.row, names.index(outlier.column)] = True
+    problem = result.problem()
     tangents: dict[str, Array] = {}
     probe_columns = [model.index[p.name] for probe in probes for p in probe.parameters(model.campaign)]
     blocks = problem.blocks(result.values)
@@ -152,10 +149,3 @@ def score_catalogue(
     names = [*(p.name for p in fitted.parameters), *shape_names]
     base = np.array([model.index[name] for name in names], dtype=np.int64)
     return Board(result, model, gram, base, model.prior_sigma[base] ** -2.0, effects, tangents, size)
-
-
-def _added(model: Model) -> list[Effect]:
-    from symfive.effects import baseline_effects
-
-    held = {effect.key for effect in baseline_effects(model.machine)}
-    return [effect for effect in model.effects if effect.key not in held]

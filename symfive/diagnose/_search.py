@@ -1,7 +1,8 @@
-"""Forward, swap and backward search for the physics that was left out, each step judged by exact refits."""
+"""Name: forward, swap and backward search for the physics that was left out, each step judged by exact refits."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -9,23 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose._catalogue import catalogue
+from symfive.diagnose._detect import Detection
+from symfive.diagnose._locate import Location, Survey, locate, survey
+from symfive.diagnose._places import axis_of
 from symfive.diagnose._remainder import remainder
-from symfive.diagnose._scan import probes, scan
-from symfive.diagnose._scores import Board, Score, _added, score_catalogue
-from symfive.diagnose._unknown import unknowns
+from symfive.diagnose._scores import Score
 from symfive.diagnose._variants import variants
 from symfive.effects import Effect
+from symfive.errors import InputError
 from symfive.identify import Identification, identify
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
+from symfive.threads import one_thread
 
-__all__ = ["Member", "Search", "Trial", "search"]
+__all__ = ["Member", "Naming", "Trial", "lacking", "name_effects"]
 
 Array = NDArray[np.float64]
 MAX_EFFECTS = 5
 TRIALS = 5
 PASSES = 2
+OPEN = 10.0
+"""Rivals within this log evidence of a member are tried in all their shapes."""
 DECISIVE = 5.0
 """Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
@@ -54,62 +59,81 @@ class Member:
     trials: tuple[Trial, ...] = ()
 
 
-@dataclass
-class Search:
-    """What the search found: the fit before and after, the members, the first board (for the observability table)."""
+@dataclass(frozen=True)
+class Naming:
+    """What was named: the fit `before` and `after`, the `members` in the order found, where they were looked for."""
 
     before: Identification
     after: Identification
+    members: tuple[Member, ...]
+    location: Location = field(repr=False)
+
+    def __str__(self) -> str:
+        return "\n".join(
+            f"{m.effect.key:<34} log10 p = {m.log_p / np.log(10.0):.1f}"
+            + "".join(f"\n    {t.effect.key:<34} log evidence {t.evidence:.1f}" for t in m.trials)
+            for m in self.members
+        )
+
+
+@dataclass
+class _State:
+    """The search while it runs."""
+
+    after: Identification
+    level: float
+    exclude: tuple[str, ...]
+    progress: Callable[[str], None]
+    forms: Mapping[tuple[str, str | None], int]
     members: list[Member] = field(default_factory=list)
-    board: Board | None = None
-    log_p: float = 0.0
-    looks: int = 0
+
+    @property
+    def campaign(self) -> Campaign:
+        return self.after.model.campaign
 
 
-def search(
-    campaign: Campaign,
+@one_thread
+def name_effects(
+    found: Location | Detection | Identification | Campaign,
     *,
     level: float = 0.01,
     exclude: Sequence[str] = (),
     progress: Callable[[str], None] = lambda message: None,
-) -> Search:
-    """Find effects until nothing significant and material is left. `level`: false alarms over the whole catalogue.
+) -> Naming:
+    """Find effects until nothing significant and material is left, and weigh each against all that could stand in its place.
 
-    `exclude` takes effects (by id) out of the catalogue, as a control.
+    `level` is the rate of false names over the whole catalogue; `exclude` takes effects (by id) out of the catalogue, as a
+    control.
     """
-    progress("fitting the baseline")
-    before = identify(campaign)
-    state = Search(before, before)
-    _forward(campaign, state, level, exclude, progress)
+    location = found if isinstance(found, Location) else locate(found, exclude=exclude, progress=progress)
+    before = location.detection.fit
+    names = Counter((s.effect.vocabulary, axis_of(s.effect)) for s in location.survey.scores)
+    state = _State(before, level, tuple(exclude), progress, names)
+    _forward(state, location.survey)
     for _ in range(PASSES):
-        if not _contest(campaign, state, exclude, progress):
+        if not _contest(state):
             break
-        _forward(campaign, state, level, exclude, progress)
-    return state
+        _forward(state, None)
+    return Naming(before, state.after, tuple(state.members), location)
 
 
-def _forward(
-    campaign: Campaign, state: Search, level: float, exclude: Sequence[str], progress: Callable[[str], None]
-) -> None:
-    """Add effects until none that is left is significant and material."""
+def _forward(state: _State, seen: Survey | None) -> None:
+    """Add effects until none that is left is significant and material. `seen`: the survey of the present fit, if at hand."""
     while len(state.members) < MAX_EFFECTS:
-        progress(f"scoring the catalogue, {len(state.members)} effects found")
-        board, scores, looks = _scores(state.after, exclude)
-        if state.board is None:
-            state.board, state.looks = board, looks
-            state.log_p = min(0.0, min((s.log_p for s in scores), default=0.0) + np.log(max(looks, 1)))
-        best = _best(state.after, scores, looks, level, progress)
+        state.progress(f"scoring the catalogue, {len(state.members)} effects found")
+        best = _best(state, seen or survey(state.after, state.exclude))
+        seen = None
         if best is None:
-            state.after = _with_families(campaign, state.after)
+            state.after = _with_families(state.after)
             return
         trial, log_p = best
-        state.after = _shaped(campaign, state.after, trial)
+        state.after = _shaped(state.after, trial)
         state.members.append(Member(_newest(state.after), log_p))
-        progress(f"found {trial.effect.key}")
-        _prune(campaign, state)
+        state.progress(f"found {trial.effect.key}")
+        _prune(state)
 
 
-def _contest(campaign: Campaign, state: Search, exclude: Sequence[str], progress: Callable[[str], None]) -> bool:
+def _contest(state: _State) -> bool:
     """Put every member to the test against all that could stand in its place; True where one was replaced.
 
     Under the noise of the full fit, with all other members in the model, the evidence is sharper than it was when the
@@ -117,30 +141,47 @@ def _contest(campaign: Campaign, state: Search, exclude: Sequence[str], progress
     """
     swapped = False
     for number, member in enumerate(state.members):
-        progress(f"rivals of {member.effect.key}")
-        without = _lacking(campaign, state.after, member.effect)
-        scores = [s for s in _scores(without, exclude, scanning=False)[1] if s.effect.key != member.effect.key]
+        state.progress(f"rivals of {member.effect.key}")
+        without = lacking(state.after, member.effect)
+        scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
         rivals = sorted(scores, key=lambda s: -s.drop)[:TRIALS]
-        found = [t for t in (_try(without, s) for s in rivals) if t is not None]
-        own = _try(without, _own_score(state.after, member.effect))
+        found = [t for t in (_try(state, without, s) for s in rivals) if t is not None]
+        own = _try(state, without, _own_score(state.after, member.effect))
         if own is None:
             continue
+        found = [_best_shape(state, without, t) if t.evidence > own.evidence - OPEN else t for t in found]
         trials = sorted([own, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
         if trials[0].evidence > own.evidence + 1.0:
-            state.after = _shaped(campaign, without, trials[0])
+            state.after = _shaped(without, trials[0])
             state.members[number] = Member(_newest(state.after), member.log_p)
-            progress(f"{trials[0].effect.key} takes the place of {member.effect.key}")
+            state.progress(f"{trials[0].effect.key} takes the place of {member.effect.key}")
             swapped = True
     return swapped
 
 
-def _lacking(campaign: Campaign, result: Identification, effect: Effect) -> Identification:
+def _best_shape(state: _State, without: Identification, trial: Trial) -> Trial:
+    """A rival in the best of its shapes: the member that it rivals stands in its own."""
+    campaign = without.model.campaign
+    trials = [trial]
+    for other in variants(trial.effect):
+        try:
+            parameters = other.prepare(campaign).parameters(campaign)
+        except InputError:
+            continue
+        step = {p.name: trial.values.get(p.name, p.mean) - p.mean for p in parameters}
+        found = _try(state, without, Score(other.prepare(campaign), np.inf, 1.0, -np.inf, 1.0, 1.0, step))
+        trials += [found] if found is not None else []
+    return max(trials, key=lambda t: t.evidence)
+
+
+def lacking(result: Identification, effect: Effect) -> Identification:
     """The fit without an effect and the rest of its family, under the same noise and outliers."""
-    kept = tuple(e for e in _own(result) if effect.key not in (e.key, getattr(e, "of", "")))
+    campaign = result.model.campaign
+    kept = tuple(e for e in result.model.added if effect.key not in (e.key, getattr(e, "of", "")))
     model = Model(campaign, kept)
     start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index}
-    values, _ = gauss_newton(_problem(model, result), model.vector(start), 1e-2)
+    values, _ = gauss_newton(result.problem(model), model.vector(start), 1e-2)
     residuals = {run.id: model.readings(run) - model.predict_run(run, values) for run in campaign.runs}
     return replace(result, model=model, values=values, residuals=residuals)
 
@@ -155,47 +196,22 @@ def _newest(result: Identification) -> Effect:
     return [e for e in result.model.effects if e.id != "family_shape"][-1]
 
 
-def _scores(result: Identification, exclude: Sequence[str], *, scanning: bool = True) -> tuple[Board, list[Score], int]:
-    campaign = result.model.campaign
-    held = result.model.effects
-    shapes = remainder(result.model, result.values, _own(result))
-    plain = [e for e in catalogue(campaign, held) if e.id not in exclude]
-    board = score_catalogue(result, plain, shapes, probes(campaign))
-    scores = [board.score(e) for e in plain]
-    taken = {e.key for e in held}
-    found = [f for f in (scan(board) if scanning else []) if f.effect.id not in exclude and f.effect.key not in taken]
-    unique = {f.effect.key: f for f in reversed(found)}
-    nameless = list(unknowns(campaign, held))
-    second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes)
-    for f in unique.values():
-        score = second.score(f.effect)
-        scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks))))
-    scores += [second.score(effect) for effect in nameless]
-    seen = [s for s in scores if s.dof > 0.5]
-    return board, sorted(seen, key=lambda s: s.log_p), max(1, len(seen))
-
-
-def _best(
-    result: Identification, scores: Sequence[Score], looks: int, level: float, progress: Callable[[str], None]
-) -> tuple[Trial, float] | None:
+def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     """The effect with the greatest evidence among those that are significant and material, by exact refits."""
-    limit = float(np.log(level / looks))
-    significant = [s for s in scores if s.log_p < limit]
-    if not significant:
-        return None
+    limit = float(np.log(state.level / seen.looks))
+    significant = [s for s in seen.scores if s.log_p < limit]
     named = sorted((s for s in significant if s.effect.id != "unknown"), key=lambda s: -s.drop)[:TRIALS]
     nameless = sorted((s for s in significant if s.effect.id == "unknown"), key=lambda s: -s.drop)[:1]
-    ordered = [*named, *nameless]
     trials = []
-    for s in ordered:
-        progress(f"trying {s.effect.key}")
-        trial = _try(result, s)
+    for s in (*named, *nameless):
+        state.progress(f"trying {s.effect.key}")
+        trial = _try(state, state.after, s)
         if trial is not None and trial.gain > MATERIAL**2:
             trials.append(trial)
     if not trials:
         return None
     best = max(trials, key=lambda t: t.evidence)
-    log_p = next(s.log_p for s in scores if s.effect.key == best.effect.key) + float(np.log(looks))
+    log_p = next(s.log_p for s in significant if s.effect.key == best.effect.key) + float(np.log(seen.looks))
     return best, min(log_p, 0.0)
 
 
@@ -211,17 +227,22 @@ def _gain(result: Identification, model: Model, values: Array) -> float:
     return (before - after) / max(count, 1.0)
 
 
-def _try(result: Identification, score: Score) -> Trial | None:
-    """An exact refit with the effect, under the noise of the present fit."""
+def _try(state: _State, result: Identification, score: Score) -> Trial | None:
+    """An exact refit with the effect, under the noise of the present fit.
+
+    All names are equally probable beforehand; a name that could take several forms (components) shares that among them.
+    """
     campaign = result.model.campaign
-    effects = (*_own(result), score.effect)
+    effects = (*result.model.added, score.effect)
     model = Model(campaign, effects)
     start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
     start |= _start(model, score)
-    problem = _problem(model, result)
+    problem = result.problem(model)
     try:
-        values, _ = gauss_newton(problem, model.vector(start), 1e-2)
-        evidence = _evidence(problem, values) - _evidence(_problem(result.model, result), result.values)
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
+            values, _ = gauss_newton(problem, model.vector(start), 1e-2)
+            own = [p.name for p in score.effect.parameters(campaign) if p.mean == 0.0 and score.effect.id != "unknown"]
+            evidence = _evidence(problem, values, own) - _evidence(result.problem(), result.values)
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(evidence):
@@ -229,6 +250,8 @@ def _try(result: Identification, score: Score) -> Trial | None:
     named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
     if score.effect.id == "unknown":
         evidence -= DECISIVE  # a name is given up only for decisive evidence
+    else:
+        evidence -= float(np.log(max(state.forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
     return Trial(score.effect, evidence, named, _gain(result, model, values))
 
 
@@ -246,48 +269,32 @@ def _start(model: Model, score: Score) -> dict[str, float]:
     return start
 
 
-def _own(result: Identification) -> tuple[Effect, ...]:
-    return tuple(_added(result.model))
-
-
-def _problem(model: Model, result: Identification) -> Problem:
-    problem = Problem.of(model, noises=result.noises)
-    for outlier in result.outliers:
-        names = [c.name for c in model.columns(outlier.run)]
-        problem.left_out[outlier.run][outlier.row, names.index(outlier.column)] = True
-    return problem
-
-
-def _evidence(problem: Problem, values: Array) -> float:
+def _evidence(problem: Problem, values: Array, sized: Sequence[str] = ()) -> float:
     """Log marginal likelihood, up to what does not depend on the model, of a fit that may or may not need the rest of
     its effects' own families: the mean of both.
 
     Where the library's form is right the plain fit decides; where it is a little off, what counts is whether the family
-    explains the readings, and a form that needs less of the rest is better.
+    explains the readings, and a form that needs less of the rest is better. `sized` amplitudes have a prior as wide as
+    they turned out: how large an effect is says nothing for or against its name, and exact aliases get equal evidence.
     """
-    return float(np.logaddexp(_plain_evidence(problem, values), _family_evidence(problem, values)) - np.log(2.0))
-
-
-def _plain_evidence(problem: Problem, values: Array) -> float:
-    """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, linear in what is small."""
-    return _marginal(problem, problem.model, values)
-
-
-def _family_evidence(problem: Problem, values: Array) -> float:
-    """The same with the rest of every effect's family integrated out."""
-    model = problem.model
-    shapes = remainder(model, values, model.effects)
+    plain = _marginal(problem, problem.model, values, sized)
+    shapes = remainder(problem.model, values, problem.model.effects)
     if not shapes:
-        return -np.inf
-    return _marginal(problem, Model(model.campaign, [*_added(model), *shapes]), values)
+        return plain - float(np.log(2.0))
+    wide = Model(problem.model.campaign, [*problem.model.added, *shapes])
+    return float(np.logaddexp(plain, _marginal(problem, wide, values, sized)) - np.log(2.0))
 
 
-def _marginal(problem: Problem, wide: Model, values: Array) -> float:
+def _marginal(problem: Problem, wide: Model, values: Array, sized: Sequence[str] = ()) -> float:
+    """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, linear in what `wide` adds to the problem's model."""
     full = wide.vector({p.name: float(v) for p, v in zip(problem.model.parameters, values, strict=True)})
     inner = Problem.of(wide, noises=problem.noises)
     inner.left_out = problem.left_out
     information = inner.information(inner.blocks(full))
-    sigma = wide.prior_sigma
+    sigma = wide.prior_sigma.copy()
+    if sized:
+        own = [wide.index[name] for name in sized]
+        sigma[own] *= max(float(np.sqrt(np.mean((full[own] / sigma[own]) ** 2))), 1e-3)
     departure = (full - wide.prior_mean) / sigma
     scaled = information.matrix * np.outer(sigma, sigma) + np.eye(len(sigma))
     pull = information.gradient * sigma - departure
@@ -296,19 +303,20 @@ def _marginal(problem: Problem, wide: Model, values: Array) -> float:
     return -0.5 * cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
 
 
-def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identification:
+def _shaped(result: Identification, trial: Trial) -> Identification:
     """Full fit with the effect in the best of its own shapes, noise found anew.
 
     The plain shape keeps its place unless another one's evidence is better under the same noise.
     """
-    plain = identify(Model(campaign, (*_own(result), trial.effect)), start=trial.values, start_noise=result.noises)
-    best, best_evidence = plain, _evidence(_problem(plain.model, plain), plain.values)
+    campaign = result.model.campaign
+    plain = _identify(Model(campaign, (*result.model.added, trial.effect)), trial.values, result)
+    best, best_evidence = plain, _evidence(plain.problem(), plain.values)
     for other in variants(trial.effect):
         try:
             prepared = other.prepare(campaign)
-            model = Model(campaign, (*_own(result), prepared))
+            model = Model(campaign, (*result.model.added, prepared))
             start = {n: v for n, v in trial.values.items() if n in model.index}
-            problem = _problem(model, plain)
+            problem = plain.problem(model)
             values, _ = gauss_newton(problem, model.vector(start), 1e-2)
             evidence = _evidence(problem, values)
         except (ValueError, np.linalg.LinAlgError):
@@ -316,31 +324,37 @@ def _shaped(campaign: Campaign, result: Identification, trial: Trial) -> Identif
         simpler = len(prepared.parameters(campaign)) < len(trial.effect.parameters(campaign))
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):
             named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
-            best, best_evidence = identify(model, start=named, start_noise=plain.noises), evidence
+            best, best_evidence = _identify(model, named, plain), evidence
     return best
 
 
-def _with_families(campaign: Campaign, result: Identification) -> Identification:
+def _with_families(result: Identification) -> Identification:
     """The fit with the rest of each effect's family in the model, where the evidence for it is decisive.
 
     Family right, shape different: the rest is a part of the finding, not a second one. It comes last, when no effect
     with a name of its own explains more.
     """
-    for shape in remainder(result.model, result.values, _own(result)):
-        wide = Model(campaign, (*_own(result), shape))
-        problem = _problem(result.model, result)
-        if _marginal(problem, wide, result.values) > _plain_evidence(problem, result.values) + DECISIVE:
+    campaign = result.model.campaign
+    for shape in remainder(result.model, result.values, result.model.added):
+        wide = Model(campaign, (*result.model.added, shape))
+        problem = result.problem()
+        if _marginal(problem, wide, result.values) > _marginal(problem, problem.model, result.values) + DECISIVE:
             start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
-            result = identify(wide, start=start, start_noise=result.noises)
+            result = _identify(wide, start, result)
     return result
 
 
-def _prune(campaign: Campaign, state: Search) -> None:
+def _prune(state: _State) -> None:
     """Drop an earlier effect that the later ones have made needless."""
     for member in state.members[:-1]:
-        without = _lacking(campaign, state.after, member.effect)
-        full = _evidence(_problem(state.after.model, state.after), state.after.values)
-        if full - _evidence(_problem(without.model, without), without.values) < 3.0:
+        without = lacking(state.after, member.effect)
+        full = _evidence(state.after.problem(), state.after.values)
+        if full - _evidence(without.problem(), without.values) < 3.0:
             named = {p.name: float(v) for p, v in zip(without.parameters, without.values, strict=True)}
-            state.after = identify(without.model, start=named, start_noise=without.noises)
+            state.after = _identify(without.model, named, without)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]
+
+
+def _identify(model: Model, start: Mapping[str, float], like: Identification) -> Identification:
+    """The full fit, noise found anew from where it was."""
+    return identify(model, start=start, start_noise=like.noises, noise="repeats")

@@ -43,7 +43,8 @@ def identify(
 
     `campaign` with readings (or its `Model`); `effects` join the baseline. `free` names the only parameters that may
     move, `fixed` holds some at given values (file units). `noise`: `estimate` finds the white part (never below the
-    declared one), a coloured part and outliers; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
+    declared one), a coloured part and outliers; `repeats` does so from differences of runs that repeat each other, where
+    these say that it is less; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
     (bounds by an interior point); `loss`: `square` or `huber` (IPOPT). `start` and `start_noise` (by run and instrument)
     are where to begin.
 
@@ -51,7 +52,7 @@ def identify(
     2005, ch. 3), restricted likelihood for the noise.
     """
     model = campaign if isinstance(campaign, Model) else Model(campaign, effects)
-    _check_choice("noise", noise, ("estimate", "declared"))
+    _check_choice("noise", noise, ("estimate", "repeats", "declared"))
     _check_choice("solver", solver, ("gauss_newton", "ipopt"))
     _check_choice("loss", loss, ("square", "huber"))
     values = model.vector(dict(start or {}))
@@ -64,6 +65,8 @@ def identify(
         values[_place(model, name)] = value
         movable[_place(model, name)] = False
     problem = Problem.of(model, movable, start_noise)
+    if noise == "repeats":
+        problem.repeats = model.campaign.repeats
     progress(f"{model.campaign.rows} rows, {int(movable.sum())} parameters")
     values, converged = solve(problem, values, noise=noise, progress=progress)
     notes = []

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from symfive.errors import InputError
-from symfive.inference import Confounding, Noise, Outlier
+from symfive.inference import Confounding, Noise, Outlier, Problem
 from symfive.kinematics import basis_of
 from symfive.model import Model
 from symfive.parameters import Parameter
@@ -70,6 +70,14 @@ class Identification:
     def std(self) -> Array:
         """Posterior standard deviations (k,), file units."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def problem(self, model: Model | None = None) -> Problem:
+        """The estimation problem of this fit, or of another model of its campaign, with its noise and without its outliers."""
+        problem = Problem.of(model or self.model, noises=self.noises)
+        for outlier in self.outliers:
+            names = [c.name for c in problem.model.columns(outlier.run)]
+            problem.left_out[outlier.run][outlier.row, names.index(outlier.column)] = True
+        return problem
 
     def __getitem__(self, name: str) -> float:
         """The value of a parameter in its file unit."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,13 +46,15 @@ class Information:
 
 @dataclass
 class Problem:
-    """Readings, priors and noise of a model. `free` marks the parameters that may move; `noises` by (run, instrument)."""
+    """Readings, priors and noise of a model. `free` marks the parameters that may move; `noises` by (run, instrument);
+    `repeats` groups of runs whose differences may show the noise."""
 
     model: Model
     free: NDArray[np.bool_]
     noises: dict[tuple[str, str], Noise] = field(default_factory=dict)
     left_out: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
     outliers: list[Outlier] = field(default_factory=list)
+    repeats: tuple[tuple[str, ...], ...] = ()
 
     @classmethod
     def of(
@@ -114,7 +116,11 @@ class Problem:
         return Information(gram[:size, :size], gram[:size, size], float(gram[size, size]), count)
 
     def estimate_noises(self, blocks: Mapping[tuple[str, str], Block]) -> None:
-        """Noise per instrument and sampling, shared by all runs that declare the same."""
+        """Noise per instrument and sampling, shared by all runs that declare the same.
+
+        What the model lacks swells the noise of the residuals, what changes in time that of differences between repeats:
+        where both can be had, the smaller one counts.
+        """
         groups: dict[tuple[str, bool, float], list[tuple[str, str]]] = {}
         for run, instrument in blocks:
             data = self.model.campaign.run(run)
@@ -129,8 +135,23 @@ class Problem:
             else:
                 precision = np.diag(self.prior_precision) + self.information(others).matrix
                 noise = estimate_noise(chosen, declared, precision)
+                differences = self._differences({key: blocks[key] for key in keys})
+                if differences:
+                    repeated = estimate_noise(differences, declared, np.diag(self.prior_precision))
+                    noise = min(noise, repeated, key=lambda n: n.total)
             for key in keys:
                 self.noises[key] = noise
+
+    def _differences(self, blocks: Mapping[tuple[str, str], Block]) -> list[Block]:
+        """Orthonormal contrasts of repeated runs: what the model lacks and both share cancels."""
+        found = []
+        for group in self.repeats:
+            for name in {instrument for _, instrument in blocks}:
+                members = [blocks[run, name] for run in group if (run, name) in blocks]
+                for count in range(1, len(members)):
+                    weights = np.array([1.0] * count + [-float(count)]) / np.sqrt(count * (count + 1.0))
+                    found.append(_contrast(members[: count + 1], weights))
+        return found
 
     def excess(self, blocks: Mapping[tuple[str, str], Block]) -> Array:
         """What correlation of the residual adds to the information matrix' variance, for instruments of plain weights.
@@ -177,6 +198,17 @@ class Problem:
             self.left_out[run] = mask
         self.outliers = found
         return changed
+
+
+def _contrast(blocks: Sequence[Block], weights: Array) -> Block:
+    """The weighted sum of blocks with one shape, over the columns of all of them."""
+    columns = np.unique(np.concatenate([b.columns for b in blocks]))
+    residual = np.asarray(sum(w * b.residual for w, b in zip(weights, blocks, strict=True)))
+    jacobian = np.zeros((*residual.shape, len(columns)))
+    for w, b in zip(weights, blocks, strict=True):
+        jacobian[:, :, np.searchsorted(columns, b.columns)] += w * b.jacobian
+    left_out = np.any([b.left_out for b in blocks], axis=0)
+    return Block(residual, jacobian, columns, blocks[0].interval, left_out)
 
 
 def _response(noise: Noise, interval: float) -> Array:

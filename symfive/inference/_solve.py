@@ -68,7 +68,7 @@ def _step(matrix: Array, gradient: Array, damping: float, free: NDArray[np.int64
 
 def solve(problem: Problem, values: Array, *, noise: str, progress: Progress) -> tuple[Array, bool]:
     """Alternate between parameters, noise and outliers until none of them moves."""
-    values, converged = gauss_newton(problem, values, 1e-2 if noise == "estimate" else STEP_TOLERANCE)
+    values, converged = gauss_newton(problem, values, STEP_TOLERANCE if noise == "declared" else 1e-2)
     if noise == "declared":
         return values, converged
     for number in range(MAX_NOISE_ROUNDS):

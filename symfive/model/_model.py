@@ -92,6 +92,12 @@ class Model:
         return freed
 
     @property
+    def added(self) -> tuple[Effect, ...]:
+        """The effects beyond those of the machine file."""
+        held = {effect.prepare(self.campaign).key for effect in baseline_effects(self.machine)}
+        return tuple(effect for effect in self.effects if effect.key not in held)
+
+    @property
     def start(self) -> Array:
         """Where estimation begins: prior means (or an effect's own start), file units."""
         return np.array([p.initial for p in self.parameters])

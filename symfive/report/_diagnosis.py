@@ -18,7 +18,9 @@ from symfive.files import output_folder
 from symfive.report._bands import error_motion_bands
 from symfive.report._cards import card, percent, title_of
 from symfive.report._chain import chain_picture
-from symfive.report._evidence import classes_list, fit_table, gap_table, observability_table
+from symfive.report._evidence import (
+    classes_list, fit_table, gap_table, observability_table, suspects_table, tests_table,
+)  # fmt: skip
 from symfive.report._finding_figure import Tips, finding_figure
 from symfive.report._geometry import geometry_chart, geometry_table
 from symfive.report._over_time import residuals_over_time
@@ -41,20 +43,19 @@ _READING = (
 )
 
 
-def diagnosis_report(diagnosis: Diagnosis, folder: Path | str, *, false_alarms: float | None = None) -> Path:
+def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
     """Write `report.html` and its figures (`figures/*.png`) into `folder`; returns the page's path.
 
     One self-contained page (no network, below 3 MB): the verdict, a card per finding in order of its share of the
     deviation, the machine's chain with the guilty links, before and after, what the campaign can see at all, the
-    quality of the data, noise and set-up. `false_alarms` is the rate that the diagnosis was made with, where it does
-    not carry it itself. Raises `InputError` where the folder cannot be written.
+    quality of the data, noise and set-up. Raises `InputError` where the folder cannot be written.
     """
     folder = Path(folder)
     findings = sorted(diagnosis.findings, key=lambda f: -f.share)
     title = f"Diagnosis of {diagnosis.after.model.machine.name}"
     with output_folder(folder) as target:
         body = [
-            *_head(diagnosis, findings, title, getattr(diagnosis, "false_alarms", false_alarms)),
+            *_head(diagnosis, findings, title),
             *_cards(diagnosis, findings, target / "figures"),
             *_proof(diagnosis, target / "figures"),
             *_sight(diagnosis),
@@ -64,7 +65,7 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str, *, false_alarms: 
     return folder / NAME
 
 
-def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str, rate: float | None) -> list[str]:
+def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list[str]:
     model = diagnosis.after.model
     campaign, machine = model.campaign, model.machine
     count = len(findings)
@@ -81,12 +82,12 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str, rate: f
         else ("residual RMS", f"{diagnosis.fit.rms_after_um:.3g} µm"),
         ("noise found (1σ of one reading)", f"{diagnosis.noise_um:.3g} µm"),
         ("p-value of “nothing is missing”", _power(diagnosis.p_value)),
-        *([("false-alarm rate allowed", percent(rate))] if rate is not None else []),
+        ("false-alarm rate allowed", percent(diagnosis.false_alarms)),
         ("effects looked for", str(len(diagnosis.observability))),
     ]
     links = [("findings", "Findings")] if findings else []
     proof = "Before and after" if findings else "What is left"
-    links += [("proof", proof), ("sight", "What these tests can see"), ("quality", "Data quality"),
+    links += [("proof", proof), ("sight", "Where, and what these tests can see"), ("quality", "Data quality"),
               ("noise", "Noise"), ("setup", "Set-up")]  # fmt: skip
     facts = f"Campaign {campaign.name}; structure {machine.structure.code}; {len(campaign.runs)} runs, {campaign.rows} rows."
     chain = chain_picture(machine, list(enumerate(findings, start=1)), "The machine's chain with every finding's place")
@@ -162,7 +163,12 @@ def _figure(name: str, title: str, reading: str, draw: Drawn, figures: Path) -> 
 
 def _sight(diagnosis: Diagnosis) -> list[str]:
     return [
-        '<h2 id="sight">What these tests can see at all</h2>',
+        '<h2 id="sight">Is anything left, and where</h2>',
+        "<p>Tests that need no name of an effect, on the fit before any finding, and the places of the chain at which the "
+        "readings differ most from the model.</p>",
+        tests_table(diagnosis),
+        suspects_table(diagnosis),
+        "<h2>What these tests can see at all</h2>",
         "<p>For each effect: the share of its energy that the fit cannot take up as geometry or set-up, and by how many "
         "σ one of usual size would stand out. An effect with a small share could be there and stay unseen.</p>",
         classes_list(diagnosis),

@@ -12,7 +12,7 @@ from symfive.effects import EFFECTS
 from symfive.report._style import plain_number
 from symfive.report._tables import Cell, table
 
-__all__ = ["classes_list", "fit_table", "gap_table", "observability_table"]
+__all__ = ["classes_list", "fit_table", "gap_table", "observability_table", "suspects_table", "tests_table"]
 
 FAINT_SIGMAS = 5.0
 GAP = 1.5
@@ -27,6 +27,8 @@ def fit_table(diagnosis: Diagnosis) -> str:
         ("residual RMS of all runs", fit.rms_before_um, fit.rms_after_um, "µm", f"{noise:.3g}"),
         ("residual RMS of runs left out of the fit in turn", fit.heldout_rms_before_um, fit.heldout_rms_after_um, "µm",
          f"{noise:.3g}"),
+        *((f"residual RMS, a whole {what} left out at a time", b, a, "µm", f"{noise:.3g}")
+          for what, (b, a) in fit.heldout_by.items()),
         ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", "1"),
         ("χ²/dof against the noise found", before.chi2_dof_whitened, after.chi2_dof_whitened, "", "1"),
         ("parameters", len(before.parameters), len(after.parameters), "", ""),
@@ -43,6 +45,29 @@ def _number(value: float | None) -> str | Cell:
     if value is None:
         return "–"
     return Cell(str(value) if isinstance(value, int) else f"{value:.4g}", float(value))
+
+
+def tests_table(diagnosis: Diagnosis) -> str:
+    """The tests that need no name of an effect, before any finding."""
+    detection = diagnosis.detection
+    limit = detection.level / max(len(detection.tests), 1)
+    rows: list[list[str | Cell]] = [
+        [t.name, Cell(f"{t.p_value:.2g}", t.p_value), t.says if t.p_value < limit else "nothing beyond noise"]
+        for t in detection.tests
+    ]
+    return table("Is anything left that noise does not explain?", ["test", "p-value", "what it says"], rows)
+
+
+def suspects_table(diagnosis: Diagnosis) -> str:
+    """Where the mismatch may sit, from score tests of the whole catalogue; "" where no place stands out."""
+    found = diagnosis.location.significant
+    if not found:
+        return "<p>No place of the chain stands out of the noise.</p>"
+    rows: list[list[str | Cell]] = [
+        [s.link, s.axis or "–", s.coordinate, Cell(f"{s.drop:.3g}", s.drop), s.effect.key] for s in found
+    ]
+    heads = ["link", "axis", "over", "χ² it would explain", "best explained there by"]
+    return table("Where: every link and axis by itself, before any of them was fitted", heads, rows)
 
 
 def observability_table(diagnosis: Diagnosis) -> str:

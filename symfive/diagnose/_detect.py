@@ -1,0 +1,277 @@
+"""Detect: is anything left that noise does not explain?
+
+Four tests of one fit, none of which needs to know an effect:
+
+* *lack of fit*, where runs repeat each other: residual against the noise that their differences show (F test);
+* *whiteness*: correlation of the whitened residual from row to row (G. Ljung & G. Box 1978);
+* *tension with the priors*: how far the estimates lie from what was thought possible, in the directions that were learnt;
+* *disagreement*: one parameter, given a value of its own in every group of runs (feeds, directions, places, …), as a score
+  test that is orthogonal to everything else that is fitted. This is how a concealed effect shows when the residual is
+  small: what swallowed it is not the same in every group.
+
+The data sheet's noise is a lower bound, not the truth: a residual above it alone is no mismatch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, f
+
+from symfive.campaign import Campaign
+from symfive.diagnose._groups import partitions
+from symfive.identify import Identification, identify
+from symfive.inference import whiten
+from symfive.threads import one_thread
+
+__all__ = ["Detection", "Disagreement", "Test", "detect"]
+
+Array = NDArray[np.float64]
+MAX_LAG = 20
+
+
+@dataclass(frozen=True)
+class Test:
+    """One test: its statistic, degrees of freedom, p-value (corrected for all that it looked at), and what its failing
+    says."""
+
+    name: str
+    statistic: float
+    dof: float
+    p_value: float
+    says: str
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """One parameter that groups of runs do not agree upon: `between` what they differ in, `values` label → (value, 1σ) in
+    the file's unit, `log_p` natural log of the p-value, corrected for all parameters and groups."""
+
+    parameter: str
+    unit: str
+    between: str
+    values: Mapping[str, tuple[float, float]]
+    log_p: float
+
+    @property
+    def says(self) -> str:
+        """The disagreement in one sentence."""
+        unit = self.unit.replace("um", "µm").replace("urad", "µrad")
+        seen = ", ".join(f"{v:.4g} ± {s:.2g} {unit} ({label})" for label, (v, s) in list(self.values.items())[:4])
+        return f"{self.parameter} is not the same between the groups by {self.between}: {seen}"
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What noise does not explain of one fit. `level` the rate at which clean campaigns may seem not to be."""
+
+    fit: Identification
+    level: float
+    tests: tuple[Test, ...]
+    disagreements: tuple[Disagreement, ...]
+
+    @property
+    def p_value(self) -> float:
+        """The smallest of the tests' p-values, corrected for their number."""
+        return min(1.0, len(self.tests) * min((t.p_value for t in self.tests), default=1.0))
+
+    @property
+    def mismatch(self) -> bool:
+        """Whether any test fails at the level."""
+        return self.p_value < self.level
+
+    @property
+    def says(self) -> str:
+        """The tests in words, those that fail first."""
+        ordered = sorted(self.tests, key=lambda t: t.p_value)
+        return " ".join(t.says for t in ordered if t.p_value * len(self.tests) < self.level) or (
+            "Nothing is left that noise does not explain."
+        )
+
+    def __str__(self) -> str:
+        failed = self.level / max(len(self.tests), 1)
+        words = [t.says if t.p_value < failed else "passes" for t in self.tests]
+        return "\n".join(f"{t.name:<24} p = {t.p_value:<9.3g} {w}" for t, w in zip(self.tests, words, strict=True))
+
+
+@one_thread
+def detect(
+    campaign: Campaign | Identification, *, level: float = 0.01, progress: Callable[[str], None] = lambda message: None
+) -> Detection:
+    """Fit the baseline (or take a fit) and test what it leaves.
+
+    `level` is the false-alarm rate of all tests together. Raises `InputError` for a campaign without readings.
+    """
+    if isinstance(campaign, Identification):
+        fit = campaign
+    else:
+        progress("fitting the baseline")
+        fit = identify(campaign, noise="repeats")
+    grams = _grams(fit)
+    found, looks = _disagreements(fit, grams)
+    tests = [*_lack_of_fit(fit), _whiteness(fit), *_tensions(fit, grams), *_agreement(found, looks)]
+    limit = np.log(level)
+    return Detection(fit, level, tuple(tests), tuple(d for d in found if d.log_p < limit))
+
+
+@dataclass(frozen=True)
+class _Gram:
+    """Of one run: whitened [fitted columns | residual], `matrix` (k + 1, k + 1) at `where` in the fit's parameters."""
+
+    where: NDArray[np.int64]
+    matrix: Array
+
+
+def _grams(fit: Identification) -> dict[str, _Gram]:
+    problem = fit.problem()
+    blocks = problem.blocks(fit.values)
+    size = len(fit.parameters)
+    grams = {}
+    for run in fit.model.campaign.runs:
+        whole = np.zeros((size + 1, size + 1))
+        used: set[int] = {size}
+        for name, _ in problem.parts(run):
+            block = blocks[run.id, name]
+            white, _ = whiten(block.stacked(), fit.noises[run.id, name], block.interval)
+            flat = white.reshape(-1, white.shape[2])
+            where = np.append(block.columns, size)
+            whole[np.ix_(where, where)] += flat.T @ flat
+            used |= set(where.tolist())
+        kept = np.array(sorted(used), dtype=np.int64)
+        grams[run.id] = _Gram(kept, whole[np.ix_(kept, kept)])
+    return grams
+
+
+def _total(grams: Sequence[_Gram], size: int) -> Array:
+    total = np.zeros((size + 1, size + 1))
+    for gram in grams:
+        total[np.ix_(gram.where, gram.where)] += gram.matrix
+    return total
+
+
+def _lack_of_fit(fit: Identification) -> list[Test]:
+    groups = fit.model.campaign.repeats
+    pure = sum((len(g) - 1) * fit.model.campaign.run(g[0]).rows * len(fit.model.columns(g[0])) for g in groups)
+    if not pure:
+        return []
+    ratio = fit.chi2_dof_whitened
+    p = float(f.sf(ratio, fit.dof, pure))
+    says = f"What is left is {np.sqrt(ratio):.3g} times the noise that {len(groups)} repeated runs show."
+    return [Test("lack of fit", ratio, fit.dof, p, says)]
+
+
+def _whiteness(fit: Identification) -> Test:
+    """Ljung–Box over all recordings together, each column on its own."""
+    problem = fit.problem()
+    statistic, dof = 0.0, 0
+    for key, block in problem.blocks(fit.values).items():
+        noise = fit.noises[key]
+        white, _ = whiten(np.where(block.left_out, 0.0, block.residual), noise, block.interval)
+        n = len(white)
+        lags = min(MAX_LAG, n // 5)
+        for column in (white - white.mean(axis=0)).T:
+            power = float(column @ column)
+            if lags < 1 or power <= 0.0:
+                continue
+            rho = np.array([column[k:] @ column[:-k] for k in range(1, lags + 1)]) / power
+            statistic += n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+            dof += lags
+    p = float(chi2.sf(statistic, dof)) if dof else 1.0
+    return Test(
+        "whiteness", statistic, dof, p, "What is left is not white from row to row: the noise model does not hold."
+    )
+
+
+def _tensions(fit: Identification, grams: Mapping[str, _Gram]) -> list[Test]:
+    """The estimates' distance from the prior means, in units of what was expected of it, machine and set-up apart.
+
+    Before the data, an estimate is spread about the prior mean with covariance P - C (prior less posterior).
+    """
+    tests = []
+    sigma, mean = fit.model.prior_sigma, fit.model.prior_mean
+    kinds = {"machine": [i for i, p in enumerate(fit.parameters) if p.run is None],
+             "set-up": [i for i, p in enumerate(fit.parameters) if p.run is not None]}  # fmt: skip
+    for name, places in kinds.items():
+        if not places:
+            continue
+        away = (fit.values - mean)[places] / sigma[places]
+        learnt = np.eye(len(places)) - fit.covariance[np.ix_(places, places)] / np.outer(sigma[places], sigma[places])
+        size, directions = np.linalg.eigh(learnt)
+        kept = size > 0.5  # learnt more than half: a direction about which the data speak
+        if not kept.any():
+            continue
+        parts = (directions[:, kept].T @ away) ** 2 / size[kept]
+        worst = fit.parameters[places[int(np.argmax(np.abs(away)))]].name
+        p = float(chi2.sf(parts.sum(), int(kept.sum())))
+        says = (
+            f"The {name} errors lie further from their priors than these allow, {worst} by {np.abs(away).max():.1f} σ."
+        )
+        tests.append(Test(f"tension, {name}", float(parts.sum()), float(kept.sum()), p, says))
+    return tests
+
+
+def _agreement(found: Sequence[Disagreement], looks: int) -> list[Test]:
+    if not looks:
+        return []
+    worst = min(found, key=lambda d: d.log_p)
+    p = float(np.exp(min(0.0, worst.log_p)))
+    return [Test("agreement of groups", float(looks), float(looks), p, worst.says + ".")]
+
+
+def _disagreements(fit: Identification, grams: Mapping[str, _Gram]) -> tuple[list[Disagreement], int]:
+    """Every machine parameter between all groups of every way to part the runs, worst first; how many were looked at."""
+    size = len(fit.parameters)
+    total = _total(list(grams.values()), size)
+    a = total[:size, :size] + np.diag(fit.model.prior_sigma**-2.0)
+    inverse = np.asarray(np.linalg.inv(a))
+    found = []
+    for between, groups in partitions(fit.model.campaign).items():
+        parts = {label: _total([grams[id] for id in ids], size) for label, ids in groups.items()}
+        for i, parameter in enumerate(fit.parameters):
+            if parameter.run is None:
+                one = _one(fit, i, parts, inverse, a)
+                if one is not None:
+                    log_p, values = one
+                    found.append(Disagreement(parameter.name, parameter.unit, between, values, log_p))
+    looks = len(found)
+    corrected = [
+        Disagreement(d.parameter, d.unit, d.between, d.values, min(0.0, d.log_p + float(np.log(looks)))) for d in found
+    ]
+    return sorted(corrected, key=lambda d: d.log_p), looks
+
+
+def _one(
+    fit: Identification, i: int, parts: Mapping[str, Array], inverse: Array, a: Array
+) -> tuple[float, dict[str, tuple[float, float]]] | None:
+    """Score test of a departure of parameter `i` in every group but the first, and its values in all groups."""
+    size = len(fit.parameters)
+    labels = list(parts)
+    rows = np.array([parts[label][i, :size] for label in labels[1:]])
+    own = np.array([parts[label][i, i] for label in labels[1:]])
+    pull = np.array([parts[label][i, size] for label in labels[1:]])
+    gradient = sum(part[:size, size] for part in parts.values())
+    h = np.diag(own) - rows @ inverse @ rows.T
+    s = pull - rows @ inverse @ gradient
+    sigma = fit.parameters[i].sigma
+    scaled = h * sigma**2
+    solution = np.linalg.solve(scaled + np.eye(len(s)), s * sigma)
+    drop = float((s * sigma) @ solution)
+    seen = np.maximum(np.linalg.eigvalsh(scaled), 0.0)
+    dof = float(np.sum(seen / (1.0 + seen)))
+    if dof < 0.5:
+        return None
+    wide = np.block([[a, rows.T], [rows, np.diag(own + sigma**-2.0)]])
+    right = np.concatenate([gradient - (fit.values - fit.model.prior_mean) / fit.model.prior_sigma**2, pull])
+    covariance = np.linalg.inv(wide)
+    step = covariance @ right
+    values = {}
+    for k, label in enumerate(labels):
+        pick = np.zeros(size + len(s))
+        pick[i] = 1.0
+        if k:
+            pick[size + k - 1] = 1.0
+        values[label] = (float(fit.values[i] + pick @ step), float(np.sqrt(pick @ covariance @ pick)))
+    return float(chi2.logsf(drop, dof)), values

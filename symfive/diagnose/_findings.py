@@ -1,0 +1,182 @@
+"""Model: the named effects are in the symbolic model, all parameters are identified again, and the report says how the
+geometry moved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of
+from symfive.diagnose._result import Finding, RivalName
+from symfive.diagnose._search import Member, Naming, lacking
+from symfive.effects import Effect
+from symfive.identify import Identification, identify
+from symfive.model import Model
+from symfive.threads import one_thread
+
+__all__ = ["amend", "findings_of", "moved"]
+
+Array = NDArray[np.float64]
+ALIAS_EVIDENCE = 3.0
+
+
+@one_thread
+def amend(fit: Identification, *effects: Effect) -> Identification:
+    """The fit with effects added to its model, every parameter and the noise identified again.
+
+    The same as naming does; for effects that the user names. `moved(fit, amended)` says what it did to the geometry.
+    """
+    model = Model(fit.model.campaign, (*fit.model.added, *effects))
+    start = {p.name: float(v) for p, v in zip(fit.parameters, fit.values, strict=True)}
+    start |= {n: v for e in effects for n, v in e.typical(fit.model.campaign).items() if n in model.index}
+    return identify(
+        model, start=start, noise="repeats"
+    )  # from declared noise: what was found had swallowed the effects
+
+
+def findings_of(naming: Naming) -> tuple[Finding, ...]:
+    """What was named, in words and numbers, the largest share of the deviation first."""
+    findings = [_finding(naming, member) for member in naming.members]
+    return tuple(sorted(findings, key=lambda f: -f.share))
+
+
+def _finding(found: Naming, member: Member) -> Finding:
+    after = found.after
+    campaign = after.model.campaign
+    effect = next(e for e in after.model.effects if e.key == member.effect.key)
+    values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
+    covariance = _pairs(after, effect)
+    contribution = _contribution(after, effect)
+    without = lacking(after, effect)
+    rivals, alias, confidence = _rivals(effect, member)
+    shape = _shape_share(after, effect, contribution)
+    parameters = effect.describe(campaign, values, covariance)
+    square = {run: float(np.mean(c**2)) for run, c in contribution.items()}
+    total = float(np.mean(np.concatenate([r.ravel() ** 2 for r in found.before.residuals.values()])))
+    left = float(np.mean(np.concatenate([r.ravel() ** 2 for r in after.residuals.values()])))
+    lost = float(np.mean(np.concatenate([r.ravel() ** 2 for r in without.residuals.values()])))
+    share = max(0.0, (lost - left) / max(total, 1e-300))
+    strongest = max(square.values(), default=0.0)
+    runs = tuple(run for run, s in square.items() if s > 0.05 * strongest)
+    name, axis = effect.vocabulary, axis_of(effect)
+    visible = next((o.visible for o in found.location.observability if o.form == effect.key), 1.0)
+    shifted = moved(without, after)
+    draft = Finding(
+        effect=effect, name=name, axis=axis, confidence=confidence, parameters=parameters, rivals=rivals, runs=runs,
+        coordinate=coordinate_of(effect), intervals=intervals_of(campaign, contribution),
+        direction=direction_of(after.model.machine, effect, values), says="", log_p=member.log_p, visible=min(visible, 1.0),
+        share=min(share, 1.0), moved=shifted,
+        contribution=contribution, alias=alias, shape_differs=shape,
+    )  # fmt: skip
+    return replace(draft, says=_sentence(draft))
+
+
+def _pairs(result: Identification, effect: Effect) -> dict[tuple[str, str], float]:
+    names = [p.name for p in effect.parameters(result.model.campaign)]
+    place = [result.model.index[n] for n in names]
+    return {
+        (a, b): float(result.covariance[i, j])
+        for a, i in zip(names, place, strict=True)
+        for b, j in zip(names, place, strict=True)
+    }
+
+
+def _contribution(result: Identification, effect: Effect) -> dict[str, Array]:
+    """Readings with the effect minus readings without it, everything else as fitted."""
+    values = result.values.copy()
+    for p in effect.parameters(result.model.campaign):
+        values[result.model.index[p.name]] = p.mean
+    return {
+        run.id: result.model.predict_run(run, result.values) - result.model.predict_run(run, values)
+        for run in result.model.campaign.runs
+    }
+
+
+def _shape_share(result: Identification, effect: Effect, contribution: Mapping[str, Array]) -> float:
+    """rms of the rest of the effect's family over its own: by how much its shape differs from the library's."""
+    rest = next((e for e in result.model.effects if getattr(e, "of", "") == effect.key), None)
+    if rest is None:
+        return 0.0
+    parts = _contribution(result, rest)
+    own = np.concatenate([(c - c.mean(axis=0)).ravel() for c in contribution.values()])
+    other = np.concatenate([(c - c.mean(axis=0)).ravel() for c in parts.values()])
+    return float(np.sqrt(np.mean(other**2) / max(float(np.mean(own**2)), 1e-300)))
+
+
+def moved(before: Identification, after: Identification, most: int = 8) -> dict[str, tuple[float, float]]:
+    """Errors of the machine that moved by more than their 1σ from one fit to another: name → (before, after) in file units,
+    the most moved first."""
+    ranked = []
+    for p in after.parameters:
+        if p.kind in ("location_error", "error_motion") and p.name in before.model.index:
+            change = abs(after[p.name] - before[p.name]) / max(after.uncertainty(p.name), 1e-12)
+            if change > 1.0:
+                ranked.append((change, p.name))
+    return {name: (before[name], after[name]) for _, name in sorted(ranked, reverse=True)[:most]}
+
+
+def _rivals(effect: Effect, member: Member) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
+    """Rivals with their probabilities, forms of the same effect that read alike, and the probability of the name.
+
+    Probabilities from the log evidence of exact refits under the final noise, every name weighed by its best form.
+    """
+    own = next((t.evidence for t in member.trials if t.effect.key == effect.key), None)
+    if own is None:
+        return (), (), 0.999
+    behind: dict[tuple[str, str | None], tuple[float, Effect]] = {}
+    alias = []
+    for trial in member.trials:
+        gap = own - trial.evidence
+        who = (trial.effect.vocabulary, axis_of(trial.effect))
+        if who == (effect.vocabulary, axis_of(effect)):
+            if trial.effect.key != effect.key and gap < ALIAS_EVIDENCE:
+                alias.append(trial.effect.key)
+        elif who not in behind or gap < behind[who][0]:
+            behind[who] = (gap, trial.effect)
+    weights = {who: float(np.exp(-np.clip(gap, -30.0, 700.0))) for who, (gap, _) in behind.items()}
+    total = 1.0 + sum(weights.values())
+    names = tuple(
+        RivalName(who[0], who[1], weights[who] / total, getattr(behind[who][1], "component", None))
+        for who in sorted(weights, key=lambda w: -weights[w])
+    )
+    return names, tuple(alias), min(1.0 / total, 0.999)
+
+
+def _sentence(finding: Finding) -> str:
+    """One sentence: what, where, how large, how sure, what hides it."""
+    effect = finding.effect
+    where = f" of axis {finding.axis}" if finding.axis else ""
+    sizes = []
+    for name, q in finding.parameters.items():
+        if isinstance(q.value, float) and isinstance(q.std, float):
+            sizes.append(f"{_plain(name, q.unit)} {q.value:.4g} ± {q.std:.2g} {_shown(q.unit)}".rstrip())
+        elif isinstance(q.value, str):
+            sizes.append(f"{name} {q.value}")
+    sure = "over 99" if finding.confidence >= 0.995 else f"{100 * finding.confidence:.0f}"
+    count = len(finding.runs)
+    text = f"{finding.name.replace('_', ' ').capitalize()}{where} ({effect.says})"
+    text += f": {', '.join(sizes[:4])}" if sizes else ""
+    text += f"; it acts over {finding.coordinate} in {count} run{'s' if count > 1 else ''}, confidence {sure} %"
+    if finding.moved:
+        name, (before, after) = next(iter(finding.moved.items()))
+        unit = "µm" if name[1] in "XYZ" else "µrad"
+        text += f"; before it was modelled it hid in the geometry ({name} {before:.3g} → {after:.3g} {unit})"
+    elif finding.visible < 0.5:
+        text += f"; the fit had swallowed {100 * (1 - finding.visible):.0f} % of it"
+    if finding.shape_differs:
+        text += f"; its shape differs from the library's by {100 * finding.shape_differs:.0f} %"
+    if finding.alias:
+        text += f"; {', '.join(finding.alias)} would read the same here"
+    return text + "."
+
+
+def _shown(unit: str | None) -> str:
+    return (unit or "").replace("um", "µm").replace("urad", "µrad").replace("^2", "²")
+
+
+def _plain(name: str, unit: str | None) -> str:
+    """A parameter's name as words, without the unit that stands behind the number."""
+    return name.removesuffix(f"_{(unit or '').lower()}").replace("_", " ")

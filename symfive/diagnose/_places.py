@@ -1,0 +1,88 @@
+"""Where an effect acts: link of the chain, axis, coordinate, stretches of the runs, direction of space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.effects import Effect
+from symfive.effects.unknown import Unknown
+from symfive.machine import Machine
+
+__all__ = ["LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "link_of"]
+
+Array = NDArray[np.float64]
+
+LINKS = ("drive", "behind the drive", "structure", "instrument and set-up")
+"""The links of the chain from the command to the reading (P. Andolfatto, S. Lavernhe & J. Mayer 2011)."""
+_STAGE_LINKS = {"drive": LINKS[0], "axis": LINKS[1], "structure": LINKS[2], "reading": LINKS[3], "recording": LINKS[3]}
+_SETUP = ("setup_shift", "latency", "bar_temperature", "sensor_error", "sensor_low_pass")
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A stretch of a run in which the effect acts most (s)."""
+
+    run: str
+    begin_s: float
+    end_s: float
+
+
+def link_of(effect: Effect) -> str:
+    """Which link of the chain the effect belongs to."""
+    return LINKS[3] if effect.id in _SETUP else _STAGE_LINKS[effect.stage]
+
+
+def axis_of(effect: Effect) -> str | None:
+    """The axis an effect is about: its own, or that of its component."""
+    component = getattr(effect, "component", None)
+    if effect.axis is None and isinstance(component, str):
+        return component[3:] if component[2:3] == "0" else component[2:]
+    return effect.axis
+
+
+_COORDINATES = {
+    "backlash": "{axis} velocity sign", "lateral_play": "{axis} velocity sign", "friction": "{axis} velocity sign",
+    "reversal_spike": "{axis} velocity sign", "counterbalance": "{axis} velocity sign", "transmission_error": "{axis}",
+    "servo_mismatch": "{axis} velocity", "latency": "time", "location_error": "pose", "error_motion": "{axis}",
+    "scale_error": "{axis}", "gravity_sag": "{axis}", "thermal_drift": "time", "spindle_growth": "time",
+    "bar_temperature": "time", "setup_shift": "time", "sensor_error": "reading", "sensor_low_pass": "time",
+    "vibration": "time", "inertial_compliance": "{axis} acceleration", "structural_resonance": "{axis} acceleration",
+    "table_step": "{axis}", "eccentric_mass": "{axis}",
+}  # fmt: skip
+
+
+def coordinate_of(effect: Effect) -> str:
+    if isinstance(effect, Unknown):
+        return ", ".join(effect.over)
+    return _COORDINATES.get(effect.id, "pose").format(axis=axis_of(effect))
+
+
+def intervals_of(campaign: Campaign, contribution: Mapping[str, Array], limit: int = 40) -> tuple[Interval, ...]:
+    """Stretches in which the effect exceeds half of its largest deviation from its own mean."""
+    largest = max((float(np.abs(c - np.median(c, axis=0)).max()) for c in contribution.values()), default=0.0)
+    found = []
+    for run in campaign.runs:
+        c = contribution[run.id]
+        strong = np.abs(c - np.median(c, axis=0)).max(axis=1) > 0.5 * largest
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], strong, [False]]).astype(int)))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            found.append(Interval(run.id, float(run.time[begin]), float(run.time[end - 1])))
+    return tuple(found[:limit])
+
+
+def direction_of(machine: Machine, effect: Effect, values: Mapping[str, float]) -> tuple[float, float, float] | None:
+    """Direction of space in which it acts, machine frame: of its three amplitudes, its component or its axis."""
+    vector = [values[name] for c in "xyz" for name in values if name.startswith(effect.key) and name.endswith(f".{c}")]
+    if len(vector) == 3:
+        norm = float(np.linalg.norm(vector))
+        return (vector[0] / norm, vector[1] / norm, vector[2] / norm) if norm > 0.0 else None
+    component = getattr(effect, "component", None)
+    if isinstance(component, str):
+        return tuple(float(i == "XYZABC".index(component[1]) % 3) for i in range(3))  # type: ignore[return-value]
+    axis = axis_of(effect)
+    return None if axis is None else machine.axes[axis].direction

@@ -1,0 +1,149 @@
+"""The five steps of a diagnosis, each by itself: detect, locate, name, amend, prove."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import plant
+import pytest
+
+from symfive.campaign import Campaign, read_campaign
+from symfive.diagnose import amend, detect, diagnose, locate, moved, name_effects, next_test, partitions, prove
+from symfive.effects import make_effect
+from symfive.identify import identify
+from symfive.machine import EffectEntry, preset
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.simulate import simulate
+
+CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
+
+
+def _circles(tmp_path: Path, feeds: tuple[float, ...], effects: list[dict], seed: int, name: str) -> Campaign:
+    machine = plant.planar_table()
+    runs = [
+        plant.planar_circle(
+            machine, f"xy-f{f:g}-{'ccw' if d > 0 else 'cw'}", centre=(0.0, 0.0, 80.0), feed=f, direction=d
+        )
+        for f in feeds
+        for d in (1, -1)
+    ]
+    plant.write_campaign(tmp_path / name, machine, runs, {}, None, effects, seed=seed)
+    return read_campaign(tmp_path / name)
+
+
+def test_each_step_is_usable_alone_and_they_lead_to_the_same():
+    campaign = read_campaign(CAMPAIGNS / "static-sag-and-drift" / "fit")
+    detection = detect(campaign)
+    assert detection.mismatch and "white" in detection.says and detection.p_value < 1e-10
+    location = locate(detection)
+    first = location.significant[0]
+    assert (first.link, first.axis, first.coordinate) == ("structure", "B", "B") and "structure" in location.says
+    assert first.intervals and {i.run for i in first.intervals} <= {"nest1", "nest2"}
+    assert max(location.columns.values()) > 1.0
+    naming = name_effects(location)
+    assert {m.effect.id for m in naming.members} == {"gravity_sag", "thermal_drift"}
+    sag = make_effect("gravity_sag", "B", component="EZB", parts=("one_minus_cos",))
+    amended = amend(detection.fit, sag, make_effect("thermal_drift"))
+    assert amended["gravity_sag.B.EZB.one_minus_cos"] == pytest.approx(7.0, rel=0.1)
+    assert amended.chi2_dof < 1.05 < detection.fit.chi2_dof
+    assert set(moved(detection.fit, amended)) <= {p.name for p in detection.fit.parameters}
+    fit = prove(detection.fit, amended)
+    assert fit.heldout_rms_after_um < 0.4 * fit.heldout_rms_before_um
+    assert fit.heldout_by["place"][1] < fit.heldout_by["place"][0]
+
+
+@pytest.mark.parametrize("name", ["dynamic-none", "planar-none", "static-none"])
+def test_a_clean_fit_passes_all_tests(name):
+    detection = detect(read_campaign(CAMPAIGNS / name / "fit"))
+    assert not detection.mismatch and not detection.disagreements
+    assert "Nothing is left" in detection.says
+
+
+def test_an_effect_below_the_noise_shows_as_one_parameter_that_is_not_the_same_in_both_directions(tmp_path):
+    """0.1 µm of play under 0.3 µm of noise: the residual is clean, squareness is not the same clockwise and back."""
+    play = [{"effect": "backlash", "axis": "X", "width": 0.1}]
+    detection = detect(_circles(tmp_path, (800.0,), play, 4, "c"))
+    assert detection.disagreements[0].parameter == "EC0X" and detection.disagreements[0].between == "direction"
+    assert np.sqrt(detection.fit.chi2_dof) < 1.05
+    ccw, cw = detection.disagreements[0].values.values()
+    assert abs(ccw[0] - cw[0]) > 3.0 * np.hypot(ccw[1], cw[1])
+
+
+def test_repeated_runs_show_the_noise_that_a_mismatch_would_swell():
+    machine = preset("table-bc")
+    rigid = replace(machine, errors={term.name: term for term in machine.location_errors})
+    once = r_test_grid(rigid, step_deg=45.0)
+    twice = [replace(r, id=f"{r.id}-again", file=f"{r.id}-again.csv") for r in once]
+    plan = campaign_of(rigid, (*once, *twice))
+    assert len(plan.repeats) == len(once)
+    bowed = make_effect("error_motion", component="EZC", basis="fourier", order=3)
+    size = {p.name: 2.0 for p in bowed.parameters(plan)}
+    measured = simulate(plan, truth=size, effects=[bowed], seed=5).campaign
+    declared = measured.runs[0].noise("r_test")
+    plain, repeated = identify(measured), identify(measured, noise="repeats")
+    assert (
+        max(n.total for n in repeated.noises.values()) < 1.15 * declared < max(n.total for n in plain.noises.values())
+    )
+    detection = detect(measured)
+    lack = next(t for t in detection.tests if t.name == "lack of fit")
+    assert lack.p_value < 1e-6 and detection.mismatch
+
+
+def test_runs_are_parted_by_what_they_differ_in(tmp_path):
+    groups = partitions(_circles(tmp_path, (800.0, 2400.0), [], 1, "c"))
+    assert [len(ids) for ids in groups["feed"].values()] == [2, 2]
+    assert set(groups["direction"]) == {"XY counter-clockwise", "XY clockwise"}
+
+
+def test_backlash_hides_in_servo_mismatch_by_64_over_9_pi_squared_on_one_feed(tmp_path):
+    """Energy of sgn(sin θ)·cos θ in the span of sin 2θ; a second feed brings back what the first one hides."""
+    seen = {}
+    for feeds in ((800.0,), (800.0, 2400.0)):
+        campaign = _circles(tmp_path, feeds, [], 3, f"c{len(feeds)}")
+        gain = EffectEntry(effect="servo_mismatch", axis="X", options={"gains": ("position_gain",)})
+        held = replace(campaign.machine, effects=(*campaign.machine.effects, gain))
+        location = locate(identify(campaign.with_machine(held), noise="declared"))
+        seen[len(feeds)] = next(o.visible for o in location.observability if o.form == "backlash.X")
+    assert 1.0 - seen[1] == pytest.approx(64.0 / (9.0 * np.pi**2), abs=0.005)
+    assert seen[2] > 1.4 * seen[1]
+
+
+def test_a_concentric_circle_has_one_class_of_bow_scale_and_yaw_that_only_another_place_parts():
+    machine = preset("three-axis")
+    plain = replace(machine, errors={n: machine.errors[n] for n in ("EC0X", "EA0Z", "EB0Z")})
+    runs = [
+        replace(run, id=f"{run.id}-{feed:g}", file=f"{run.id}-{feed:g}.csv")
+        for feed in (500.0, 2000.0)
+        for run in planar_circle(plain, feed=feed, centre=(100.0, 0.0, 110.0))
+    ]
+    measured = simulate(campaign_of(plain, runs), seed=3).campaign
+    location = locate(measured)
+    bow, scale, yaw = "error_motion.EYX.P2", "error_motion.EYY.P2", "error_motion.ECX.P2"
+    assert any({bow, scale, yaw} <= set(c) for c in location.classes)
+
+    first, second = (make_effect("error_motion", component=c, basis="polynomial", order=2) for c in ("EYX", "EYY"))
+    test = next_test(measured, first, second, values={bow: 5.0})
+    sigmas = {s.name.removeprefix("xy-ccw-500-"): s.sigmas for s in test.table}
+    for useless in ("repeat", "faster", "slower", "half-radius"):
+        assert sigmas[useless] < 1.0, useless
+    assert max(s for name, s in sigmas.items() if name.startswith("centre") and "150" in name) > 30.0
+    assert test.useful and "150" in test.says
+
+
+def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for(tmp_path):
+    """Play of X and a carriage that turns about B at 80 mm below the ball read alike until the ball stands higher."""
+    play = [{"effect": "backlash", "axis": "X", "width": 0.3}]
+    campaign = _circles(tmp_path, (800.0,), play, 4, "c")
+    found = diagnose(campaign)
+    finding = found.findings[0]
+    assert (finding.name, finding.axis) == ("backlash", "X") and finding.confidence < 0.9
+    assert finding.rivals[0].effect == "lateral_play" and finding.rivals[0].confidence > 0.1
+    assert finding.test is not None and finding.test.useful and "-z" in finding.test.table[0].name
+    asked = finding.test.test.runs[0]
+    machine = plant.planar_table()
+    run = plant.planar_circle(machine, "asked", centre=asked.table_ball, feed=800.0, direction=1)
+    plant.write_campaign(tmp_path / "next", machine, [run], {}, None, play, seed=9)
+    both = diagnose(campaign.joined(read_campaign(tmp_path / "next")))
+    assert (both.findings[0].name, both.findings[0].axis) == ("backlash", "X") and both.findings[0].confidence > 0.95
