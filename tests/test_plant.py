@@ -44,6 +44,25 @@ def test_chain_agrees_with_the_vectors(path: Path) -> None:
         assert np.abs(nominal - row["nominal_ball_in_workpiece_mm"]).max() < 1e-9
 
 
+@pytest.mark.parametrize("name", plant.TOPOLOGIES)
+def test_every_topology_reaches_its_tests_within_travel(name: str) -> None:
+    machine = plant.topology(name, {})
+    rotary = [axis for axis in machine["axes"] if axis in "ABC"]
+    runs = [plant.planar_circle(machine, "xy", sweep_deg=400.0)]
+    if len(rotary) == 2:
+        tilt = next(axis for axis in rotary if axis != "C")
+        poses = plant.grid_poses([-60.0, 0.0, 60.0], range(0, 360, 60))
+        runs.append(plant.r_test(machine, "nest", nest=[60.0, 20.0, 80.0], poses=poses, axes=(tilt, "C")))
+    for run in runs:
+        chain = plant.parse_structure(machine["structure"], machine["axes"])
+        q = {a.name: np.deg2rad(run["command"][a.name]) if a.rotary else run["command"][a.name] for a in chain.axes}
+        ball = plant.ball_in_workpiece(chain, q, run["tool_ball"])
+        far = np.linalg.norm(ball - run["table_ball"], axis=1)
+        assert np.abs(far - run.get("length", 0.0)).max() < 1e-9
+        for axis, values in run["command"].items():
+            assert np.abs(values).max() <= machine["axes"][axis]["travel"][1]
+
+
 def test_free_axis_names_and_wrong_codes() -> None:
     tables = {"J1": {"kind": "rotary", "direction": [0.0, 0.0, 2.0]}}
     named = plant.parse_structure("w J1' b X Y Z t", tables)
@@ -324,6 +343,7 @@ DYNAMIC: list[dict[str, Any]] = [
         "amplitude": 5.0,
         "direction": [1.0, 0.0, 0.0],
     },
+    {"effect": "speed_lift", "axis": "X", "half_speed": 5.0, "amplitude": 3.0, "direction": [1.0, 0.0, 0.0]},
 ]
 STATIC: list[dict[str, Any]] = [
     SAG,
@@ -339,6 +359,8 @@ STATIC: list[dict[str, Any]] = [
     {"effect": "sensor_error", "matrix": [[1.0, 0.01, 0.0], [0.0, 1.01, 0.0], [0.0, 0.0, 1.0]]},
     {"effect": "lateral_play", "component": "EXB", "width": 6.0, "form": "presliding"},
     {"effect": "backlash", "axis": "B", "width": 60.0, "form": "presliding"},
+    {"effect": "coolant_cycle", "period_s": 400.0, "rise": 0.7, "amplitude": 3.0, "direction": [0.0, 1.0, 0.0]},
+    {"effect": "two_axis_motion", "axes": ["B", "C"], "component": "EXC", "amplitude": 3.0},
 ]
 
 

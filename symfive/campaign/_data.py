@@ -171,7 +171,9 @@ class Run:
             return False
         if not np.allclose(self.time - self.time[0], other.time - other.time[0], rtol=1e-6, atol=1e-6):
             return False
-        return all(np.allclose(v, other.commands[n], atol=1e-6) for n, v in self.commands.items() if n in other.commands)
+        return all(
+            np.allclose(v, other.commands[n], atol=1e-6) for n, v in self.commands.items() if n in other.commands
+        )
 
     def with_readings(self, readings: Mapping[str, Array]) -> Run:
         """The same run with other readings."""

@@ -11,6 +11,7 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
+from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -134,9 +135,11 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
     yield make_effect("thermal_drift")
     if any("ball_bar" in run.instrument for run in campaign.runs):
         yield make_effect("bar_temperature")
-    for instrument in sorted({name for run in campaign.runs for name in run.instrument}):
-        for shape in ("gain", "matrix"):
-            yield _optional("sensor_error", instrument=instrument, shape=shape)
+    probes = [i for run in campaign.runs for i in instruments_of(run) if not i.on_control]
+    several = sorted({i.name for i in probes if len(i.columns(campaign.runs[0], machine)) > 1})
+    for name in several[:1]:
+        yield _optional("sensor_error", instrument=name, shape="matrix")
+    yield _optional("sensor_error", shape="gain")
 
 
 def _own_letter(campaign: Campaign, axis: str) -> str:

@@ -152,7 +152,7 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes)
     for f in unique.values():
         score = second.score(f.effect)
-        scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks))))
+        scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks)), looks=f.looks))
     scores += [second.score(effect) for effect in nameless]
     seen = sorted((s for s in scores if s.dof > 0.5), key=lambda s: s.log_p)
     return Survey(board, tuple(seen), max(1, len(seen)))
@@ -217,7 +217,7 @@ def _directions(board: Board) -> tuple[list[str], list[tuple[NDArray[np.int64], 
         if len(sigma) == 1 or not found:
             found = [(effect.key, np.linalg.eigh(h)[1][:, -1])]
         for name, direction in found:
-            size = float(np.sqrt(max(direction @ h @ direction, 0.0)))
+            size = float(max(float(direction @ h @ direction), 0.0) ** 0.5)
             if size > SEEN:
                 names.append(name)
                 vectors.append((columns, sigma * direction))

@@ -7,18 +7,17 @@ the effect's own size, joins the fit before any other effect is looked for, and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.effects.family_shape import FamilyShape
 from symfive.errors import InputError
 from symfive.model import Model
 
-__all__ = ["SHARE", "effect_size", "remainder"]
+__all__ = ["SHARE", "remainder"]
 
 SHARE = 0.3
 """Prior 1σ of one coefficient as a share of the effect's size on its channel."""
@@ -32,12 +31,6 @@ _FAMILY = {
 }  # fmt: skip
 
 
-def effect_size(effect: Effect, campaign: Campaign, value: Callable[[str], float]) -> float:
-    """How large an effect is on its channel, µm or µrad, from its amplitudes (0 where they have another unit)."""
-    sizes = [abs(value(p.name)) for p in effect.parameters(campaign) if p.unit in ("um", "urad") and p.mean == 0.0]
-    return max(sizes, default=0.0)
-
-
 def remainder(model: Model, values: NDArray[np.float64], held: Sequence[Effect]) -> tuple[Effect, ...]:
     """A family shape for every effect of `held`, of the size that the fit gives it."""
     found = []
@@ -48,7 +41,7 @@ def remainder(model: Model, values: NDArray[np.float64], held: Sequence[Effect])
         family, channel = _FAMILY[effect.id]
         component = getattr(effect, "component", None)
         axis = effect.axis or (component[2:] if isinstance(component, str) else None)
-        size = effect_size(effect, model.campaign, lambda name: float(values[model.index[name]]))
+        size = effect.extent(model.campaign, lambda name: float(values[model.index[name]]))
         default = 20.0 if axis is not None and model.machine.axes[axis].rotary and channel == "axis" else 3.0
         shape = FamilyShape(
             of=effect.key, axis=axis, family=family, size=SHARE * size if size > 0.0 else default,

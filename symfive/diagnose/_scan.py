@@ -201,7 +201,10 @@ def _tones(channels: _Channels) -> Iterator[Finding]:
     frequency = np.arange(len(score)) / (count * step)
     seen = (frequency >= 4.0 / longest) & (frequency <= 0.98 / shortest)
     for peak in _peaks(np.where(seen, score, 0.0), 1):
-        yield Finding(make_effect("vibration", frequency_hz=float(frequency[peak])), int(seen.sum()) // 2 + 1)
+        number = sum(effect.id == "vibration" for effect in channels.board.result.model.effects) + 1
+        tag = f"tone{number}" if number > 1 else ""  # a beat is two tones
+        effect = make_effect("vibration", frequency_hz=float(frequency[peak]), tag=tag)
+        yield Finding(effect, int(seen.sum()) // 2 + 1)
 
 
 PLACES = 150

@@ -33,7 +33,7 @@ class Score:
 
     `drop` of the cost, effective `dof`, `log_p` natural log of its p-value before any correction, `visible` share (0..1)
     of its energy that the fit leaves, `size` in σ of a typical effect, `step` the parameters the score suggests (file
-    units, by name).
+    units, by name), `looks` places at which a scan looked for it.
     """
 
     effect: Effect
@@ -43,6 +43,7 @@ class Score:
     visible: float
     size: float
     step: Mapping[str, float]
+    looks: int = 1
 
 
 @dataclass

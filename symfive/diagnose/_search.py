@@ -27,10 +27,11 @@ __all__ = ["Member", "Naming", "Trial", "lacking", "name_effects"]
 
 Array = NDArray[np.float64]
 MAX_EFFECTS = 5
-TRIALS = 5
+TRIALS = 4
 PASSES = 2
 OPEN = 10.0
 """Rivals within this log evidence of a member are tried in all their shapes."""
+SCALINGS = 4
 DECISIVE = 5.0
 """Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
@@ -47,6 +48,7 @@ class Trial:
     evidence: float
     values: Mapping[str, float]
     gain: float
+    looks: int = 1
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class Member:
 
     effect: Effect
     log_p: float
+    looks: int = 1
     trials: tuple[Trial, ...] = ()
 
 
@@ -110,6 +113,7 @@ def name_effects(
     names = Counter((s.effect.vocabulary, axis_of(s.effect)) for s in location.survey.scores)
     state = _State(before, level, tuple(exclude), progress, names)
     _forward(state, location.survey)
+    _simplify(state, before)
     for _ in range(PASSES):
         if not _contest(state):
             break
@@ -128,9 +132,41 @@ def _forward(state: _State, seen: Survey | None) -> None:
             return
         trial, log_p = best
         state.after = _shaped(state.after, trial)
-        state.members.append(Member(_newest(state.after), log_p))
+        state.members.append(Member(_newest(state.after), log_p, trial.looks))
         state.progress(f"found {trial.effect.key}")
         _prune(state)
+
+
+def _simplify(state: _State, before: Identification) -> None:
+    """One term without a name in place of several names, where it explains the readings as well as all of them together.
+
+    Physics that the library lacks is often mimicked by a handful of effects; each by itself then has decisive evidence.
+    """
+    if len(state.members) < 2:
+        return
+    state.progress("one unknown against several names")
+    bare = state.after
+    for member in state.members:
+        bare = lacking(bare, member.effect)
+    sized = [group for m in state.members for group in _amplitudes(state.campaign, m.effect)]
+    full = _evidence(state.after.problem(), state.after.values, sized)
+    nameless = [s for s in survey(bare, state.exclude, scanning=False).scores if s.effect.id == "unknown"]
+    trials = [t for t in (_try(state, bare, s) for s in sorted(nameless, key=lambda s: -s.drop)[:2]) if t is not None]
+    best = max(trials, key=lambda t: t.evidence, default=None)
+    if best is not None and best.evidence > full - _evidence(bare.problem(), bare.values):
+        state.after = _shaped(bare, best)
+        state.members = [Member(_newest(state.after), min(m.log_p for m in state.members))]
+        _forward(state, None)
+
+
+def _amplitudes(campaign: Campaign, effect: Effect) -> Groups:
+    """An effect's amplitudes, together; those of a term without a name by direction or column."""
+    groups: dict[str, list[str]] = {}
+    for p in effect.parameters(campaign):
+        if p.mean == 0.0:
+            channel = p.name.removeprefix(effect.key + ".").split(".")[0] if effect.id == "unknown" else ""
+            groups.setdefault(channel, []).append(p.name)
+    return list(groups.values())
 
 
 def _contest(state: _State) -> bool:
@@ -144,9 +180,9 @@ def _contest(state: _State) -> bool:
         state.progress(f"rivals of {member.effect.key}")
         without = lacking(state.after, member.effect)
         scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
-        rivals = sorted(scores, key=lambda s: -s.drop)[:TRIALS]
+        rivals = _best_of(scores)
         found = [t for t in (_try(state, without, s) for s in rivals) if t is not None]
-        own = _try(state, without, _own_score(state.after, member.effect))
+        own = _try(state, without, _own_score(state.after, member))
         if own is None:
             continue
         found = [_best_shape(state, without, t) if t.evidence > own.evidence - OPEN else t for t in found]
@@ -154,10 +190,18 @@ def _contest(state: _State) -> bool:
         state.members[number] = replace(member, trials=tuple(trials))
         if trials[0].evidence > own.evidence + 1.0:
             state.after = _shaped(without, trials[0])
-            state.members[number] = Member(_newest(state.after), member.log_p)
+            state.members[number] = Member(_newest(state.after), member.log_p, trials[0].looks)
             state.progress(f"{trials[0].effect.key} takes the place of {member.effect.key}")
             swapped = True
     return swapped
+
+
+def _best_of(scores: Sequence[Score]) -> list[Score]:
+    """Those that promise most, by what they take off the cost and by what they take off for their freedom."""
+    named = [s for s in scores if s.effect.id != "unknown"]
+    by_drop, by_chance = sorted(named, key=lambda s: -s.drop)[:TRIALS], sorted(named, key=lambda s: s.log_p)[:TRIALS]
+    nameless = sorted((s for s in scores if s.effect.id == "unknown"), key=lambda s: -s.drop)[:2]
+    return [*{s.effect.key: s for s in (*by_chance, *by_drop)}.values(), *nameless]
 
 
 def _best_shape(state: _State, without: Identification, trial: Trial) -> Trial:
@@ -170,7 +214,7 @@ def _best_shape(state: _State, without: Identification, trial: Trial) -> Trial:
         except InputError:
             continue
         step = {p.name: trial.values.get(p.name, p.mean) - p.mean for p in parameters}
-        found = _try(state, without, Score(other.prepare(campaign), np.inf, 1.0, -np.inf, 1.0, 1.0, step))
+        found = _try(state, without, Score(other.prepare(campaign), np.inf, 1.0, -np.inf, 1.0, 1.0, step, trial.looks))
         trials += [found] if found is not None else []
     return max(trials, key=lambda t: t.evidence)
 
@@ -186,10 +230,10 @@ def lacking(result: Identification, effect: Effect) -> Identification:
     return replace(result, model=model, values=values, residuals=residuals)
 
 
-def _own_score(result: Identification, effect: Effect) -> Score:
+def _own_score(result: Identification, member: Member) -> Score:
     """A member as a candidate again, starting from what the fit found for it."""
-    step = {p.name: result[p.name] - p.mean for p in effect.parameters(result.model.campaign)}
-    return Score(effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step)
+    step = {p.name: result[p.name] - p.mean for p in member.effect.parameters(result.model.campaign)}
+    return Score(member.effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step, member.looks)
 
 
 def _newest(result: Identification) -> Effect:
@@ -200,10 +244,8 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     """The effect with the greatest evidence among those that are significant and material, by exact refits."""
     limit = float(np.log(state.level / seen.looks))
     significant = [s for s in seen.scores if s.log_p < limit]
-    named = sorted((s for s in significant if s.effect.id != "unknown"), key=lambda s: -s.drop)[:TRIALS]
-    nameless = sorted((s for s in significant if s.effect.id == "unknown"), key=lambda s: -s.drop)[:1]
     trials = []
-    for s in (*named, *nameless):
+    for s in _best_of(significant):
         state.progress(f"trying {s.effect.key}")
         trial = _try(state, state.after, s)
         if trial is not None and trial.gain > MATERIAL**2:
@@ -241,8 +283,9 @@ def _try(state: _State, result: Identification, score: Score) -> Trial | None:
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
             values, _ = gauss_newton(problem, model.vector(start), 1e-2)
-            own = [p.name for p in score.effect.parameters(campaign) if p.mean == 0.0 and score.effect.id != "unknown"]
-            evidence = _evidence(problem, values, own) - _evidence(result.problem(), result.values)
+            evidence = _evidence(problem, values, _amplitudes(campaign, score.effect)) - _evidence(
+                result.problem(), result.values
+            )
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(evidence):
@@ -251,8 +294,9 @@ def _try(state: _State, result: Identification, score: Score) -> Trial | None:
     if score.effect.id == "unknown":
         evidence -= DECISIVE  # a name is given up only for decisive evidence
     else:
+        evidence -= float(np.log(score.looks))
         evidence -= float(np.log(max(state.forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
-    return Trial(score.effect, evidence, named, _gain(result, model, values))
+    return Trial(score.effect, evidence, named, _gain(result, model, values), score.looks)
 
 
 def _start(model: Model, score: Score) -> dict[str, float]:
@@ -269,13 +313,17 @@ def _start(model: Model, score: Score) -> dict[str, float]:
     return start
 
 
-def _evidence(problem: Problem, values: Array, sized: Sequence[str] = ()) -> float:
+Groups = Sequence[Sequence[str]]
+
+
+def _evidence(problem: Problem, values: Array, sized: Groups = ()) -> float:
     """Log marginal likelihood, up to what does not depend on the model, of a fit that may or may not need the rest of
     its effects' own families: the mean of both.
 
     Where the library's form is right the plain fit decides; where it is a little off, what counts is whether the family
-    explains the readings, and a form that needs less of the rest is better. `sized` amplitudes have a prior as wide as
-    they turned out: how large an effect is says nothing for or against its name, and exact aliases get equal evidence.
+    explains the readings, and a form that needs less of the rest is better. Each group of `sized` amplitudes has a prior
+    as wide as they turned out: how large an effect is says nothing for or against its name, and exact aliases get equal
+    evidence.
     """
     plain = _marginal(problem, problem.model, values, sized)
     shapes = remainder(problem.model, values, problem.model.effects)
@@ -285,22 +333,33 @@ def _evidence(problem: Problem, values: Array, sized: Sequence[str] = ()) -> flo
     return float(np.logaddexp(plain, _marginal(problem, wide, values, sized)) - np.log(2.0))
 
 
-def _marginal(problem: Problem, wide: Model, values: Array, sized: Sequence[str] = ()) -> float:
-    """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, linear in what `wide` adds to the problem's model."""
+def _marginal(problem: Problem, wide: Model, values: Array, sized: Groups = ()) -> float:
+    """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, linear in what `wide` adds to the problem's model.
+
+    Noise that was found while something lacked is too large. Its scale κ ≤ 1 is fitted too (not below what is declared):
+    a model is judged by how far down it brings the residual, and not against the noise of a poorer one.
+    """
     full = wide.vector({p.name: float(v) for p, v in zip(problem.model.parameters, values, strict=True)})
     inner = Problem.of(wide, noises=problem.noises)
     inner.left_out = problem.left_out
     information = inner.information(inner.blocks(full))
     sigma = wide.prior_sigma.copy()
-    if sized:
-        own = [wide.index[name] for name in sized]
+    for group in sized:
+        own = [wide.index[name] for name in group]
         sigma[own] *= max(float(np.sqrt(np.mean((full[own] / sigma[own]) ** 2))), 1e-3)
     departure = (full - wide.prior_mean) / sigma
-    scaled = information.matrix * np.outer(sigma, sigma) + np.eye(len(sigma))
-    pull = information.gradient * sigma - departure
-    gain = float(pull @ np.linalg.solve(scaled, pull))
-    cost = information.square + float(departure @ departure) - gain
-    return -0.5 * cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
+    h, g = information.matrix * np.outer(sigma, sigma), information.gradient * sigma
+    least = min(1.0, max((n.declared / n.white) ** 2 for n in problem.noises.values()))
+    scale = 1.0
+    for _ in range(SCALINGS):
+        curvature = h / scale + np.eye(len(sigma))
+        pull = g / scale - departure
+        step = np.linalg.solve(curvature, pull)
+        left = information.square - 2.0 * float(g @ step) + float(step @ h @ step)
+        cost = information.square / scale + float(departure @ departure) - float(pull @ step)
+        evidence = -0.5 * (cost + information.count * np.log(scale) + float(np.linalg.slogdet(curvature)[1]))
+        scale = float(np.clip(left / max(information.count, 1), least, 1.0))
+    return float(evidence)
 
 
 def _shaped(result: Identification, trial: Trial) -> Identification:

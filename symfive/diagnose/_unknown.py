@@ -3,37 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from symfive.campaign import Campaign
-from symfive.diagnose._catalogue import moving_axes
+from symfive.diagnose._catalogue import moving_axes, reversing_axes
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
 
 __all__ = ["unknowns"]
 
 INTERVALS = 8
+FINE = 32
+SIDES = 16
 
 
 def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
-    """Splines over every axis that moves, its velocity, and time, moving the tool in the machine frame or the readings."""
+    """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time.
+
+    They move the axis itself, the tool in the machine frame, or the readings.
+    """
     taken = {effect.key for effect in held}
-    for over in _coordinates(campaign):
-        for place, tag in (("structure", ""), ("reading", "reading")):
-            try:
-                effect = make_effect("unknown", over=over, order=INTERVALS, place=place, tag=tag).prepare(campaign)
-            except InputError:
-                continue
-            if effect.key not in taken and any(effect.applies(run) for run in campaign.runs):
-                yield effect
+    for options in _terms(campaign):
+        try:
+            effect = make_effect("unknown", **options).prepare(campaign)
+        except InputError:
+            continue
+        if effect.key not in taken and any(effect.applies(run) for run in campaign.runs):
+            yield effect
 
 
-def _coordinates(campaign: Campaign) -> Iterator[tuple[str, ...]]:
+def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
+    turning = reversing_axes(campaign)
     moving = moving_axes(campaign)
+    dynamic = any(run.dynamic for run in campaign.runs)
     for axis in moving:
-        if len(np.unique(np.concatenate([np.round(run.commands[axis], 6) for run in campaign.runs]))) > INTERVALS // 2:
-            yield (axis,)
-        if any(run.dynamic for run in campaign.runs):
-            yield (f"{axis} velocity",)
-    yield ("t",)
+        places = len(np.unique(np.concatenate([np.round(run.commands[axis], 6) for run in campaign.runs])))
+        if places > INTERVALS // 2:
+            yield _spline(axis, "structure")
+            yield _spline(axis, "reading")
+        if places > 2 * FINE:
+            yield _spline(axis, "axis", FINE)
+        if dynamic:
+            yield _spline(f"{axis} velocity", "structure")
+            yield _spline(f"{axis} velocity", "reading")
+        if dynamic and axis in turning:
+            yield _spline(f"{axis} since reversal", "axis", SIDES)
+    rotary = [axis for axis in moving if campaign.machine.axes[axis].rotary]
+    for pair in combinations(rotary, 2):
+        shapes = [_smooth(campaign, axis) for axis in pair]
+        yield {"over": pair, "basis": tuple(b for b, _ in shapes), "order": tuple(n for _, n in shapes)}
+    for place in ("structure", "reading"):
+        yield _spline("t", place)
+        if campaign.rows > 4 * FINE:
+            yield _spline("t", place, FINE)
+
+
+def _spline(over: str, place: str, intervals: int = INTERVALS) -> dict[str, Any]:
+    plain = place == "structure" and intervals == INTERVALS
+    return {"over": (over,), "order": intervals, "place": place, "tag": "" if plain else f"{place}-{intervals}"}
+
+
+def _smooth(campaign: Campaign, axis: str) -> tuple[str, int]:
+    """Harmonics of an axis that turns all the way round, else polynomials."""
+    turn = max(float(np.ptp(run.commands[axis])) for run in campaign.runs)
+    return ("fourier", 3) if turn > 200.0 else ("polynomial", 4)

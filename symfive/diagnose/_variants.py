@@ -18,6 +18,7 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "setup_shift": ({"shape": "creep"},),
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
+    "sensor_error": ({"shape": "gain"},),
     "gravity_sag": ({"parts": ("sin",)}, {"parts": ("one_minus_cos",)}),
 }
 """Options that change an effect's shape and not what it is."""

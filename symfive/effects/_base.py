@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -124,6 +124,14 @@ class Effect:
         return {
             p.name.removeprefix(self.key + "."): own_quantity(p, values, covariance) for p in self.parameters(campaign)
         }
+
+    def extent(self, campaign: Campaign, value: Callable[[str], float]) -> float:
+        """How large it is where it acts, µm or µrad, from its amplitudes; 0 where these have another unit.
+
+        `value` gives a parameter's value by its name.
+        """
+        amplitudes = [p.name for p in self.parameters(campaign) if p.unit in ("um", "urad") and p.mean == 0.0]
+        return max((abs(value(name)) for name in amplitudes), default=0.0)
 
     def parameter(self, row: Row, name: str) -> Any:
         """Its own parameter `name` in internal units."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
+
+import numpy as np
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
@@ -19,13 +23,18 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
 
 
+SMALLEST_SHARE = 0.05
+"""Less of a travel than this says nothing about a polynomial over all of it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ErrorMotion(Effect):
     """`component` (`EAC`) += Σ coefficient_k·function_k(q), µm or µrad, over the coordinates `over` (default
     its axis).
 
     `basis` and `order` as in the machine file, one per axis in `over` (a single one holds for all); `knots`
-    for `bspline`. Functions that the baseline already has are left out, so a higher order adds the higher
+    for `bspline`. `sigma` is the prior 1σ of a coefficient; by default it allows for motions of typical size over the
+    part of the travel that is in use. Functions that the baseline already has are left out, so a higher order adds the higher
     ones only. Typical straightness 1–10 µm, angular error motions 5–20 µrad, run-out of a rotary axis 0.5–5
     µm.
     """
@@ -87,8 +96,28 @@ class ErrorMotion(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         component = component_of(self.component, campaign.machine)
-        sigma = self.sigma or (10.0 if component.angular else 5.0)
-        return tuple(self.own(name, component.unit, sigma) for name in self._functions(campaign.machine)[1])
+        usual = 10.0 if component.angular else 5.0
+        return tuple(
+            self.own(name, component.unit, self.sigma or usual * self._reach(name, campaign))
+            for name in self._functions(campaign.machine)[1]
+        )
+
+    def extent(self, campaign: Campaign, value: Callable[[str], float]) -> float:
+        names = self._functions(campaign.machine)[1]
+        return max(abs(value(f"{self.key}.{n}")) / self._reach(n, campaign) for n in names)
+
+    def _reach(self, function: str, campaign: Campaign) -> float:
+        """By how much a Legendre polynomial over the whole travel must be larger to have its size over the part in use."""
+        factor = 1.0
+        for part in function.split("*"):
+            order, axis = re.match(r"P(\d+)(?:\((\w+)\))?$", part), self._term.over[0]
+            if order:
+                axis = order[2] or axis
+                low, high = campaign.machine.axes[axis].travel
+                used = np.concatenate([run.commands[axis] for run in campaign.runs])
+                share = float(np.ptp(used)) / (high - low)
+                factor *= max(min(share, 1.0), SMALLEST_SHARE) ** -int(order[1])
+        return factor
 
     def apply(self, row: Row) -> None:
         basis, names = self._functions(row.machine)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
@@ -40,7 +41,8 @@ class FamilyShape(Effect):
     - `time`: Legendre polynomials of the campaign's clock.
 
     No function is another effect of the library by itself (a plain s is a play, a velocity a servo mismatch). `size` (µm
-    or µrad) is the prior 1σ of each coefficient. Its share of the effect says by how much the shape differs.
+    or µrad) is the prior 1σ of each coefficient (in a series: of the first two, the others less). Its share of the
+    effect says by how much the shape differs.
     """
 
     id = "family_shape"
@@ -92,7 +94,8 @@ class FamilyShape(Effect):
         else:
             unit = "urad" if self.channel != "tool" and self.channel[1] in "ABC" else "um"
         parts = ("x.", "y.", "z.") if self.channel == "tool" else ("",)
-        return tuple(self.own(part + name, unit, self.size) for part in parts for name in self._names(campaign))
+        names = self._names(campaign)
+        return tuple(self.own(part + name, unit, self.size * _share_of(name)) for part in parts for name in names)
 
     def signals(self) -> tuple[Signal, ...]:
         if self.family == "time":
@@ -197,6 +200,13 @@ class FamilyShape(Effect):
             return lambda row: _legendre(k, (2.0 * row.clock - (low + high)) / max(high - low, 1e-12))
 
         yield from ((f"T{k}", value(k)) for k in range(1, WAVES + 1))
+
+
+def _share_of(name: str) -> float:
+    """Prior of a coefficient over that of the second one of its series: curves with a slope that is bounded in the mean have
+    coefficients that fall like k^(-3/2)."""
+    series = re.match(r"(?:P|T|cos|sin)(\d+)$", name)
+    return min(1.0, (2.0 / int(series[1])) ** 1.5) if series else 1.0
 
 
 def _legendre(order: int, x: Any) -> Any:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +16,7 @@ from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.kinematics import Basis
 from symfive.machine import Axis, ErrorTerm, Machine
-from symfive.motion import Position, Velocity
+from symfive.motion import Direction, Position, ReversalDistance, Velocity
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -24,20 +25,25 @@ if TYPE_CHECKING:
     from symfive.motion import Signal
 
 Array = NDArray[np.float64]
-PLACES = ("structure", "reading")
+PLACES = ("axis", "structure", "reading")
 VELOCITY = " velocity"
+SINCE = " since reversal"
+FINEST = 1e-3
+"""Distances since a reversal below this share of the travel are one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown(Effect):
     """Σ coefficient·function over the coordinates `over`: a shift of the tool, or of each reading column.
 
-    A coordinate is an axis (`B`), its velocity (`B velocity`) or `t` (the campaign's clock). Functions as in
+    A coordinate is an axis (`B`), its velocity (`B velocity`), its way since it reversed (`B since reversal`, with the sign
+    of the motion, in equal steps of its logarithm) or `t` (the campaign's clock). Functions as in
     the machine file: `basis` and `order` one per coordinate (a single one holds for all), products for
     several; `bspline` of order n has n intervals. They have no constant part, which zeros and set-ups hold.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
-    covers. `place` `structure` acts along `directions` of the machine frame, `reading` on each column. Prior
-    1σ of a coefficient: `sigma_um`.
+    covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
+    machine frame, `reading` each column. With `only_within` it acts within the span alone. Prior 1σ of a
+    coefficient: `sigma_um` (for a rotary axis as many µm at 100 mm).
     """
 
     id = "unknown"
@@ -50,6 +56,7 @@ class Unknown(Effect):
     place: str = "structure"
     directions: str = "xyz"
     sigma_um: float = 5.0
+    only_within: bool = False
 
     @property
     def key(self) -> str:
@@ -65,11 +72,13 @@ class Unknown(Effect):
         self.choose("place", PLACES)
         machine = campaign.machine
         for name in self.over:
-            if name != "t" and name.removesuffix(VELOCITY) not in machine.axes:
+            if name != "t" and _owner(name) not in machine.axes:
                 raise InputError(
                     f'{self.key}: coordinate "{name}" is unknown',
-                    remedy=f'use "t", an axis ({", ".join(machine.axis_names)}) or its "velocity", as "X velocity"',
+                    remedy=f'use "t", an axis ({", ".join(machine.axis_names)}), "X velocity" or "X since reversal"',
                 )
+        if self.place == "axis" and _owner(self.over[0]) not in machine.axes:
+            raise InputError(f"{self.key}: time moves no axis", remedy='write place = "structure"')
         if not self.over or not self.directions or any(c not in "xyz" for c in self.directions):
             raise InputError(
                 f"{self.key} needs coordinates and directions",
@@ -81,7 +90,9 @@ class Unknown(Effect):
             spans = tuple((float(v.min()), float(v.max())) for v in values)
         if len(spans) != len(self.over) or any(low >= high for low, high in spans):
             raise InputError(f"{self.key}: the campaign does not move there", remedy="choose a coordinate that changes")
-        return replace(super().prepare(campaign), span=spans)
+        return replace(
+            super().prepare(campaign), span=spans, axis=_owner(self.over[0]) if self.place == "axis" else None
+        )
 
     def applies(self, run: Run) -> bool:
         return run.dynamic or not any(name.endswith(VELOCITY) for name in self.over)
@@ -89,9 +100,9 @@ class Unknown(Effect):
     def _basis(self, machine: Machine) -> Basis:
         axes = {}
         for name, span in zip(self.over, self.span, strict=True):
-            owner = machine.axes.get(name.removesuffix(VELOCITY))
-            kind = owner.kind if owner is not None and name in machine.axes else "linear"
-            axes[name] = Axis(name=name, kind=kind, direction=(1.0, 0.0, 0.0), travel=span)
+            kind = machine.axes[name].kind if name in machine.axes else "linear"
+            travel = (-1.0, 1.0) if name.endswith(SINCE) else span
+            axes[name] = Axis(name=name, kind=kind, direction=(1.0, 0.0, 0.0), travel=travel)
         count = len(self.over)
         basis = (self.basis,) * count if isinstance(self.basis, str) else self.basis
         order = (self.order,) * count if isinstance(self.order, int) else self.order
@@ -100,6 +111,8 @@ class Unknown(Effect):
 
     def _channels(self, campaign: Campaign) -> dict[str, float]:
         """Directions or columns it moves, with µm (or µrad) per unit of the column."""
+        if self.place == "axis":
+            return {"axis": 1.0}
         if self.place == "structure":
             return dict.fromkeys(self.directions, 1.0)
         found: dict[str, float] = {}
@@ -111,10 +124,16 @@ class Unknown(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         names = self._basis(campaign.machine).names
-        return tuple(self.own(f"{c}.{name}", "um", self.sigma_um) for c in self._channels(campaign) for name in names)
+        rotary = self.place == "axis" and self.its_axis(campaign).rotary
+        unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
+        return tuple(self.own(f"{c}.{name}", unit, sigma) for c in self._channels(campaign) for name in names)
 
     def signals(self) -> tuple[Signal, ...]:
-        return tuple(Velocity(name.removesuffix(VELOCITY)) for name in self.over if name.endswith(VELOCITY))
+        found: list[Signal] = [Velocity(_owner(name)) for name in self.over if name.endswith(VELOCITY)]
+        for name in self.over:
+            if name.endswith(SINCE):
+                found += [Direction(_owner(name)), ReversalDistance(_owner(name))]
+        return tuple(found)
 
     def apply(self, row: Row) -> None:
         basis = self._basis(row.machine)
@@ -122,20 +141,35 @@ class Unknown(Effect):
             zip(basis.names, basis.values(*(self._coordinate(row, name) for name in self.over)), strict=True)
         )
 
-        def term(channel: str) -> Any:
-            return sum(self.parameter(row, f"{channel}.{name}") * value for name, value in functions.items())
+        within = self._within(row) if self.only_within else 1.0
 
-        if self.place == "structure":
+        def term(channel: str) -> Any:
+            return within * sum(self.parameter(row, f"{channel}.{name}") * value for name, value in functions.items())
+
+        if self.place == "axis":
+            row.axis[str(self.axis)] += term("axis")
+        elif self.place == "structure":
             for c in self.directions:
                 row.shift["xyz".index(c)] += term(c)
         else:
             for i in row.sensed:
                 row.readings[i] += term(row.columns[i].name)
 
-    @staticmethod
-    def _coordinate(row: Row, name: str) -> Any:
+    def _within(self, row: Row) -> Any:
+        inside = ca.SX(1)
+        for name, (low, high) in zip(self.over, self.span, strict=True):
+            unit = row.machine.axes[name].to_internal if name in row.machine.axes else 1.0
+            q = self._coordinate(row, name)
+            inside *= ca.if_else(ca.logic_and(q >= low * unit, q <= high * unit), 1.0, 0.0)
+        return inside
+
+    def _coordinate(self, row: Row, name: str) -> Any:
         if name == "t":
             return row.clock
+        if name.endswith(SINCE):
+            axis = _owner(name)
+            reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
+            return row.signal(Direction(axis)) * _steps(row.signal(ReversalDistance(axis)) / reach, ca)
         if name.endswith(VELOCITY):
             axis = name.removesuffix(VELOCITY)
             return row.signal(Velocity(axis)) / row.machine.axes[axis].to_internal
@@ -146,9 +180,14 @@ class Unknown(Effect):
         machine, basis = campaign.machine, self._basis(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
         points = []
-        for name, axis in zip(self.over, self.over, strict=True):
-            unit = machine.axes[axis].to_internal if name in machine.axes else 1.0
-            points.append(unit * np.concatenate([_values(name, run, machine) for run in runs]))
+        for name, (_, high) in zip(self.over, self.span, strict=True):
+            unit = machine.axes[name].to_internal if name in machine.axes else 1.0
+            values_there = unit * np.concatenate([_values(name, run, machine) for run in runs])
+            points.append(
+                np.sign(values_there) * _steps(np.abs(values_there) / high, np)
+                if name.endswith(SINCE)
+                else values_there
+            )
         matrix = basis.matrix(*points)
         names = [p.name for p in self.parameters(campaign)]
 
@@ -159,7 +198,8 @@ class Unknown(Effect):
             return [float(np.sqrt(np.mean(np.sum(shape(p) ** 2, axis=1))))]
 
         (value,), (std,) = propagate(rms, names, values, covariance)
-        found = {"over": Quantity(self.over), "rms": Quantity(float(value), float(std), "um")}
+        size = Quantity(float(value), float(std), self.parameters(campaign)[0].unit)
+        found = {"over": Quantity(self.over), "rms": size}
         if self.place == "structure":
             _, _, right = np.linalg.svd(shape(np.array([values[name] for name in names])), full_matrices=False)
             main = right[0] * (1.0 if right[0][np.argmax(np.abs(right[0]))] > 0.0 else -1.0)
@@ -168,11 +208,35 @@ class Unknown(Effect):
         return found
 
 
+def _owner(name: str) -> str:
+    """The axis that a coordinate speaks of."""
+    return name.removesuffix(VELOCITY).removesuffix(SINCE)
+
+
+def _steps(share: Any, library: Any) -> Any:
+    """A distance as a share of the travel, 0…1 and beyond, in equal steps of its logarithm down to FINEST."""
+    return library.log1p(share / FINEST) / float(np.log1p(1.0 / FINEST))
+
+
 def _values(name: str, run: Run, machine: Machine) -> Array:
     """A coordinate along the commands of a run, in file units (mm, degree, s)."""
     if name == "t":
         return run.start_s + np.asarray(run.time)
-    command = np.asarray(run.commands[name.removesuffix(VELOCITY)])
+    command = np.asarray(run.commands[_owner(name)])
+    if name.endswith(SINCE):
+        return _since_reversal(command)
     if not name.endswith(VELOCITY):
         return command
     return np.asarray(np.gradient(command, run.time)) if run.dynamic and run.rows > 1 else np.zeros(run.rows)
+
+
+def _since_reversal(command: Array) -> Array:
+    """Way since the last reversal with the sign of the motion (before the first one: since the start)."""
+    steps = np.diff(command, prepend=command[:1])
+    moving = np.flatnonzero(steps)
+    if not moving.size:
+        return np.zeros_like(command)
+    sign = np.sign(steps[moving[np.maximum(np.searchsorted(moving, np.arange(len(command)), side="right") - 1, 0)]])
+    turned = np.flatnonzero(np.diff(sign))
+    origin = np.concatenate([[0], turned])[np.searchsorted(turned + 1, np.arange(len(command)), side="right")]
+    return np.asarray(sign * np.abs(command - command[origin]))

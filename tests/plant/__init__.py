@@ -4,7 +4,7 @@ from .campaign import write_campaign, write_pair
 from .chain import Chain, ball_in_workpiece, nominal_linear, parse_structure
 from .drives import Drive, Friction, Motion, TwoMass, follow
 from .effects import EFFECTS, OUTSIDE
-from .machines import dynamic_table, machine, planar_table, static_table
+from .machines import TOPOLOGIES, dynamic_table, machine, planar_table, static_table, topology
 from .noise import LIKE_PLANAR, PLAIN, QUIET, NoiseOptions
 from .paths import grid_poses, planar_circle, r_test, random_poses, static_ball_bar, synchronous_circle
 from .simulate import Reading, simulate_run
@@ -15,6 +15,7 @@ __all__ = [
     "OUTSIDE",
     "PLAIN",
     "QUIET",
+    "TOPOLOGIES",
     "Chain",
     "Drive",
     "Friction",
@@ -37,6 +38,7 @@ __all__ = [
     "static_ball_bar",
     "static_table",
     "synchronous_circle",
+    "topology",
     "write_campaign",
     "write_pair",
 ]

@@ -40,6 +40,9 @@ EFFECTS: dict[str, tuple[str, Callable[[RunState, Spec], None]]] = {
     "bar_temperature": ("body", structure.bar_temperature),
     "changeover_sector": ("body", structure.changeover_sector),
     "shock": ("body", structure.shock),
+    "speed_lift": ("body", structure.speed_lift),
+    "coolant_cycle": ("body", structure.coolant_cycle),
+    "two_axis_motion": ("body", structure.two_axis_motion),
 }
 
 OUTSIDE = (
@@ -52,6 +55,9 @@ OUTSIDE = (
     "bar_temperature",
     "changeover_sector",
     "shock",
+    "speed_lift",
+    "coolant_cycle",
+    "two_axis_motion",
 )
 """Effects that FORMATS.md section 7 has no name for."""
 

@@ -101,3 +101,33 @@ def static_table() -> Machine:
     errors = {f"E{c}0B": {"sigma": s} for c, s in (("X", 40.0), ("Z", 40.0), ("A", 80.0), ("C", 80.0))}
     errors |= {f"E{c}0C": {"sigma": s} for c, s in (("X", 40.0), ("Y", 40.0), ("A", 80.0), ("B", 80.0))}
     return machine("w C' B' Y' b X Z t", errors, origins={"B": [0.0, 0.0, -50.0]})
+
+
+SLANT = [0.0, 2.0**-0.5, 2.0**-0.5]
+"""Direction of a nutating axis: half way between Y and Z."""
+TOPOLOGIES: dict[str, tuple[str, dict[str, list[float]]]] = {
+    "table-bc": ("w C' B' Y' b X Z t", {}),
+    "table-ac": ("w C' A' Y' b X Z t", {}),
+    "table-ac-gantry": ("w C' A' b Y X Z t", {}),
+    "head-ca": ("w b X Y Z C A t", {}),
+    "head-cb": ("w X' b Y Z C B t", {}),
+    "mixed-c-b": ("w C' Y' b X Z B t", {}),
+    "nutating-table": ("w C' B' X' Y' b Z t", {"B": SLANT}),
+    "nutating-head": ("w Y' b X Z C B t", {"B": SLANT}),
+    "turning-table": ("w C' Y' b X Z t", {}),
+    "three-axis": ("w Y' X' b Z t", {}),
+    "three-axis-gantry": ("w b X Y Z t", {}),
+}
+"""Structural code and directions that are not the letter's own."""
+
+
+def topology(
+    name: str,
+    errors: dict[str, Any],
+    *,
+    drives: dict[str, dict[str, float]] | None = None,
+    origins: dict[str, list[float]] | None = None,
+) -> Machine:
+    """A machine of the table above."""
+    structure, directions = TOPOLOGIES[name]
+    return machine(structure, errors, drives=drives, origins=origins, directions=directions)

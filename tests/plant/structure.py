@@ -202,3 +202,33 @@ def shock(state: RunState, spec: Spec) -> None:
     late = np.maximum(state.clock - float(spec["t_s"]), 0.0)
     ring = np.sin(2.0 * np.pi * float(spec["frequency_hz"]) * late) * np.exp(-late / float(spec["decay_s"]))
     state.shift_tool(spec["direction"], float(spec["amplitude"]) * ring)
+
+
+def speed_lift(state: RunState, spec: Spec) -> None:
+    """Outside: oil film of a slideway lifts the carriage, amplitude.u/(1 + u) along `direction`, u =
+    |speed|/`half_speed` (mm/s or degree/s).
+    """
+    unit = np.pi / 180.0 if state.axis(spec["axis"]).rotary else 1.0
+    u = np.abs(state.v[spec["axis"]]) / (float(spec["half_speed"]) * unit)
+    state.shift_tool(spec["direction"], float(spec["amplitude"]) * u / (1.0 + u))
+
+
+def coolant_cycle(state: RunState, spec: Spec) -> None:
+    """Outside: a chiller switching on and off, a triangle of `period_s` on the campaign's clock along
+    `direction`, `rise` (0…1) of it rising.
+    """
+    share, rise = (
+        np.mod(state.clock / float(spec["period_s"]) + float(spec.get("phase", 0.0)), 1.0),
+        float(spec["rise"]),
+    )
+    triangle = np.where(share < rise, share / rise, (1.0 - share) / (1.0 - rise))
+    state.shift_tool(spec["direction"], float(spec["amplitude"]) * (2.0 * triangle - 1.0))
+
+
+def two_axis_motion(state: RunState, spec: Spec) -> None:
+    """Outside: `component` += amplitude.sin(p).sin(`order`.q + phase) over both of `axes` (p, q): no sum of
+    functions of one axis each.
+    """
+    p, q = (state.x[name] / (1.0 if state.axis(name).rotary else state.travel[name]) for name in spec["axes"])
+    turning = np.sin(float(spec.get("order", 2)) * q + float(spec.get("phase", 0.0)))
+    state.add_motion(spec["component"], float(spec["amplitude"]) * np.sin(p) * turning)

@@ -1,0 +1,93 @@
+"""The stages of one case, each a function of plain arguments that a worker can run: seal, judge, open, look again."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import plant
+from plant.reader import read_campaign as read_plan
+
+from .cases import make_case, write_case
+from .effects import Spec
+from .judge import judge, judge_again
+from .oracle import oracle
+from .rivals import compete
+from .score import f1_table
+from .store import Store
+
+
+def seal(root: Path, seed: int, id: str) -> None:
+    """Makes the case and seals its answer."""
+    store = Store(root)
+    if not store.has("seals", id):
+        shutil.rmtree(store.case(id), ignore_errors=True)
+        store.seal(id, write_case(make_case(seed, id), store.case(id)))
+
+
+def verdict(root: Path, id: str) -> None:
+    """symfive's verdict, then the oracle's fit and the next test, which need the answer."""
+    store = Store(root)
+    if not store.has("verdicts", id):
+        store.put("verdicts", id, judge(store.case(id), next_test=root / "next" / id))
+    if not store.has("oracles", id):
+        store.put("oracles", id, _opened(store, id))
+    if not store.has("again", id):
+        store.put("again", id, _look_again(store, id))
+
+
+def _opened(store: Store, id: str) -> dict[str, object]:
+    """What needs the answer beside the verdict: the oracle's geometry, and where each finding acts."""
+    answer, findings = store.open(id), store.get("verdicts", id)["diagnosis"]["findings"]
+    known = oracle(store.case(id), answer) or {}
+    return {**known, "f1": f1_table(store.case(id) / "fit", findings, answer["facts"])}
+
+
+def control(root: Path, id: str) -> None:
+    """The verdict with the true effects taken out of the catalogue."""
+    store = Store(root)
+    if not store.has("controls", id):
+        exclude = sorted({name for spec in store.open(id)["effects"] for name in without(spec)})
+        store.put("controls", id, judge(store.case(id), exclude=exclude))
+
+
+def rivals(root: Path, id: str) -> None:
+    """What the simple rivals say of the same recordings."""
+    store = Store(root)
+    if not store.has("rivals", id):
+        store.put("rivals", id, compete(store.case(id)))
+
+
+SISTERS: Sequence[frozenset[str]] = (
+    frozenset({"thermal_drift", "spindle_growth", "bar_temperature"}),
+    frozenset({"error_motion", "table_step", "eccentric_mass"}),
+    frozenset({"backlash", "counterbalance"}),
+    frozenset({"friction", "reversal_spike"}),
+    frozenset({"latency", "sensor_low_pass"}),
+)
+"""Effects of the library that bear one word of the vocabulary: they are excluded together."""
+
+
+def without(spec: Spec) -> frozenset[str]:
+    """Ids of the library that know a true effect."""
+    word = {"compensation_table_step": "table_step", "reversal_pulse": "reversal_spike"}.get(
+        spec["effect"], spec["effect"]
+    )
+    return next((s for s in SISTERS if word in s), frozenset({word}))
+
+
+def _look_again(store: Store, id: str) -> dict[str, object] | None:
+    """The plant measures the test that the diagnosis asked for, and symfive looks at both; alias cases only."""
+    plan = store.root / "next" / id
+    answer = store.open(id)
+    if answer["stratum"] != "alias" or not plan.is_dir():
+        return None
+    machine, runs = read_plan(plan)
+    measured = store.root / "measured" / id
+    plant.write_campaign(
+        measured, machine, runs, answer["location_errors_um_urad"], answer["error_motions_um_urad"], answer["effects"],
+        seed=answer["seed"] + 1, noise_options=plant.NoiseOptions(**answer["noise"]),
+    )  # fmt: skip
+    (measured / "truth.json").unlink()
+    return judge_again(store.case(id), measured)

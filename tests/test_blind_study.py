@@ -1,0 +1,320 @@
+"""The blind study on a small scale: its cases are what they claim, answers stay sealed, a killed run goes on, it scores right."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plant
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from examples.blind_study import cases, effects, figures, pool, score, span, stages, store, study  # noqa: E402
+from examples.blind_study.oracle import true_effect  # noqa: E402
+from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
+from examples.blind_study.plans import draw_setting  # noqa: E402
+from symfive.campaign import read_campaign  # noqa: E402
+from symfive.effects import EFFECTS  # noqa: E402
+
+IDS = ["none-002", "visible-002"]
+
+
+# --- the cases ---------------------------------------------------------------------------------------------
+def test_strata_are_in_proportion_and_interleaved() -> None:
+    whole = cases.case_ids(420)
+    assert {s: sum(i.startswith(s) for i in whole) for s in cases.STRATA} == cases.STRATA
+    few = cases.case_ids(42)
+    assert len(few) == 42 and set(few) < set(whole)
+    assert {i.split("-")[0] for i in few[:14]} == set(cases.STRATA)
+
+
+def test_the_generator_knows_nothing_of_symfive() -> None:
+    code = "import sys, examples.blind_study.cases; assert not any(m.split('.')[0] in ('symfive', 'casadi') for m in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_a_case_depends_on_its_name_and_the_seed_alone() -> None:
+    first, again, other = (cases.make_case(seed, "visible-002") for seed in (1, 1, 2))
+    assert (first.effects, first.seed) == (again.effects, again.seed)
+    assert first.seed != other.seed
+    fact = first.facts[0]
+    assert fact["masked"] < cases.MASKED and not fact["same"] and not fact["close"]
+    assert 0.9 < fact["size"] < 9.0
+
+
+@cache
+def _setting(kind: str, seed: int = 1) -> Any:
+    return draw_setting(np.random.default_rng(seed), (kind,))
+
+
+@pytest.mark.parametrize("kind", ["r_test", "planar"])
+def test_geometry_is_masked_by_itself_and_noise_by_nothing(kind: str) -> None:
+    setting = _setting(kind)
+    whole = span.Span.of(setting)
+    name = next(n for n, term in setting.machine["errors"].items() if "basis" not in term)
+    share, _ = whole.masked(whole.change({"effect": "location_error", "component": name, "value": 5.0}))
+    assert share > 0.99
+    rng = np.random.default_rng(0)
+    share, snr = whole.masked([rng.normal(0.0, setting.white_um, y.shape) for y in whole.plain])
+    assert share < 0.3 and snr > 10.0
+
+
+def test_whitening_makes_the_plants_noise_white() -> None:
+    options = plant.NoiseOptions(coloured_um=0.3, correlation_s=0.8)
+    t = np.arange(20000) * 0.05
+    white = span.whiten(plant.noise.noise(t, 1, 0.2, options, np.random.default_rng(3)), t, 0.2, options)[100:, 0]
+    assert white.std() == pytest.approx(1.0, rel=0.03)
+    assert abs(np.corrcoef(white[:-1], white[1:])[0, 1]) < 0.03
+
+
+def test_what_reads_the_same_is_found_by_the_generator() -> None:
+    """On one circle a squareness of X and one of Y are one thing."""
+    setting = draw_setting(np.random.default_rng(2), ("planar",), lean=True)
+    setting.machine["errors"].pop("EC0X")
+    setting.location.clear()
+    spec = {"effect": "location_error", "component": "EC0X", "value": 40.0}
+    whole = span.Span.of(setting)
+    assert ("location_error", "Y") in span.aliases(whole, spec, whole.change(spec))["same"]
+
+
+@pytest.mark.parametrize("drawer", [d for d, _ in (*effects.MACHINE, *FAULTS, *OUTSIDE)], ids=lambda d: d.__name__)
+def test_every_drawer_gives_an_effect_the_plant_can_do(drawer: Any) -> None:
+    rng = np.random.default_rng(1)
+    drafts = ((s, drawer(rng, s)) for s in map(_setting, ("r_test", "xc", "planar", "static_bar")) for _ in range(10))
+    setting, draft = next((s, d) for s, d in drafts if d is not None)
+    small, large = (span.size(setting, cases.change_of(setting, [draft.make(a)], 1)) for a in (0.5, 1.0))
+    assert 0.0 < small <= 1.2 * large < 100.0
+
+
+def test_outside_means_outside() -> None:
+    settings, rng = [_setting(kind) for kind in ("r_test", "planar", "xc")], np.random.default_rng(0)
+    drafts = [drawer(rng, setting) for drawer, _ in OUTSIDE for setting in settings for _ in range(5)]
+    names = {draft.spec["effect"] for draft in drafts if draft is not None}
+    assert len(names) >= 5
+    assert names.isdisjoint(EFFECTS)
+    assert names < set(plant.EFFECTS)
+
+
+# --- the folder --------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("study")
+    for id in IDS:
+        stages.seal(root, 1, id)
+    return root
+
+
+def test_recordings_hold_no_answer_and_symfive_reads_them(sealed: Path) -> None:
+    for id in IDS:
+        assert {p.name for p in (sealed / "cases" / id).rglob("*.json")} == set()
+        assert read_campaign(sealed / "cases" / id / "fit").measured
+
+
+def test_answers_open_only_after_the_verdict_and_only_if_untouched(sealed: Path) -> None:
+    kept = store.Store(sealed)
+    with pytest.raises(ValueError, match="stays sealed"):
+        kept.open(IDS[0])
+    kept.put("verdicts", IDS[0], {})
+    assert kept.open(IDS[0])["effects"] == []
+    path = sealed / "answers" / f"{IDS[0]}.json"
+    text = path.read_text()
+    path.write_text(text.replace('"stratum": "none"', '"stratum": "alias"'))
+    with pytest.raises(ValueError, match="not the one that was sealed"):
+        kept.open(IDS[0])
+    path.write_text(text)
+    (sealed / "cases" / IDS[0] / "fit" / "extra.csv").write_text("")
+    with pytest.raises(ValueError, match="recordings are not those"):
+        kept.open(IDS[0])
+    (sealed / "cases" / IDS[0] / "fit" / "extra.csv").unlink()
+    (sealed / "verdicts" / f"{IDS[0]}.json").unlink()
+
+
+def _verdict(findings: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "diagnosis": {"mismatch": bool(findings), "findings": findings, "classes": [], "fit": {"chi2_dof_after": 1.0}},
+        "seconds": 1.0, "heldout_rms_um": {"before": 1.0, "after": 0.4}, "geometry": {"before": {}, "after": {}}, "code": "x",
+    }  # fmt: skip
+
+
+def test_a_killed_study_goes_on_without_repeating(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    judged: list[str] = []
+
+    def judge(folder: Path, **options: Any) -> dict[str, Any]:
+        if len(judged) == 1 and judged[0] != "resumed":
+            judged.append("killed")
+            raise KeyboardInterrupt
+        judged.append(folder.name)
+        return _verdict([])
+
+    monkeypatch.setattr(stages, "judge", judge)
+    monkeypatch.setattr(stages, "oracle", lambda folder, answer: None)
+    ids = ["none-000", "none-001", "none-003"]
+    command = ["--seed", "5", "--workers", "0", "-o", str(tmp_path), *(w for i in ids for w in ("--case", i))]
+    with pytest.raises(KeyboardInterrupt):
+        study.main(command)
+    seals = {p.name: p.read_text() for p in (tmp_path / "seals").iterdir()}
+    judged[:] = ["resumed"]
+    assert study.main(command) == 0
+    assert judged == ["resumed", *ids[1:]]
+    assert seals == {p.name: p.read_text() for p in (tmp_path / "seals").iterdir()}
+    data = json.loads((tmp_path / "study.json").read_text())
+    assert data["finished"] == 3
+    assert "false alarms" in (tmp_path / "study.md").read_text()
+    for picture in ("severity", "calibration", "confusion"):
+        assert (tmp_path / f"{picture}.png").stat().st_size > 1000
+
+
+def test_an_error_is_reported_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(folder: Path, **options: Any) -> dict[str, Any]:
+        raise RuntimeError("no verdict")
+
+    monkeypatch.setattr(stages, "judge", broken)
+    command = ["--seed", "5", "--workers", "0", "-o", str(tmp_path), "--case", "none-000"]
+    assert study.main(command) == 1
+    assert "no verdict" in (tmp_path / "failures.md").read_text()
+    monkeypatch.setattr(stages, "judge", lambda folder, **options: _verdict([]))
+    monkeypatch.setattr(stages, "oracle", lambda folder, answer: None)
+    assert study.main(command) == 0
+
+
+def test_the_plant_measures_the_test_that_was_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    machine, kept = plant.static_table(), store.Store(tmp_path)
+    nest = plant.r_test(machine, "nest", nest=[60.0, 0.0, 50.0], poses=plant.grid_poses([0.0], [0.0, 60.0, 120.0]))
+    plant.write_campaign(tmp_path / "next" / "alias-000", machine, [nest], readings=False)
+    answer = {
+        "stratum": "alias",
+        "effects": [SPEC],
+        "location_errors_um_urad": {"EX0C": 5.0},
+        "error_motions_um_urad": {},
+    }
+    kept.seal("alias-000", json.dumps({**answer, "seed": 3, "noise": vars(plant.PLAIN)}))
+    kept.put("verdicts", "alias-000", {})
+    monkeypatch.setattr(stages, "judge_again", lambda folder, measured: {"rows": read_campaign(measured).rows})
+    assert stages._look_again(kept, "alias-000") == {"rows": 6}
+    assert {p.name for p in (tmp_path / "measured" / "alias-000").iterdir()} == {
+        "campaign.toml",
+        "machine.toml",
+        "nest.csv",
+    }
+
+
+# --- the score ---------------------------------------------------------------------------------------------
+FACT = {
+    "name": ["backlash", "C"],
+    "same": [["lateral_play", "C"]],
+    "close": [],
+    "size": 2.0,
+    "masked": 0.2,
+    "snr": 50.0,
+}
+SPEC = {"effect": "backlash", "axis": "C", "width": 60.0, "form": "hard"}
+
+
+def _finding(effect: str, axis: str | None, **more: Any) -> dict[str, Any]:
+    plain = {"form": f"{effect}.{axis}", "confidence": 0.95, "rivals": [], "alias": [], "parameters": {}}
+    where = {"runs": [], "coordinate": "C", "intervals": [], "direction": None}
+    tests = {"next_test": None, "next_test_separation_sigma": None}
+    return {"effect": effect, "axis": axis, "where": where, **plain, **tests, **more}
+
+
+def _answer(stratum: str = "visible", **more: Any) -> dict[str, Any]:
+    base = {
+        "id": f"{stratum}-000",
+        "stratum": stratum,
+        "kind": "r_test",
+        "topology": "table-bc",
+        "effects": [SPEC],
+        "facts": [FACT],
+    }
+    return {**base, "heldout_noise_um": 0.4, "location_errors_um_urad": {}, **more}
+
+
+def test_names_ranks_and_confidence() -> None:
+    rival = {"effect": "backlash", "axis": "C", "confidence": 0.02, "component": None}
+    right = score.score(_answer(), _verdict([_finding("backlash", "C")]), None)
+    second = score.score(_answer(), _verdict([_finding("friction", "C", rivals=[rival])]), None)
+    assert (
+        right["named"]
+        and right["all_named"]
+        and right["invented"] == 0
+        and right["heldout"]["after"] == pytest.approx(1.0)
+    )
+    assert not second["named"] and second["named_in_two"] and second["confident_wrong"]
+    other_axis = score.score(_answer(), _verdict([_finding("backlash", "B")]), None)
+    assert not other_axis["named"] and not other_axis["named_in_two"]
+    unknown = score.score(_answer(), _verdict([_finding("unknown", None)]), None)
+    assert unknown["unknown"] == 1 and not unknown["confident_wrong"]
+
+
+def test_a_class_is_complete_only_if_all_of_it_is_listed() -> None:
+    rival = {"effect": "lateral_play", "axis": "C", "confidence": 0.4, "component": "EXC"}
+    for rivals, alias, whole in (([], (), False), ([rival], (), True), ([], ("lateral_play.EXC",), True)):
+        found = _finding("backlash", "C", rivals=rivals, alias=list(alias))
+        assert score.score(_answer("alias"), _verdict([found]), None)["class_complete"] is whole
+
+
+def test_magnitudes_and_places() -> None:
+    said = {"width": {"value": 63.0, "std": 1.0, "unit": "urad"}}
+    [entry] = score.parameters(SPEC, _finding("backlash", "C", parameters=said))
+    assert entry["error"] == pytest.approx(0.05) and entry["z"] == pytest.approx(3.0) and entry["textbook"]
+    times = {"r": np.arange(4.0)}
+    intervals = [{"run": "r", "t_s": [1.0, 2.0]}]
+    assert score._overlap(times, intervals, {"r": [False, True, True, False]}) == 1.0
+    assert score._overlap(times, intervals, {"r": [False, False, True, True]}) == 0.5
+
+
+def test_wilson_calibration_and_power() -> None:
+    assert figures.wilson(0, 100) == pytest.approx((0.0, 0.0370), abs=1e-4)
+    assert figures.wilson(98, 100)[0] == pytest.approx(0.930, abs=1e-3)
+    rows = [score.score(_answer(), _verdict([_finding("backlash", a, confidence=0.75)]), None) for a in "CCCB"]
+    assert figures.expected_calibration_error(rows) == pytest.approx(0.0)
+    assert figures.oracle_power(2.326) == pytest.approx(0.5)
+
+
+def test_the_oracle_holds_every_textbook_effect(tmp_path: Path) -> None:
+    assert true_effect(SPEC, "r_test") is not None
+    assert (
+        true_effect({"effect": "gravity_sag", "axis": "B", "component": "EXB", "form": "hysteresis"}, "r_test") is None
+    )
+    assert true_effect({"effect": "shock"}, "r_test") is None
+
+
+def test_the_seam_to_parallel_computing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stages, "seal", lambda numerator, id: numerator / int(id))
+    stages.seal.__module__, stages.seal.__name__ = stages.__name__, "seal"
+    with pool.executor(0) as inline:
+        (good, none), (bad, error) = sorted(pool.run(inline, stages.seal, [(1.0, "2"), (1.0, "0")]), reverse=True)
+    assert (good, none, bad) == ("2", "", "0")
+    assert "ZeroDivisionError" in error
+
+
+@pytest.mark.slow
+def test_a_small_study_from_end_to_end(tmp_path: Path) -> None:
+    command = [
+        "--seed",
+        "1",
+        "--workers",
+        "1",
+        "-o",
+        str(tmp_path),
+        "--ablation",
+        "--rivals",
+        *(w for i in IDS for w in ("--case", i)),
+    ]
+    assert study.main(command) == 0
+    data = json.loads((tmp_path / "study.json").read_text())
+    assert data["finished"] == len(IDS) and not data["errors"]
+    clean, visible = sorted(data["rows"], key=lambda r: r["id"])
+    assert not clean["detected"]
+    assert visible["detected"] and visible["named"]
+    said = {line["what"]: line for line in data["table"]}
+    assert said["BIC ARMA, clipped: visible named"]["n"] == 1
+    assert any("excluded" in what for what in said)
+    assert study.main([*command, "--report"]) == 0
