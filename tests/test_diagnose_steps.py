@@ -91,6 +91,24 @@ def test_repeated_runs_show_the_noise_that_a_mismatch_would_swell():
     assert lack.p_value < 1e-6 and detection.mismatch
 
 
+def test_a_tone_is_found_at_its_frequency_over_runs_that_are_minutes_apart(tmp_path):
+    machine = plant.planar_table()
+    runs = [
+        plant.planar_circle(machine, f"r{i}", centre=(0.0, 0.0, 80.0), feed=1600.0, direction=d, start_s=200.0 * i)
+        for i, d in enumerate((1, -1, 1))
+    ]
+    tone = {"effect": "vibration", "frequency_hz": 6.71856, "amplitude": 2.0, "direction": [0.8, 0.6, 0.0]}
+    plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [tone], seed=6)
+    location = locate(read_campaign(tmp_path / "c"))
+    best = max(location.survey.scores, key=lambda s: s.drop)
+    assert best.effect.id == "vibration" and best.effect.frequency_hz == pytest.approx(6.71856, abs=1e-3)
+    first = location.suspects[0]
+    assert len(first.intervals) <= 40
+    assert sum(i.end_s - i.begin_s for i in first.intervals) > 0.5 * sum(
+        r.duration for r in location.survey.board.model.campaign.runs
+    )
+
+
 def test_runs_are_parted_by_what_they_differ_in(tmp_path):
     groups = partitions(_circles(tmp_path, (800.0, 2400.0), [], 1, "c"))
     assert [len(ids) for ids in groups["feed"].values()] == [2, 2]

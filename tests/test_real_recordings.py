@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from symfive.campaign import read_campaign, write_campaign
 from symfive.convert import CONVERTERS, convert, data_folder
 from symfive.convert._chain import axes_of_modified_dh, forward
 from symfive.convert.mukca import AXES, PANDA_A, PANDA_ALPHA, PANDA_D
+from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.model import Model
 
@@ -56,6 +58,19 @@ def test_conversion_is_quick_and_survives_the_disk(name: str, tmp_path: Path) ->
     model = Model(campaign)
     for run_id, prediction in model.predict(model.start).items():
         assert np.isfinite(prediction).all(), run_id
+
+
+def test_emps_without_its_friction_gets_the_published_friction_and_offset_back() -> None:
+    """Mass and viscous friction alone; published: 95.11 kg, 203.5 N s/m, 20.39 N, -3.16 N (A. Janot et al. 2019)."""
+    recordings("emps")
+    full = convert("emps")
+    bare = [replace(run, options={**run.options, "force_terms": ("mass", "viscous")}) for run in full.runs]
+    found = diagnose(replace(full, runs=tuple(bare)))
+    assert [(f.name, f.axis, f.coordinate) for f in found.findings] == [("friction", "X", "X velocity sign")]
+    coulomb, offset = (found.findings[0].parameters[name] for name in ("coulomb", "offset"))
+    assert abs(coulomb.value - 20.39) < 2.0 * coulomb.std and abs(offset.value + 3.16) < 2.0 * offset.std
+    assert abs(found.after["drive_force.X.viscous"] - 203.5) < 10.0 < abs(found.before["drive_force.X.viscous"] - 203.5)
+    assert found.fit.heldout_rms_after_um < 0.25 * found.fit.heldout_rms_before_um
 
 
 def test_emps_least_squares_agrees_with_the_published_model() -> None:

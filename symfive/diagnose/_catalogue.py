@@ -98,10 +98,10 @@ def catalogue(campaign: Campaign, held: Sequence[Effect] = ()) -> list[Effect]:
     for draft in _drafts(campaign):
         try:
             effect = draft.prepare(campaign)
-            effect.parameters(campaign)
+            seen = bool(effect.parameters(campaign))
         except InputError:
             continue  # the baseline holds it, or the machine lacks what it needs
-        if not any(effect.applies(run) for run in campaign.runs):
+        if not seen or not any(effect.applies(run) for run in campaign.runs):
             continue
         if effect.key in taken or set(effect.frees()) & freed:
             continue
@@ -131,6 +131,8 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
         for letter in LETTERS:
             if machine.axes[axis].rotary or letter in "ABC":
                 yield make_effect("location_error", component=f"E{letter}0{axis}")
+    for axis in sorted({str(r.options.get("axis")) for r in campaign.runs if "drive_force" in r.instrument}):
+        yield make_effect("force_friction", axis)
     yield make_effect("latency")
     yield make_effect("thermal_drift")
     if any("ball_bar" in run.instrument for run in campaign.runs):

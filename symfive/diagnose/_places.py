@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ class Interval:
 
 def link_of(effect: Effect) -> str:
     """Which link of the chain the effect belongs to."""
+    if effect.id == "force_friction":
+        return LINKS[0]
     return LINKS[3] if effect.id in _SETUP else _STAGE_LINKS[effect.stage]
 
 
@@ -52,7 +55,7 @@ _COORDINATES = {
     "scale_error": "{axis}", "gravity_sag": "{axis}", "thermal_drift": "time", "spindle_growth": "time",
     "bar_temperature": "time", "setup_shift": "time", "sensor_error": "reading", "sensor_low_pass": "time",
     "vibration": "time", "inertial_compliance": "{axis} acceleration", "structural_resonance": "{axis} acceleration",
-    "table_step": "{axis}", "eccentric_mass": "{axis}",
+    "table_step": "{axis}", "eccentric_mass": "{axis}", "force_friction": "{axis} velocity sign",
 }  # fmt: skip
 
 
@@ -63,16 +66,26 @@ def coordinate_of(effect: Effect) -> str:
 
 
 def intervals_of(campaign: Campaign, contribution: Mapping[str, Array], limit: int = 40) -> tuple[Interval, ...]:
-    """Stretches in which the effect exceeds half of its largest deviation from its own mean."""
+    """Stretches in which the effect exceeds half of its largest deviation from its own mean; where there are more than
+    `limit`, those with the shortest pauses between them are one."""
     largest = max((float(np.abs(c - np.median(c, axis=0)).max()) for c in contribution.values()), default=0.0)
-    found = []
+    found: list[Interval] = []
     for run in campaign.runs:
         c = contribution[run.id]
         strong = np.abs(c - np.median(c, axis=0)).max(axis=1) > 0.5 * largest
         edges = np.flatnonzero(np.diff(np.concatenate([[False], strong, [False]]).astype(int)))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
             found.append(Interval(run.id, float(run.time[begin]), float(run.time[end - 1])))
-    return tuple(found[:limit])
+    pauses = sorted(b.begin_s - a.end_s for a, b in pairwise(found) if a.run == b.run)
+    longest = pauses[min(len(found) - limit, len(pauses)) - 1] if len(found) > limit and pauses else -1.0
+    joined: list[Interval] = []
+    for piece in found:
+        last = joined[-1] if joined else None
+        if last is not None and last.run == piece.run and piece.begin_s - last.end_s <= longest:
+            joined[-1] = Interval(last.run, last.begin_s, piece.end_s)
+        else:
+            joined.append(piece)
+    return tuple(joined)
 
 
 def direction_of(machine: Machine, effect: Effect, values: Mapping[str, float]) -> tuple[float, float, float] | None:

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symfive.diagnose._groups import way
 from symfive.diagnose._next_test import next_test
 from symfive.diagnose._places import axis_of
 from symfive.diagnose._result import Finding, Fit
 from symfive.diagnose._search import Naming
-from symfive.identify import Identification, fitted_model, predict
+from symfive.effects import Effect
+from symfive.identify import Identification
 from symfive.inference import gauss_newton
 from symfive.model import Model
 from symfive.threads import one_thread
 
 __all__ = ["prove", "with_next_test"]
 
+Array = NDArray[np.float64]
 FOLDS = 4
 OPEN = 0.05
 
 
 @one_thread
 def prove(before: Identification, after: Identification) -> Fit:
-    """Quality before and after, over all that was fitted and over what was left out of the fit in turn: runs, and where the
-    runs differ in them, a whole feed and a whole place at a time."""
+    """Quality before and after, over all that was fitted and over what was left out of the fit in turn: runs (of a single run,
+    quarters), and where the runs differ in them, a whole feed and a whole place at a time."""
     campaign = after.model.campaign
     ids = [run.id for run in campaign.runs]
     count = min(FOLDS, len(ids))
@@ -38,6 +41,9 @@ def prove(before: Identification, after: Identification) -> Fit:
         if len(folds) > 1:
             first = _held_out(before, folds)
             held[name] = (first, first if same else _held_out(after, folds))
+    if len(ids) == 1:
+        first = _held_out_rows(before)
+        held["runs"] = (first, first if same else _held_out_rows(after))
     runs = held.pop("runs", (None, None))
     return Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, runs[0], runs[1], held)
 
@@ -45,30 +51,52 @@ def prove(before: Identification, after: Identification) -> Fit:
 def _held_out(result: Identification, folds: Sequence[Sequence[str]]) -> float:
     """rms over runs that were left out of the fit, fold by fold, each with its own set-up fitted."""
     campaign = result.model.campaign
-    ids = [run.id for run in campaign.runs]
     squares, count = 0.0, 0
     for fold in folds:
-        rest = campaign.select(*(i for i in ids if i not in fold))
-        effects = tuple(e for e in result.model.added if any(e.applies(run) for run in rest.runs))
-        model = Model(rest, effects)
-        start = {
-            p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index
-        }
-        noises = {key: noise for key, noise in result.noises.items() if key[0] not in fold}
-        problem = replace(
-            result, noises=noises, outliers=tuple(o for o in result.outliers if o.run not in fold)
-        ).problem(model)
-        values, _ = gauss_newton(problem, model.vector(start), 1e-2)
-        fitted = fitted_model(result)
-        known = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True) if p.run is None}
-        prediction = predict(
-            replace(fitted, effects=effects, values={**fitted.values, **known}), campaign.select(*fold)
-        )
-        for run in fold:
-            size = campaign.run(run).rows
-            squares += prediction.rms[run] ** 2 * size
-            count += size
+        rest = [run.id for run in campaign.runs if run.id not in fold]
+        effects = [e for e in result.model.added if any(e.applies(campaign.run(id)) for id in rest)]
+        learnt = _part(result, rest, effects, {})
+        known = {name: v for name, v in learnt[0].items() if not name.startswith("setup.")}
+        for residual, left_out in _part(result, fold, effects, known)[1]:
+            squares += float(np.sum(residual[~left_out] ** 2))
+            count += int(np.sum(~left_out))
     return float(np.sqrt(squares / max(count, 1)))
+
+
+def _held_out_rows(result: Identification) -> float:
+    """The same for a single run: rms over its quarters, each left out of the fit in turn."""
+    (run,) = result.model.campaign.runs
+    squares, count = 0.0, 0
+    for rows in np.array_split(np.arange(run.rows), FOLDS):
+        problem = result.problem()
+        kept = ~problem.left_out[run.id]
+        problem.left_out[run.id][rows] = True
+        values, _ = gauss_newton(problem, result.values, 1e-2)
+        fitted = [part for _, part in problem.parts(run)]
+        residual = problem.model.readings(run) - problem.model.predict_run(run, values)
+        for part in fitted:
+            inside = kept[rows][:, part]
+            squares += float(np.sum(residual[rows][:, part][inside] ** 2))
+            count += int(inside.sum())
+    return float(np.sqrt(squares / max(count, 1)))
+
+
+def _part(
+    result: Identification, ids: Sequence[str], effects: Sequence[Effect], known: Mapping[str, float]
+) -> tuple[dict[str, float], list[tuple[Array, NDArray[np.bool_]]]]:
+    """Some of the runs fitted under the noise of the whole fit, what is `known` held: values by name, and per block the
+    residual and what is no reading to count."""
+    part = result.model.campaign.select(*ids)
+    model = Model(part, [e for e in effects if any(e.applies(run) for run in part.runs)])
+    noises = {key: noise for key, noise in result.noises.items() if key[0] in ids}
+    kept = tuple(o for o in result.outliers if o.run in ids)
+    problem = replace(result, noises=noises, outliers=kept).problem(model)
+    problem.free = np.array([p.name not in known for p in model.parameters])
+    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)} | dict(known)
+    values, _ = gauss_newton(problem, model.vector({n: v for n, v in start.items() if n in model.index}), 1e-2)
+    blocks = problem.blocks(values)
+    named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+    return named, [(b.residual, b.left_out) for b in blocks.values()]
 
 
 def with_next_test(found: Naming, finding: Finding) -> Finding:

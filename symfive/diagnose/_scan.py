@@ -7,7 +7,8 @@ computed for a whole grid at once, and the peaks become exact candidates.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,8 @@ __all__ = ["Finding", "probes", "scan"]
 
 Array = NDArray[np.float64]
 PEAKS = 2
+PER_CYCLE = 4
+"""Steps in which a frequency is looked for, per change of one cycle over the campaign."""
 
 
 @dataclass(frozen=True)
@@ -200,11 +203,39 @@ def _tones(channels: _Channels) -> Iterator[Finding]:
                 score += np.abs(spectrum) ** 2 / power
     frequency = np.arange(len(score)) / (count * step)
     seen = (frequency >= 4.0 / longest) & (frequency <= 0.98 / shortest)
+    number = sum(effect.id == "vibration" for effect in channels.board.result.model.effects) + 1
+    tag = f"tone{number}" if number > 1 else ""  # a beat is two tones
     for peak in _peaks(np.where(seen, score, 0.0), 1):
-        number = sum(effect.id == "vibration" for effect in channels.board.result.model.effects) + 1
-        tag = f"tone{number}" if number > 1 else ""  # a beat is two tones
-        effect = make_effect("vibration", frequency_hz=float(frequency[peak]), tag=tag)
-        yield Finding(effect, int(seen.sum()) // 2 + 1)
+        rough = float(frequency[peak])
+        exact, kept, tried = _in_phase(channels, runs, rough, 1.0 / longest)
+        if kept > 0.5 * score[peak]:
+            effect = make_effect("vibration", frequency_hz=exact, tag=tag)
+        else:  # the runs' clocks do not hang together: the run that swings most
+            strongest = max(runs, key=lambda run: _in_phase(channels, [run], rough, 0.0)[1])
+            effect = make_effect("vibration", frequency_hz=rough, run=strongest.id, tag=tag)
+        yield Finding(effect, int(seen.sum()) // 2 + tried)
+
+
+def _in_phase(channels: _Channels, runs: Sequence[Run], rough: float, reach: float) -> tuple[float, float, int]:
+    """Best frequency within `reach` of a rough one for a tone that keeps its phase from run to run, its score, and how many
+    were tried: over a campaign of length T they differ by a fraction of 1/T."""
+    clocks = [run.start_s + np.asarray(run.time) for run in runs]
+    span = max(float(c[-1]) for c in clocks) - min(float(c[0]) for c in clocks)
+    steps = math.ceil(PER_CYCLE * reach * span)
+    frequencies = rough + np.arange(-steps, steps + 1) / max(PER_CYCLE * span, 1e-12)
+    score = np.zeros(len(frequencies))
+    for index in range(3):
+        power = 0.5 * sum(float(channels.power[run.id][:, index].sum()) for run in runs)
+        if power <= 0.0:
+            continue
+        total = np.zeros(len(frequencies), dtype=complex)
+        for run, clock in zip(runs, clocks, strict=True):
+            answer = channels.answer(run, index)
+            for block in np.array_split(np.arange(len(frequencies)), max(1, len(frequencies) * len(clock) // 10**6)):
+                total[block] += np.exp(-2j * np.pi * np.outer(frequencies[block], clock)) @ answer
+        score += np.abs(total) ** 2 / power
+    best = int(np.argmax(score))
+    return float(frequencies[best]), float(score[best]), 2 * steps + 1
 
 
 PLACES = 150

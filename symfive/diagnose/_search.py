@@ -35,14 +35,14 @@ SCALINGS = 4
 DECISIVE = 5.0
 """Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
-"""An effect counts only if what it takes off the residual has at least this rms in units of the white noise: less
+"""An effect counts only if what it takes off the residual has at least this rms in units of the declared noise: less
 changes the residual's rms by under 1 % (0.15²/2)."""
 
 
 @dataclass(frozen=True)
 class Trial:
     """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, and its
-    `gain`, the mean square that it takes off the residual over that of the white noise."""
+    `gain`, the mean square that it takes off the residual over that of the declared noise."""
 
     effect: Effect
     evidence: float
@@ -113,7 +113,7 @@ def name_effects(
     names = Counter((s.effect.vocabulary, axis_of(s.effect)) for s in location.survey.scores)
     state = _State(before, level, tuple(exclude), progress, names)
     _forward(state, location.survey)
-    _simplify(state, before)
+    _simplify(state, location.survey)
     for _ in range(PASSES):
         if not _contest(state):
             break
@@ -137,7 +137,7 @@ def _forward(state: _State, seen: Survey | None) -> None:
         _prune(state)
 
 
-def _simplify(state: _State, before: Identification) -> None:
+def _simplify(state: _State, first: Survey) -> None:
     """One term without a name in place of several names, where it explains the readings as well as all of them together.
 
     Physics that the library lacks is often mimicked by a handful of effects; each by itself then has decisive evidence.
@@ -150,7 +150,7 @@ def _simplify(state: _State, before: Identification) -> None:
         bare = lacking(bare, member.effect)
     sized = [group for m in state.members for group in _amplitudes(state.campaign, m.effect)]
     full = _evidence(state.after.problem(), state.after.values, sized)
-    nameless = [s for s in survey(bare, state.exclude, scanning=False).scores if s.effect.id == "unknown"]
+    nameless = [s for s in first.scores if s.effect.id == "unknown"]
     trials = [t for t in (_try(state, bare, s) for s in sorted(nameless, key=lambda s: -s.drop)[:2]) if t is not None]
     best = max(trials, key=lambda t: t.evidence, default=None)
     if best is not None and best.evidence > full - _evidence(bare.problem(), bare.values):
@@ -258,10 +258,10 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
 
 
 def _gain(result: Identification, model: Model, values: Array) -> float:
-    """Fall of the residual's mean square, in units of the white noise, over all that was read."""
+    """Fall of the residual's mean square, in units of the declared noise, over all that was read."""
     before = after = count = 0.0
     for run in model.campaign.runs:
-        floor = np.array([n.white for (r, _), n in result.noises.items() if r == run.id]).mean()
+        floor = np.array([n.declared for (r, _), n in result.noises.items() if r == run.id]).mean()
         residual = (model.readings(run) - model.predict_run(run, values)) / floor
         before += float(np.sum((result.residuals[run.id] / floor) ** 2))
         after += float(np.sum(residual**2))

@@ -13,6 +13,7 @@ from symfive.effects.counterbalance import Counterbalance
 from symfive.effects.eccentric_mass import EccentricMass
 from symfive.effects.error_motion import ErrorMotion
 from symfive.effects.family_shape import FamilyShape
+from symfive.effects.force_friction import ForceFriction
 from symfive.effects.friction import Friction
 from symfive.effects.gravity_sag import GravitySag
 from symfive.effects.inertial_compliance import InertialCompliance
@@ -60,6 +61,7 @@ _TABLE: tuple[type[Effect], ...] = (
     Unknown,
     # further forward models, reported under a word of the vocabulary
     ReversalSpike,
+    ForceFriction,
     SensorLowPass,
     SpindleGrowth,
     BarTemperature,

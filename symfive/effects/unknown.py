@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -98,16 +99,12 @@ class Unknown(Effect):
         return run.dynamic or not any(name.endswith(VELOCITY) for name in self.over)
 
     def _basis(self, machine: Machine) -> Basis:
-        axes = {}
-        for name, span in zip(self.over, self.span, strict=True):
-            kind = machine.axes[name].kind if name in machine.axes else "linear"
-            travel = (-1.0, 1.0) if name.endswith(SINCE) else span
-            axes[name] = Axis(name=name, kind=kind, direction=(1.0, 0.0, 0.0), travel=travel)
+        kinds = tuple(machine.axes[name].kind if name in machine.axes else "linear" for name in self.over)
+        travels = tuple((-1.0, 1.0) if n.endswith(SINCE) else s for n, s in zip(self.over, self.span, strict=True))
         count = len(self.over)
         basis = (self.basis,) * count if isinstance(self.basis, str) else self.basis
         order = (self.order,) * count if isinstance(self.order, int) else self.order
-        term = ErrorTerm(name="EXunknown", sigma=1.0, basis=basis, order=order, over=self.over)
-        return Basis(term, SimpleNamespace(axes=axes))
+        return _basis_over(self.over, kinds, travels, basis, order)
 
     def _channels(self, campaign: Campaign) -> dict[str, float]:
         """Directions or columns it moves, with µm (or µrad) per unit of the column."""
@@ -206,6 +203,20 @@ class Unknown(Effect):
             full = dict(zip(self.directions, map(float, main), strict=True))
             found["direction"] = Quantity(tuple(full.get(c, 0.0) for c in "xyz"), None, "1")
         return found
+
+
+@lru_cache(maxsize=256)
+def _basis_over(
+    over: tuple[str, ...], kinds: tuple[str, ...], travels: tuple[tuple[float, float], ...], basis: tuple[str, ...],
+    order: tuple[int, ...],
+) -> Basis:  # fmt: skip
+    """Functions of coordinates that are no axes of a machine."""
+    axes = {
+        name: Axis(name=name, kind=kind, direction=(1.0, 0.0, 0.0), travel=travel)
+        for name, kind, travel in zip(over, kinds, travels, strict=True)
+    }
+    term = ErrorTerm(name="EXunknown", sigma=1.0, basis=basis, order=order, over=over)
+    return Basis(term, SimpleNamespace(axes=axes))
 
 
 def _owner(name: str) -> str:

@@ -11,12 +11,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from symfive.errors import InputError
 from symfive.machine import Axis, ErrorTerm, Machine
@@ -137,37 +137,48 @@ def _bspline(axis: Any, order: int, knots: tuple[float, ...]) -> list[Function]:
     full = np.concatenate([[inner[0]] * degree, inner, [inner[-1]] * degree]) * axis.to_internal
     count = len(full) - degree - 1
     means = _spline_means(full, degree, count)
+    known: dict[int, tuple[Symbol, list[Symbol]]] = {}
+
+    def all_at(q: Symbol) -> list[Symbol]:
+        symbol = ca.SX(q)
+        key = symbol.element_hash()
+        if key not in known:
+            known.clear()  # one coordinate at a time
+            known[key] = symbol, _cox_de_boor(full, degree, ca.fmin(ca.fmax(symbol, full[0]), full[-1]))
+        return known[key][1]
 
     def make(i: int) -> Callable[[Symbol], Symbol]:
-        def value(q: Symbol) -> Symbol:
-            inside = ca.fmin(ca.fmax(q, full[0]), full[-1])
-            return _cox_de_boor(full, i, degree, inside) - means[i]
-
-        return value
+        return lambda q: all_at(q)[i] - means[i]
 
     # the functions sum to one, so after the mean is taken off one of them is redundant: the last is left out
     return [(f"S{i + 1}", make(i)) for i in range(count - 1)]
 
 
 def _spline_means(knots: NDArray[np.float64], degree: int, count: int) -> NDArray[np.float64]:
-    span = knots[-1] - knots[0]
-    return np.array(
-        [float(BSpline(knots, np.eye(count)[i], degree).integrate(knots[0], knots[-1])) / span for i in range(count)]
-    )
+    """Mean of each B-spline over the knots: its integral is the width of its support over degree + 1 (C. de Boor 1978, X)."""
+    widths = knots[degree + 1 : degree + 1 + count] - knots[:count]
+    return np.asarray(widths / ((degree + 1) * (knots[-1] - knots[0])))
 
 
-def _cox_de_boor(knots: NDArray[np.float64], i: int, degree: int, q: Symbol) -> Symbol:
+def _cox_de_boor(knots: NDArray[np.float64], degree: int, q: Symbol) -> list[Symbol]:
+    """All B-splines of a degree at q, from those of the degree below (C. de Boor 1972)."""
     if degree == 0:
-        last = knots[i + 1] == knots[-1]
-        upper = q <= knots[i + 1] if last else q < knots[i + 1]
-        return ca.if_else(ca.logic_and(q >= knots[i], upper), 1.0, 0.0) if knots[i] < knots[i + 1] else ca.SX(0)
-    value = ca.SX(0)
-    left, right = knots[i + degree] - knots[i], knots[i + degree + 1] - knots[i + 1]
-    if left > 0:
-        value += (q - knots[i]) / left * _cox_de_boor(knots, i, degree - 1, q)
-    if right > 0:
-        value += (knots[i + degree + 1] - q) / right * _cox_de_boor(knots, i + 1, degree - 1, q)
-    return value
+        values = []
+        for low, high in pairwise(knots):
+            upper = q <= high if high == knots[-1] else q < high
+            values.append(ca.if_else(ca.logic_and(q >= low, upper), 1.0, 0.0) if low < high else ca.SX(0))
+        return values
+    below = _cox_de_boor(knots, degree - 1, q)
+    found = []
+    for i in range(len(knots) - degree - 1):
+        value = ca.SX(0)
+        left, right = knots[i + degree] - knots[i], knots[i + degree + 1] - knots[i + 1]
+        if left > 0:
+            value += (q - knots[i]) / left * below[i]
+        if right > 0:
+            value += (knots[i + degree + 1] - q) / right * below[i + 1]
+        found.append(value)
+    return found
 
 
 _BASES: dict[str, Callable[[Any, int, tuple[float, ...]], list[Function]]] = {

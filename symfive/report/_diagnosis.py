@@ -19,7 +19,12 @@ from symfive.report._bands import error_motion_bands
 from symfive.report._cards import card, percent, title_of
 from symfive.report._chain import chain_picture
 from symfive.report._evidence import (
-    classes_list, fit_table, gap_table, observability_table, suspects_table, tests_table,
+    classes_list,
+    fit_table,
+    gap_table,
+    observability_table,
+    suspects_table,
+    tests_table,
 )  # fmt: skip
 from symfive.report._finding_figure import Tips, finding_figure
 from symfive.report._geometry import geometry_chart, geometry_table

@@ -1,0 +1,81 @@
+"""Friction as the drive's force shows it: a level for each direction of motion (A. Janot, M. Gautier & M. Brunot 2019)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import casadi as ca
+
+from symfive.effects._base import Effect
+from symfive.errors import InputError
+from symfive.instruments.drive_force import FilteredMotion
+from symfive.motion import OnControlClock, Velocity
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign, Run
+    from symfive.model._row import Row
+    from symfive.motion import Signal
+
+__all__ = ["ForceFriction"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceFriction(Effect):
+    """F += coulomb·sgn(v) + offset in the recording of an axis' drive force, N or Nm.
+
+    `offset` is by how much the two directions differ (a counterweight, gravity, the amplifier's zero). A run whose baseline
+    already holds either (`force_terms`) is left alone. Typical 10–500 N.
+    """
+
+    id = "force_friction"
+    stage = "reading"
+    says = "friction that the drive has to overcome"
+    hidden_by = "viscous friction and mass, where an axis moves at one speed"
+    reported_as = "friction"
+    needs_axis = True
+    dynamic_only = True
+    cut_off_hz: float = 0.0
+    rest: float = 0.0
+
+    def prepare(self, campaign: Campaign) -> Self:
+        prepared = super().prepare(campaign)
+        runs = [run for run in campaign.runs if self._seen(run)]
+        if not runs:
+            raise InputError(
+                f"{self.key}: no run records the drive force of {self.axis} without friction in its baseline",
+                remedy='record drive_force, or write force_terms = ["mass", "viscous"]',
+            )
+        unit = self.its_axis(campaign).to_internal
+        first = runs[0].options
+        return replace(
+            prepared, cut_off_hz=float(first.get("low_pass_hz", 0.0)), rest=float(first.get("v_rest", 0.1)) * unit
+        )
+
+    def _seen(self, run: Run) -> bool:
+        terms = run.options.get("force_terms", ("coulomb", "offset"))
+        own = "drive_force" in run.instrument and run.options.get("axis") == self.axis
+        return own and not {"coulomb", "offset"} & set(terms)
+
+    def applies(self, run: Run) -> bool:
+        return super().applies(run) and self._seen(run)
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        unit = "Nm" if self.its_axis(campaign).rotary else "N"
+        return (self.own("coulomb", unit, 100.0), self.own("offset", unit, 100.0))
+
+    def _motion(self) -> Signal:
+        if self.cut_off_hz:
+            return OnControlClock(FilteredMotion(str(self.axis), "direction", self.cut_off_hz, self.rest))
+        return OnControlClock(Velocity(str(self.axis)))
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (self._motion(),)
+
+    def apply(self, row: Row) -> None:
+        motion = row.signal(self._motion())
+        sign = motion if self.cut_off_hz else ca.fmin(ca.fmax(motion / self.rest, -1.0), 1.0)
+        for i, source in enumerate(row.sources):
+            if source == "drive_force":
+                row.readings[i] += self.parameter(row, "coulomb") * sign + self.parameter(row, "offset")
