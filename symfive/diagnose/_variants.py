@@ -19,8 +19,11 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
     "sensor_error": ({"shape": "gain"},),
-    "gravity_sag": ({"parts": ("sin",)}, {"parts": ("one_minus_cos",)}),
-}
+    "gravity_sag": (
+        {"parts": ("sin",)}, {"parts": ("one_minus_cos",)}, {"parts": ("sin", "sin_cubed")},
+        {"parts": ("sin", "one_minus_cos", "sin_cubed")},
+    ),
+}  # fmt: skip
 """Options that change an effect's shape and not what it is."""
 
 

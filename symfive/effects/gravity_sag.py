@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
     from symfive.model._row import Row
 
-PARTS = ("sin", "one_minus_cos")
+PARTS = ("sin", "one_minus_cos", "sin_cubed")
 HORIZONTAL_SINE = 1e-6
 
 
@@ -36,7 +36,8 @@ class GravitySag(Effect):
     with tilting axes in front of it their turning too. A vertical axis behind a tilting one has no such
     directions: there Δg is taken along its x and y. `component` is an error motion of this or another axis
     (`EZB`; µm or µrad at a full 1 g of change), `parts` which of the two are fitted, `down` gravity in the
-    machine frame. Typical 2–20 µm, 5–50 µrad, growing with the load.
+    machine frame. A further part `sin_cubed`, Δg_h³, is a structure that stiffens (or yields) under load, to first order.
+    Typical 2–20 µm, 5–50 µrad, growing with the load.
     """
 
     id = "gravity_sag"
@@ -44,7 +45,7 @@ class GravitySag(Effect):
     hidden_by = "location errors of the rotary axes (99 % of it where the axis only tilts one way)"
     needs_axis = True
     component: str
-    parts: tuple[str, ...] = PARTS
+    parts: tuple[str, ...] = PARTS[:2]
     down: tuple[float, float, float] = DOWN
 
     @property
@@ -80,9 +81,10 @@ class GravitySag(Effect):
         change = gravity_seen(row, (*carriers(row.machine, str(self.axis)), str(self.axis)), self.down) - ca.DM(
             np.asarray(self.down) / np.linalg.norm(self.down)
         )
-        for part, direction in zip(PARTS, (across, against), strict=True):
+        horizontal, upright = ca.dot(ca.DM(across), change), ca.dot(ca.DM(against), change)
+        for part, size in zip(PARTS, (horizontal, upright, horizontal**3), strict=True):
             if part in self.parts:
-                row.add_motion(self.component, self.parameter(row, part) * ca.dot(ca.DM(direction), change))
+                row.add_motion(self.component, self.parameter(row, part) * size)
 
     def _directions(self, machine: Machine) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Unit vectors in the body along which Δg is sin q and 1 - cos q for a horizontal axis."""
