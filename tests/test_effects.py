@@ -14,10 +14,10 @@ import plant
 import pytest
 from scipy.spatial.transform import Rotation
 
-from symfive.campaign import Campaign, read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
 from symfive.effects import EFFECTS, VOCABULARY, Effect, make_effect
 from symfive.errors import InputError
-from symfive.machine import machine_from_data
+from symfive.machine import machine_from_data, preset
 from symfive.model import Model, effect_to_data, effects_from_data, signature
 from symfive.motion import PreSliding, RunMotion
 from symfive.report.signature import plot_signature
@@ -479,7 +479,28 @@ def test_vocabulary_is_that_of_the_conventions() -> None:
         "scale_error", "gravity_sag", "thermal_drift", "setup_shift", "sensor_error", "lateral_play", "vibration",
         "inertial_compliance", "structural_resonance", "unknown",
     }  # fmt: skip
-    assert {case.effect for case in CASES} | {"family_shape"} == set(EFFECTS)
+    assert {case.effect for case in CASES} | {"family_shape", "force_friction"} == set(EFFECTS)  # these two below
+
+
+def test_force_friction_is_a_level_for_each_direction_where_the_baseline_has_none() -> None:
+    machine = preset("three-axis")
+    time = np.arange(400) * 0.01
+    rest = {name: np.zeros(400) for name in machine.axis_names}
+    bare = Run(
+        id="x", instrument=("drive_force",), sampling="dynamic", time=time,
+        commands={**rest, "X": 40.0 * np.sin(2.0 * np.pi * time)}, noise_um=0.3,
+        options={"axis": "X", "force_terms": ("mass", "viscous")},
+    )  # fmt: skip
+    plan = Campaign(machine=machine, runs=(bare,))
+    model = Model(plan, [make_effect("force_friction", "X")])
+    sized = {"force_friction.X.coulomb": 20.0, "force_friction.X.offset": -3.0}
+    force = (model.predict(sized)["x"] - model.predict({})["x"])[:, 0]
+    speed = np.gradient(bare.commands["X"], time)
+    clear = (np.abs(speed) > 60.0) & (time > 0.0)  # it starts from rest
+    np.testing.assert_allclose(force[clear], 20.0 * np.sign(speed[clear]) - 3.0, atol=1e-9)
+    full = replace(plan, runs=(replace(bare, options={"axis": "X"}),))
+    with pytest.raises(InputError, match="without friction in its baseline"):
+        make_effect("force_friction", "X").prepare(full)
 
 
 def test_signature_is_drawn() -> None:
