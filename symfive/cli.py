@@ -15,13 +15,13 @@ import typer
 from symfive import __version__
 from symfive.campaign import Campaign, read_campaign, write_campaign_files
 from symfive.design import assess as assess_campaign
-from symfive.effects import Effect
+from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
 from symfive.files import output_folder, write_json
 from symfive.identify import fitted_model
 from symfive.identify import identify as identify_campaign
 from symfive.identify import predict as predict_campaign
-from symfive.machine import preset, presets, read_machine
+from symfive.machine import Machine, preset, presets, read_machine
 from symfive.model import effects_from_data, read_json, read_model, write_model
 from symfive.simulate import simulate as simulate_plan
 
@@ -104,28 +104,96 @@ def plan(
     ] = "",
     nc: Annotated[list[str] | None, typer.Option(help="Dialect of the NC programs; may be repeated.")] = None,
     given: Annotated[Path | None, typer.Option(help="A campaign already measured, to which the plan adds.")] = None,
-    minutes: Annotated[float | None, typer.Option(help="Time budget in minutes.")] = None,
+    minutes: Annotated[float | None, typer.Option(help="Time budget in minutes, set-up included.")] = None,
+    per_minute: Annotated[bool, typer.Option("--per-minute", help="The poses that tell most per minute.")] = False,
+    setups: Annotated[int | None, typer.Option(help="At most so many places of nest or balls.")] = None,
+    bars: Annotated[
+        list[float] | None, typer.Option("--bar", help="Length in mm of a bar you own; may be repeated.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(help="Readings of each pose.")] = 1,
+    returns: Annotated[int, typer.Option(help="Visits back to the first pose of a run, against drift.")] = 2,
+    noise_um: Annotated[float, typer.Option(help="1σ of one reading, from the instrument's data sheet.")] = 0.3,
+    survive: Annotated[bool, typer.Option("--survive", help="Stay good if any one pose is lost.")] = False,
+    robust: Annotated[
+        str, typer.Option(help="nominal, or mean or worst over machines drawn from the priors.")
+    ] = "nominal",
+    circles: Annotated[
+        str | None, typer.Option(help="Instead of poses, circles: synchronous or planar (needs --effect).")
+    ] = None,
+    effects: Annotated[
+        list[str] | None, typer.Option("--effect", help="What circles are to find, as backlash:C; may be repeated.")
+    ] = None,
+    count: Annotated[int, typer.Option(help="Number of circles.")] = 2,
+    tool_centre_on: Annotated[
+        str, typer.Option(help="Your control's line that switches tool-centre control on, as TRAORI.")
+    ] = "",
+    tool_centre_off: Annotated[str, typer.Option(help="The line that switches it off, as TRAFOOF.")] = "",
+    reversed_axes: Annotated[
+        str, typer.Option("--reversed", help="Rotary axes that turn against ISO 841, as B,C.")
+    ] = "",
+    starts: Annotated[int, typer.Option(help="Starts of the search.")] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """The optimal measurement plan: a campaign without readings, certificate, NC programs, set-up sheet."""
     from symfive.design import plan as make_plan
+    from symfive.design import plan_circles
+    from symfive.nc import Post, dialect_of
 
+    dialects = tuple(nc or ("iso",))
+    for name in dialects:
+        dialect_of(name)
     data = read_machine(machine) if Path(machine).suffix == ".toml" or machine not in presets() else preset(machine)
-    result = make_plan(
-        data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, seed=seed,
-        for_=tuple(name.strip() for name in wanted.split(",") if name.strip()),
-        given=None if given is None else _read(given, quiet), progress=_Progress(quiet),
-    )  # fmt: skip
-    result.write(output, nc=tuple(nc or ("iso",)))
+    post = Post(
+        tool_centre_on=tool_centre_on, tool_centre_off=tool_centre_off, reversed_axes=_rotary(data, reversed_axes)
+    )
+    names = tuple(name.strip() for name in wanted.split(",") if name.strip())
+    if circles is not None:
+        result: Any = plan_circles(
+            data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
+            per_minute=per_minute, noise_um=noise_um, radii=tuple(bars or _bars_of(data)),
+        )  # fmt: skip
+    else:
+        result = make_plan(
+            data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
+            setups=setups, lengths=tuple(bars or ()), repeats=repeats, returns=returns, noise_um=noise_um,
+            survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
+            given=None if given is None else _read(given, quiet), progress=_Progress(quiet),
+        )  # fmt: skip
+    result.write(output, nc=dialects, post=post)
     _tell(result.to_data(), str(result), as_json)
 
 
+def _rotary(machine: Machine, names: str) -> tuple[str, ...]:
+    found = tuple(name.strip() for name in names.split(",") if name.strip())
+    for name in found:
+        if name not in machine.axes or not machine.axes[name].rotary:
+            rotary = ", ".join(n for n, axis in machine.axes.items() if axis.rotary) or "none"
+            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {rotary}")
+    return found
+
+
+def _bars_of(machine: Machine) -> tuple[float, ...]:
+    return machine.workspace.bar_lengths or (50.0,)
+
+
+def _effects(words: list[str] | None) -> list[Effect]:
+    if not words:
+        raise InputError("circles are chosen for effects and none is named", remedy="add --effect backlash:C")
+    return [make_effect(name, axis or None) for name, _, axis in (word.partition(":") for word in words)]
+
+
 @app.command(epilog="Example: symfive assess designs/plans/r-test-grid")
-def assess(campaign: CampaignPath, as_json: Json = False, quiet: Quiet = False) -> None:
+def assess(
+    campaign: CampaignPath,
+    given: Annotated[Path | None, typer.Option(help="A campaign that was measured before on this machine.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
     """What a plan or campaign can tell: expected 1σ, rank, combinations that cannot be told apart."""
-    result = assess_campaign(_read(campaign, quiet))
+    earlier = None if given is None else _read(given, quiet)
+    result = assess_campaign(_read(campaign, quiet), given=earlier)
     _tell(result.to_data(), str(result), as_json)
 
 
@@ -243,6 +311,26 @@ def diagnose(
         progress("drawing the figures")
         diagnosis_report(result, folder)
     _tell(result.to_data(), str(result), as_json)
+
+
+@app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
+def codegen(
+    model: Annotated[
+        str, typer.Argument(help="A fitted model.json, a machine file, or the name of a preset.", show_default=False)
+    ],
+    output: OutputPath,
+    target: Annotated[
+        str, typer.Option(help="c, linuxcnc, setp, isg, or a sheet: siemens, fanuc, heidenhain, haas.")
+    ] = "c",
+    prefix: Annotated[str, typer.Option(help="What every C name and file begins with.")] = "sf",
+    quiet: Quiet = False,
+) -> None:
+    """Code for controllers: C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
+    from symfive.codegen import codegen as generate
+
+    written = generate(model, output, target=target, prefix=prefix)
+    if not quiet:
+        typer.echo("\n".join(str(path) for path in written))
 
 
 @app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")

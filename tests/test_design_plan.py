@@ -9,19 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.campaign import Campaign, read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
+from symfive.cli import main
 from symfive.design import Plan, assess, best_ratio, circle_information, discriminate, plan, plan_circles
+from symfive.design._bodies import Clearances
+from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
 from symfive.design._optimise import value_of
 from symfive.design._order import round_trip, there_and_back
-from symfive.design._plan import _task
 from symfive.design._refine import Rows
-from symfive.design._space import make_space
+from symfive.design._request import task_of
+from symfive.design._robust import over_prior, robust_exchange
+from symfive.design._space import Space, make_space
+from symfive.design._ways import blocked_moves
 from symfive.effects import make_effect
 from symfive.errors import InputError
-from symfive.machine import Machine, Workspace, preset, presets
+from symfive.machine import Machine, Workspace, preset, presets, write_machine
 from symfive.model import Model
-from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.nc import Post, Step, program_steps
+from symfive.procedures import campaign_of, planar_circle, r_test_grid, static_ball_bar
 
 
 def _location_only(name: str) -> Machine:
@@ -47,7 +53,7 @@ def test_certificate_of_twenty_poses(made: Plan) -> None:
 
 def test_no_random_plan_beats_the_bound() -> None:
     space = make_space(OYAMA, "r_test")
-    task = _task(space, "A", [p.name for p in space.shared], None)
+    task = task_of(space, "A", [p.name for p in space.shared], None)
     generator = np.random.default_rng(2)
     z = space.lower + (space.upper - space.lower) * generator.random((4000, len(space.names)))
     z[:, space.poses :] = [1.0, 0.3, 0.9, 1.5]
@@ -217,7 +223,7 @@ def test_circle_information_over_the_ratio() -> None:
 
 
 def test_circles_are_chosen_together() -> None:
-    chosen = plan_circles(TSUTSUMI, PLAY, count=2, ratios=(0.5, 1.2), feeds=(500.0,))
+    chosen = plan_circles(TSUTSUMI, PLAY, count=2, ratios=(0.5, 1.2), feeds=(500.0,), refine=False)
     assert len(chosen.campaign.runs) == 4 and len({run.id for run in chosen.campaign.runs}) == 4
     assert any(circle.ratio > 1.0 for circle in chosen.circles)
     with pytest.raises(InputError, match="no circle can be run"):
@@ -242,3 +248,191 @@ def test_discrimination_finds_the_test_that_an_expert_would_take() -> None:
     assert averaged.test.runs == there and "separates" in averaged.says
     with pytest.raises(InputError, match="there is no test to choose from"):
         discriminate(bow, quadratic, [])
+
+
+# --- what may not meet --------------------------------------------------------------------------------------------
+
+
+def _low_ball() -> Machine:
+    return replace(OYAMA, workspace=replace(OYAMA.workspace, ball_height=(40.0, 160.0)), text="")
+
+
+def _set_up(space: Space, height: float) -> list[float]:
+    return [0.5, 0.0, height / 100.0, 1.5]
+
+
+def test_a_pose_whose_nose_would_meet_the_table_is_refused() -> None:
+    """At B = 90° the nose (radius 40 mm) lies beside the table: its lower edge is 40 mm under the ball."""
+    space = make_space(_low_ball(), "r_test")
+    z = np.array(
+        [[np.radians(b), 0.0, *_set_up(space, height)] for b, height in ((0.0, 45.0), (90.0, 45.0), (90.0, 35.0))]
+    )
+    limits = space.kernel.limits(z, np.zeros((3, 1)))
+    nose = [i for i, name in enumerate(space.limit_names) if name == "spindle nose and table"]
+    assert (limits[:, nose].min(axis=1) >= 0.0).tolist() == [True, True, False]
+    table, nest = (Clearances(OYAMA, run) for run in _two_runs())
+    assert "tool and post" in table.names and "spindle nose and table" in nest.names
+
+
+def _two_runs() -> tuple[Run, Run]:
+    grid = {"B": (-60.0, 60.0), "C": (0.0, 90.0)}
+    first, second = r_test_grid(OYAMA, grid=grid, nests=((80.0, 0.0, 60.0), (0.0, 0.0, 120.0)), returning=False)
+    return first, second
+
+
+def test_a_spindle_that_stands_lower_comes_nearer_to_what_is_in_its_way() -> None:
+    """Two free poses beside a thick post; 70 mm lower the clearance is smaller."""
+    machine = replace(OYAMA, workspace=replace(OYAMA.workspace, post_radius=30.0), text="")
+    rest = {"B": np.array([90.0, -90.0]), "C": np.array([0.0, 0.0])}
+    run = static_ball_bar(
+        machine, poses=rest, direction=((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)), table_balls=((60.0, 0.0, 120.0),), length=100.0,
+        seconds_per_pose=60.0,
+    )[0]  # fmt: skip
+    clear = Clearances(machine, run)
+    at_rest = np.stack([run.commands[n] for n in machine.axis_names], axis=1)
+    values = clear(at_rest)
+    free = [i for i, name in enumerate(clear.names) if name == "tool and post"]
+    assert np.all(values[:, free] > 0.0)
+    low = replace(run, commands={**run.commands, "Z": run.commands["Z"] - 70.0})
+    assert clear(np.stack([low.commands[n] for n in machine.axis_names], axis=1)).min() < values.min()
+
+
+def test_ways_are_clear_or_led_around() -> None:
+    """Every move of the programs, sampled again: approach, ways, detours over the top, retract."""
+    machine = _location_only("tsutsumi-2007")
+    made = plan(machine, instrument="ball_bar", points=16, starts=1, anywhere=False)
+    for run in made.campaign.runs:
+        steps = program_steps(machine, run, made.post)
+        left = [move for move in blocked_moves(machine, run, steps) if move not in made.blocked.get(run.id, ())]
+        assert not left
+        direct = program_steps(machine, run, Post())
+        around = {row for row, _ in blocked_moves(machine, run, direct)}
+        assert around <= {*made.unsafe.get(run.id, ()), 0, run.rows - 1}
+
+
+def test_a_way_through_the_table_is_found() -> None:
+    """A nest low over the table, at B = -90° and at +90°: both free, but a rapid straight between them meets the table."""
+    (run,) = r_test_grid(
+        OYAMA, grid={"B": (-90.0, 90.0), "C": (0.0,)}, nests=((0.0, 0.0, 60.0),), returning=False, seconds_per_pose=60.0
+    )
+    names = OYAMA.axis_names
+    ends = [{n: float(run.commands[n][i]) for n in names} for i in range(2)]
+    assert Clearances(OYAMA, run)(np.array([[e[n] for n in names] for e in ends])).min() >= 0.0
+    straight = [Step(kind="feed", commands=ends[0], row=0), Step(kind="rapid", commands=ends[1], row=1)]
+    found = blocked_moves(OYAMA, run, straight)
+    assert found and found[0][0] == 1
+    (around,) = (s for s in [program_steps(OYAMA, run, Post(unsafe={run.id: (1,)}))])
+    assert sum(step.kind == "rapid" for step in around) == 4
+
+
+# --- what the user may decide -------------------------------------------------------------------------------------
+
+
+def test_robust_plans_and_information_per_minute() -> None:
+    usual = plan(OYAMA, points=24, starts=1, anywhere=False)
+    quick = plan(OYAMA, points=24, starts=1, anywhere=False, per_minute=True)
+    assert quick.information_per_minute > usual.information_per_minute and quick.minutes < usual.minutes
+    worst = plan(OYAMA, points=8, setups=1, starts=1, returns=0, anywhere=False, robust="worst")
+    assert worst.over_prior[1] > 0.99
+    with pytest.raises(InputError, match=r"is unknown; use one of nominal, mean, worst"):
+        plan(OYAMA, points=8, robust="best")
+
+
+def test_robust_exchange_lowers_the_worst_case() -> None:
+    """On two machines far apart, the worst of them is better off after the exchange, and never worse."""
+    spaces = [make_space(replace(OYAMA, errors={"EX0C": OYAMA.errors["EX0C"], "EB0C": replace(OYAMA.errors["EB0C"], mean=m)},
+                                 text=""), "r_test") for m in (-4e5, 4e5)]  # fmt: skip
+    space = spaces[0]
+    task = task_of(space, "D", [p.name for p in space.shared], None)
+    grid = candidates_in(space, np.array([_set_up(space, 90.0)]), np.zeros((1, 1)), pose_grid(space, 200))
+    rows = Rows.of(grid.z[:5], grid.k[:5], grid.group[:5], space.poses)
+    before = over_prior(spaces, task, rows)
+    for how, place in (("mean", 0), ("worst", 1)):
+        after = over_prior(spaces, task, robust_exchange(spaces, task, rows, grid, how))
+        assert after[place] < before[place]
+
+
+def test_lines_are_counted_as_an_editor_does() -> None:
+    (run,) = r_test_grid(OYAMA, grid={"B": (0.0, 60.0), "C": (0.0, 90.0)}, nests=((80.0, 0.0, 60.0),), returning=False)
+    found = assess(Campaign(machine=OYAMA, runs=(run,)))
+    _, row = found.most()
+    assert found.to_data()["tells_most"]["row"] == row + 2
+    assert f"line {row + 2} of run {run.id} tells most" in str(found)
+
+
+def test_a_time_budget_is_used_up() -> None:
+    """A budget for two set-ups or for more poses in one: the better of the two is taken, and little time is left over."""
+    made = plan(OYAMA, points=80, minutes=9.0, starts=1, anywhere=False)
+    assert 8.0 <= made.minutes <= 9.0
+
+
+def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_machine(OYAMA, tmp_path / "machine.toml")
+    words = [
+        "plan",
+        tmp_path / "machine.toml",
+        "-o",
+        tmp_path / "plan",
+        "--instrument",
+        "ball_bar",
+        "--points",
+        8,
+        "-q",
+    ]
+    words += ["--setups", 1, "--bar", 120, "--bar", 200, "--repeats", 2, "--returns", 1, "--noise-um", 0.5, "--survive"]
+    words += ["--robust", "mean", "--starts", 1, "--nc", "siemens", "--tool-centre-on", "TRAORI"]
+    assert main([str(w) for w in [*words, "--tool-centre-off", "TRAFOOF", "--reversed", "C", "--json"]]) == 0
+    assert json.loads(capsys.readouterr().out)["certificate"]["poses"] == 8
+    campaign = read_campaign(tmp_path / "plan")
+    (run,) = campaign.runs
+    assert run.length in (120.0, 200.0) and run.noise_um == 0.5 and run.rows == 2 * 9
+    assert tuple(campaign.machine.workspace.bar_lengths) == (120.0, 200.0)
+    text = (tmp_path / "plan" / "nc" / "siemens" / f"{run.id}.mpf").read_text()
+    assert text.index("G0 ") < text.index("TRAORI") < text.index("TRAFOOF")
+    quick = [
+        "plan",
+        str(tmp_path / "machine.toml"),
+        "-o",
+        str(tmp_path / "quick"),
+        "--points",
+        "12",
+        "--starts",
+        "1",
+        "-q",
+    ]
+    assert main([*quick, "--per-minute", "--minutes", "12"]) == 0
+    assert main(["assess", str(tmp_path / "quick"), "--given", str(tmp_path / "plan"), "-q"]) == 0
+    assert "tells most" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--nc", "okuma"], 'NC dialect "okuma" is unknown'),
+        (["--reversed", "X"], "the machine has no rotary axis X to reverse; use one of B, C"),
+        (["--bar", "-5", "--instrument", "ball_bar"], "bar_lengths = -5.0 is not positive"),
+        (["--bar", "900", "--instrument", "ball_bar"], "the shortest bar is 900 mm"),
+        (["--noise-um", "0"], "noise_um = 0 is not positive"),
+        (["--minutes", "4"], "4 minutes are too short for one set-up (5 min) and two poses; give at least 6 minutes"),
+        (["--circles", "synchronous"], "none is named; add --effect backlash:C"),
+        (["--circles", "synchronous", "--effect", "backlash:Q"], "speaks of axis Q"),
+        (["--circles", "square", "--effect", "backlash:C"], "use one of synchronous, planar"),
+    ],
+)
+def test_the_command_line_says_what_to_change(
+    words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", "oyama-2010", "-o", str(tmp_path / "p"), "-q", *words]) == 2
+    said = capsys.readouterr()
+    assert says in said.err and said.err.count("\n") == 1 and said.out == "" and not (tmp_path / "p").exists()
+
+
+def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = preset("tsutsumi-2007")
+    write_machine(
+        replace(whole, errors={n: whole.errors[n] for n in ("EX0C", "EY0C")}, text=""), tmp_path / "machine.toml"
+    )
+    words = ["--circles", "planar", "--effect", "backlash:X", "--count", "1", "--bar", "50", "--nc", "linuxcnc", "-q"]
+    assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
+    assert "backlash.X.width" in capsys.readouterr().out
+    assert len(list((tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc"))) == 2

@@ -11,7 +11,15 @@ import pytest
 from symfive.campaign import read_campaign
 from symfive.design import Discrimination, Separation
 from symfive.diagnose import (
-    Diagnosis, Finding, Fit, Interval, Location, Observability, RivalName, Suspect, detect,
+    Diagnosis,
+    Finding,
+    Fit,
+    Interval,
+    Location,
+    Observability,
+    RivalName,
+    Suspect,
+    detect,
 )  # fmt: skip
 from symfive.effects import make_effect
 from symfive.errors import InputError
@@ -156,7 +164,8 @@ def test_what_users_wrote_is_escaped(found, tmp_path, monkeypatch):
     )  # fmt: skip
     after = replace(found.after, notes=(HOSTILE,), outliers=(Outlier("nest1", 3, "dx_um", 9.0, 22.0),))
     odd = Observability(HOSTILE, HOSTILE, HOSTILE, 0.1, 2.0)
-    result = replace(found, findings=(evil,), after=after, location=replace(found.location, observability=(odd,), classes=((HOSTILE, "b"),)))
+    location = replace(found.location, observability=(odd,), classes=((HOSTILE, "b"),))
+    result = replace(found, findings=(evil,), after=after, location=location)
     page = Page(diagnosis_report(result, tmp_path).read_text())
     assert page.tags.count("script") == 1 and "img" not in page.tags
     assert not any(name.startswith("on") for name, _ in page.attributes)

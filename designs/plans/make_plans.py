@@ -1,6 +1,6 @@
 """Makes the ready plans beside this file: the papers' own tests, tests in the style of ISO 10791-6, and optimised plans.
 
-    .venv/bin/python designs/plans/make_plans.py [own|optimised]
+    .venv/bin/python designs/plans/make_plans.py [own|optimised|NAME ...]
 
 Every folder is a campaign without readings; `assessment.json` (or `plan.json`) says what it will tell.
 """
@@ -8,7 +8,7 @@ Every folder is a campaign without readings; `assessment.json` (or `plan.json`) 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,28 +16,51 @@ from symfive.campaign import Run, write_campaign
 from symfive.design import assess, assessment_data, plan
 from symfive.files import write_json
 from symfive.machine import Machine, preset
-from symfive.procedures import campaign_of, r_test_grid, rotary_circle, static_ball_bar, synchronous_circle
+from symfive.procedures import (
+    campaign_of,
+    planar_circle,
+    r_test_grid,
+    rotary_circle,
+    static_ball_bar,
+    synchronous_circle,
+)
 
 HERE = Path(__file__).parent
 RATE_HZ = 8.0
 
 
-def bk1(machine: Machine) -> Iterable[Run]:
-    """ISO 10791-6 BK1: the tilting axis turns, ball bar radial, tangential and axial to it."""
+def k_test(machine: Machine, axis: str) -> Iterable[Run]:
+    """The circular K-test of one rotary axis (ISO 10791-6): ball bar radial, tangential and axial while it turns.
+
+    The letters say where the rotary axes are: AK both in the head, BK both in the table, CK one in each; number 1 is the
+    tilting axis, 2 the turning one. The standard's radii, feeds and angles were not at hand: bar, feed and range are those of
+    `rotary_circle`. K-tests on several rotary axes at once (cone) are not made here.
+    """
     for arrangement in ("radial", "tangential", "axial"):
-        yield from rotary_circle(machine, axis="B", arrangement=arrangement, rate_hz=RATE_HZ)
+        yield from rotary_circle(machine, axis=axis, arrangement=arrangement, rate_hz=RATE_HZ)
+
+
+def bk1(machine: Machine) -> Iterable[Run]:
+    """BK1: the tilting axis turns."""
+    return k_test(machine, next(name for name in machine.axis_names if name in "AB"))
 
 
 def bk2(machine: Machine) -> Iterable[Run]:
-    """ISO 10791-6 BK2: the turning axis turns, ball bar radial, tangential and axial to it."""
-    for arrangement in ("radial", "tangential", "axial"):
-        yield from rotary_circle(machine, axis="C", arrangement=arrangement, rate_hz=RATE_HZ)
+    """BK2: the turning axis turns."""
+    return k_test(machine, "C")
 
 
 def both(machine: Machine) -> Iterable[Run]:
-    """BK1 and BK2 together."""
+    """The tests of both rotary axes together."""
     yield from bk1(machine)
     yield from bk2(machine)
+
+
+def planes(machine: Machine) -> Iterable[Run]:
+    """ISO 230-4: circles in the three planes of the linear axes, the upright ones as half circles."""
+    yield from planar_circle(machine, plane="XY", feed=2000.0, rate_hz=RATE_HZ)
+    for plane in ("YZ", "ZX"):
+        yield from planar_circle(machine, plane=plane, feed=2000.0, rate_hz=RATE_HZ, sweep_deg=180.0, run_up_deg=20.0)
 
 
 def paper_1(machine: Machine) -> Iterable[Run]:
@@ -64,6 +87,11 @@ OWN: dict[str, tuple[str, Callable[[Machine], Iterable[Run]]]] = {
     "iso-10791-6-bk1": ("table-bc", bk1),
     "iso-10791-6-bk2": ("table-bc", bk2),
     "iso-10791-6-bk1-bk2": ("table-bc", both),
+    "iso-10791-6-ak1-ak2": ("head-bc", both),
+    "iso-10791-6-ck1-ck2": ("mixed-bc", both),
+    "wang-li-2016-bk1-bk2": ("wang-li-2016", both),
+    "tsutsumi-2007-bk1-bk2": ("tsutsumi-2007", both),
+    "three-axis-circles": ("three-axis", planes),
 }
 OPTIMISED = (
     ("table-bc", "r_test", 40, 2),
@@ -72,12 +100,17 @@ OPTIMISED = (
     ("mixed-bc", "r_test", 36, 2),
     ("nutating-table", "r_test", 36, 2),
     ("oyama-2010", "r_test", 48, 2),
+    ("tsutsumi-2007", "r_test", 36, 2),
+    ("wang-li-2016", "ball_bar", 72, 3),
+    ("three-axis", "ball_bar", 40, 3),
 )
 
 
-def own() -> None:
+def own(wanted: Collection[str]) -> None:
     """The tests as the papers and the standard describe them."""
     for name, (machine_name, runs) in OWN.items():
+        if not {"own", name} & set(wanted):
+            continue
         machine = preset(machine_name)
         made = [
             replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv") for i, run in enumerate(runs(machine))
@@ -91,17 +124,18 @@ def own() -> None:
         )
 
 
-def optimised() -> None:
+def optimised(wanted: Collection[str]) -> None:
     """The designer's plans."""
     for machine_name, instrument, points, setups in OPTIMISED:
-        made = plan(preset(machine_name), instrument=instrument, points=points, setups=setups, starts=3)
         name = f"{machine_name}-{instrument.replace('_', '-')}-{points}"
+        if not {"optimised", name} & set(wanted):
+            continue
+        made = plan(preset(machine_name), instrument=instrument, points=points, setups=setups, starts=3)
         made.write(HERE / name, nc=("iso", "linuxcnc"))
         print(f"{name}: {made.certificate.says}; {made.minutes:.0f} min, joint value {made.assessment.value:.3f}")
 
 
 if __name__ == "__main__":
-    wanted = sys.argv[1:] or ["own", "optimised"]
-    for part in (own, optimised):
-        if part.__name__ in wanted:
-            part()
+    chosen = sys.argv[1:] or ["own", "optimised"]
+    own(chosen)
+    optimised(chosen)

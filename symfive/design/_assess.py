@@ -27,6 +27,8 @@ __all__ = ["Assessment", "assess", "machine_information", "workspace_places"]
 Array = NDArray[np.float64]
 LEVER_MM = 100.0
 WORTHLESS = 1e-4
+FIRST_LINE = 2
+"""The line of a run's file in which its row 0 stands, as an editor counts: the header is line 1."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,24 @@ class Assessment:
             )
         lines += [f"valuation number of {axis}: {number:.1f}" for axis, number in self.valuation.items()]
         run, row = self.most()
-        lines.append(f"row {row + 1} of run {run} tells most; {len(self.nothing())} rows tell next to nothing")
+        lines.append(
+            f"line {row + FIRST_LINE} of run {run} tells most; {len(self.nothing())} rows tell next to nothing"
+        )
+        lines += self._runs_in_words()
         machine = {p.name for p in self.parameters if p.kind != "setup"}
         return "\n".join([*lines, *(c.words for c in self.confounded if machine & set(c.names))])
+
+    def _runs_in_words(self) -> list[str]:
+        """Runs in the order of what each adds, and which rows add nothing."""
+        if len(self.run_worth) < 2 and not self.nothing():
+            return []
+        idle = {run: [i + FIRST_LINE for r, i in self.nothing() if r == run] for run in self.worth}
+        ordered = sorted(self.run_worth, key=lambda run: -self.run_worth[run])
+        return [
+            f"  run {run}: without it 1σ grows by {100.0 * math.expm1(0.5 * self.run_worth[run]):.3g} %"
+            + (f"; lines {_spans(idle[run])} tell next to nothing" if idle[run] else "")
+            for run in ordered
+        ]
 
     def most(self) -> tuple[str, int]:
         """The run and row (from 0) that tell most."""
@@ -88,6 +105,18 @@ class Assessment:
         return tuple(
             (run, int(i)) for run, w in self.worth.items() for i in np.flatnonzero(w < WORTHLESS / max(len(w), 1))
         )
+
+
+def _spans(lines: list[int]) -> str:
+    """Numbers in words: 3, 7-12."""
+    spans: list[list[int]] = []
+    for line in lines:
+        if spans and line == spans[-1][1] + 1:
+            spans[-1][1] = line
+        else:
+            spans.append([line, line])
+    shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in spans[:8]]
+    return ", ".join(shown) + (", …" if len(spans) > 8 else "")
 
 
 @one_thread

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 LEVELS = {"rotary": 13, "turn": 24, "bar azimuth": 12, "bar elevation": 7}
 PER_SETUP = 500
-ROUNDS = 4
+ROUNDS, INNER = 4, 8
 
 
 def setup_options(space: Space) -> tuple[Array, Array]:
@@ -58,11 +58,11 @@ def candidates_in(space: Space, setups: Array, lengths: Array, poses: Array) -> 
     z = np.concatenate([np.tile(poses, (m, 1)), np.repeat(setups, n, axis=0)], axis=1)
     k = np.repeat(lengths, n, axis=0)
     group = np.repeat(np.arange(m), n)
-    fits = space.feasible(z, k)
+    rows = space.kernel.rows(z, k)
+    fits = space.feasible(z, k, rows)
     if not fits.any():
         raise _no_pose(space, z, k)
-    z, k, group = z[fits], k[fits], group[fits]
-    return Candidates(z, k, group, space.kernel.rows(z, k))
+    return Candidates(z[fits], k[fits], group[fits], rows[fits])
 
 
 def _no_pose(space: Space, z: Array, k: Array) -> InputError:
@@ -80,6 +80,8 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
         "travel": "move the nest or balls nearer to the centre (table_radius, ball_height), use a shorter bar or tool",
         "spindle nose and table": "raise ball_height in [workspace] or use a slimmer spindle_nose",
         "spindle nose and bar": "add a longer bar to bar_lengths",
+        "spindle nose and post": "raise ball_height in [workspace] or use a slimmer spindle_nose",
+        "tool and post": "raise ball_height in [workspace] or add a longer bar to bar_lengths",
         "tool ball and table": "raise ball_height in [workspace]",
     }
     remedy = next(text for key, text in remedies.items() if worst.startswith(key))
@@ -114,7 +116,7 @@ def best_setups(
             break
         best = (value, chosen)
         pull = task.pull(inverse(information))
-        weights = [best_told(pull, r, own, points / count)[2] for r in rows]
+        weights = [best_told(pull, r, own, points / count, INNER)[2] for r in rows]
     picked = [available[i] for i in sorted(best[1])]  # one place twice: mounted anew, which averages its set-up errors
     return setups[picked], lengths[picked]
 
@@ -127,21 +129,25 @@ def _told(task: Task, rows: Array, weights: Array) -> Array:
 
 def _best_of(task: Task, gains: list[Array], count: int) -> list[int]:
     """Greedy and exchange over set-ups."""
+    stacked = np.stack(gains)
 
-    def value(chosen: list[int]) -> float:
-        return task.value_of_marginal(task.prior + sum((gains[i] for i in chosen), np.zeros_like(task.prior)))
+    def best(chosen: list[int]) -> tuple[float, int]:
+        """The set-up to add to those chosen, and ψ with it."""
+        information = task.prior + stacked[chosen].sum(axis=0) + stacked
+        values = [task.criterion.value(task.of_interest(S)) for S in np.linalg.inv(information)]
+        return min(values), int(np.argmin(values))
 
-    every = range(len(gains))
     chosen: list[int] = []
+    value = math.inf
     while len(chosen) < min(count, len(gains)):
-        chosen.append(min(every, key=lambda i: value([*chosen, i])))
+        value, added = best(chosen)
+        chosen.append(added)
     improved = len(chosen) > 1
     while improved:
         improved = False
         for place in range(len(chosen)):
-            others = chosen[:place] + chosen[place + 1 :]
-            best = min(every, key=lambda i: value([*others, i]))
-            if value([*others, best]) < value(chosen) - 1e-9:
-                chosen[place] = best
+            reached, added = best(chosen[:place] + chosen[place + 1 :])
+            if reached < value - 1e-9:
+                value, chosen[place] = reached, added
                 improved = True
     return chosen

@@ -1,176 +1,304 @@
 """Dynamic paths: which circles tell most about drives and play, with centring errors and set-up as nuisances.
 
 A synchronous circle (rotary and linear axis together, paper 3) has a radius r, a distance X_T of its centre from the rotary
-axis, a feed and a direction. Near X_T/r = 1 the rotary axis must turn at F/|X_T - r|, so the drives' lag is seen well there,
-up to the axis' limits; a backlash is seen only where the axis reverses, which needs X_T > r. The information of a run
-with its set-up errors marginalised adds to that of the others, so circles are chosen like poses.
+axis, a feed, a height and a direction. Near X_T/r = 1 the rotary axis must turn at F/|X_T - r|, so the drives' lag is seen well
+there, up to the axis' limits; a backlash is seen only where the axis reverses, which needs X_T > r. A planar circle has a
+centre, a radius and a feed. The information of a run with its set-up errors marginalised adds to that of the others, so
+circles are chosen like poses (greedy and exchange) and the chosen ones refined together (`_refine_circles`).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign, write_campaign_files
+from symfive.design._assess import assess
+from symfive.design._circles import ROBUST, Circle, Goal, circle_information, measured, told
 from symfive.design._criteria import criterion_of
-from symfive.design._information import inverse
+from symfive.design._paths import FAMILIES, CircleShape, circle_runs
+from symfive.design._refine_circles import CircleObjective, refined_shapes
+from symfive.design._write import SCHEMA, assessment_data
 from symfive.effects import Effect
 from symfive.errors import InputError
+from symfive.files import output_folder, write_json
 from symfive.machine import Machine
 from symfive.model import Model
-from symfive.procedures import campaign_of, synchronous_circle
+from symfive.nc import Post, write_programs
+from symfive.procedures import campaign_of, circle_frame
+from symfive.procedures._path import senses
+from symfive.procedures._planar_circle import PLANES
+from symfive.procedures._setting import heights
+from symfive.threads import one_thread
 
 __all__ = ["Circle", "CirclePlan", "best_ratio", "circle_information", "plan_circles"]
 
 Array = NDArray[np.float64]
 RATIOS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.3, 1.5, 1.8)
-
-
-@dataclass(frozen=True)
-class Circle:
-    """A circle in both directions: `ratio` X_T/r, `radius` mm, `feed` mm/min, its `runs`, the information `matrix` (k, k) it
-    adds about the machine and the effects, and the expected 1σ by parameter of the effects."""
-
-    ratio: float
-    radius: float
-    feed: float
-    runs: tuple[Run, ...]
-    matrix: Array
-    sigma: dict[str, float]
+FREE = {"synchronous": ("ratio", "feed"), "planar": ("feed", "x", "y", "z")}
+RATE_HZ = 50.0
+DRAWS = 4
+TO_RUN = {"ratio": 1e-4, "radius": 1e-3, "feed": 1.0, "height": 1.0, "x": 1.0, "y": 1.0, "z": 1.0}
+"""To what a refined value is rounded, mm and mm/min."""
+SLOWER = 0.98
+LEAST_GAIN = 1e-6
 
 
 @dataclass(frozen=True)
 class CirclePlan:
-    """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' parameters, and all circles
-    that were considered."""
+    """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' parameters, all circles that
+    were `considered`, ψ of the best of these (`grid_value`) and of the refined ones (`value`), `notes` in plain words."""
 
     campaign: Campaign
     circles: tuple[Circle, ...]
     sigma: dict[str, float]
     considered: tuple[Circle, ...]
+    value: float
+    grid_value: float
+    effects: tuple[Effect, ...] = ()
+    notes: tuple[str, ...] = ()
 
+    def to_data(self) -> dict[str, Any]:
+        """plan.json as nested mappings."""
+        shapes = [
+            {"family": c.shape.family, "direction": c.shape.direction, "plane": c.shape.plane, **c.shape.values}
+            for c in self.circles
+        ]
+        return {
+            "schema": SCHEMA, "machine": self.campaign.machine.name, "circles": shapes, "minutes": self.minutes,
+            "value": self.value, "value_of_the_grid": self.grid_value, "considered": len(self.considered),
+            **assessment_data(assess(self.campaign, effects=self.effects)), "notes": list(self.notes),
+        }  # fmt: skip
 
-def circle_information(
-    machine: Machine, effects: Iterable[Effect], *, ratio: float, radius: float, feed: float, noise_um: float = 0.3,
-    rate_hz: float = 50.0,
-) -> Circle:  # fmt: skip
-    """One circle in both directions. Raises `InputError` where an axis cannot follow."""
-    runs = synchronous_circle(
-        machine, x_t=ratio * radius, radius=radius, feed=feed, direction="both", rate_hz=rate_hz, noise_um=noise_um
-    )
-    model = Model(Campaign(machine=machine, runs=runs), effects)
-    names, matrix = _marginal(model, runs)
-    prior = np.diag([model.parameters[model.index[n]].sigma ** -2.0 for n in names])
-    spread = np.sqrt(np.diag(inverse(matrix + prior)))
-    chosen = {
-        n: float(s) for n, s in zip(names, spread, strict=True) if model.parameters[model.index[n]].kind == "effect"
-    }
-    return Circle(ratio, radius, feed, runs, matrix, chosen)
+    def write(self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None) -> None:
+        """The campaign without readings, plan.json and NC programs, whole or not at all."""
+        with output_folder(Path(folder)) as target:
+            write_campaign_files(self.campaign, target)
+            write_json(target / "plan.json", self.to_data())
+            write_programs(self.campaign, target / "nc", nc, post)
 
-
-def _marginal(model: Model, runs: Sequence[Run]) -> tuple[list[str], Array]:
-    """Information about all that is not set-up, each run's set-up marginalised: names and matrix in file units."""
-    shared = [i for i, p in enumerate(model.parameters) if p.kind != "setup"]
-    place = {i: j for j, i in enumerate(shared)}
-    vector = model.start
-    for effect in model.effects:
-        for name, value in effect.typical(model.campaign).items():
-            if model.parameters[model.index[name]].mean == 0.0:
-                vector[model.index[name]] = value  # a play of width zero has no derivative where the axis rests
-    total = np.zeros((len(shared), len(shared)))
-    for run in runs:
-        line = model.linearise(run, vector)
-        slopes = (line.jacobian / model.noise(run)[:, None]).reshape(-1, line.jacobian.shape[2])
-        gram = slopes.T @ slopes
-        inside = np.array([i in place for i in line.columns])
-        own = line.columns[~inside]
-        rest = gram[np.ix_(~inside, ~inside)] + np.diag(model.prior_sigma[own] ** -2.0)
-        cross = gram[np.ix_(inside, ~inside)]
-        index = [place[int(i)] for i in line.columns[inside]]
-        total[np.ix_(index, index)] += gram[np.ix_(inside, inside)] - (
-            cross @ inverse(rest) @ cross.T if own.size else 0.0
+    def __str__(self) -> str:
+        lines = [f"{len(self.circles)} circles of {len(self.considered)}, {self.minutes:.1f} min of recording"]
+        for circle in self.circles:
+            values = ", ".join(f"{name} {value:g}" for name, value in circle.shape.values.items())
+            lines.append(f"  {circle.shape.family}, {circle.shape.direction}: {values}")
+        lines += [f"  {name:36} 1σ {std:.3g}" for name, std in self.sigma.items()]
+        gain = 100.0 * math.expm1(0.5 * (self.grid_value - self.value))
+        return "\n".join(
+            [*lines, f"refined: 1σ {gain:.2g} % smaller than with the best circles of the list", *self.notes]
         )
-    return [model.parameters[i].name for i in shared], total
+
+    @property
+    def minutes(self) -> float:
+        """Time of the recordings, without set-up."""
+        return sum(circle.seconds for circle in self.circles) / 60.0
+
+
+@one_thread
+def plan_circles(
+    machine: Machine, effects: Sequence[Effect], *, family: str = "synchronous", count: int = 2,
+    radii: Sequence[float] = (50.0,), ratios: Sequence[float] = RATIOS, feeds: Sequence[float] = (500.0, 1000.0),
+    centres: Sequence[Sequence[float]] = (), planes: Sequence[str] = ("XY",), directions: Sequence[str] = ("both",),
+    for_: Iterable[str] = (), criterion: str = "D", robust: str = "nominal", draws: int = DRAWS,
+    per_minute: bool = False, refine: bool = True, free: Sequence[str] | None = None, noise_um: float = 0.3,
+    rate_hz: float = RATE_HZ,
+) -> CirclePlan:  # fmt: skip
+    """The `count` circles that together tell most about the effects' parameters.
+
+    `family` `synchronous` (ratios X_T/r × radii × feeds) or `planar` (centres, mm in the workpiece frame, × planes × radii ×
+    feeds); `directions` `both`, `ccw`, `cw` to choose from; `for_` names of the parameters that count (default: all of the
+    effects'); `robust` `nominal`, or the `mean` or `worst` case over `draws` of the effects' parameters from their priors;
+    `per_minute` weighs the recording time. `refine`: the best circles are refined in the variables `free` (default ratio and
+    feed; feed and centre) within the ranges of the lists, and kept only where they are better. Circles that an axis cannot
+    follow are left out. Raises `InputError` where none is left or a name is unknown.
+    """
+    _check(family, robust, count, planes, directions, free)
+    shapes = _shapes(machine, family, radii, ratios, feeds, centres, planes, directions)
+    extra = 0 if robust == "nominal" else draws
+    circles = _followed(machine, effects, shapes, noise_um, rate_hz, extra)
+    model = Model(Campaign(machine=machine, runs=circles[0].runs), effects)
+    goal = _goal(model, tuple(for_), criterion, robust, per_minute)
+    chosen = _chosen(goal, circles, count)
+    best, notes = chosen, []
+    if refine:
+        wanted = tuple(free or FREE[family])
+        bounds = _bounds(machine, [circle.shape for circle in circles], wanted)
+        try:
+            objective = CircleObjective(machine, effects, chosen, wanted, bounds, goal, rate_hz)
+        except InputError as error:
+            notes.append(str(error))
+        else:
+            best = _kept(machine, effects, goal, chosen, refined_shapes(objective), noise_um, rate_hz, extra)
+    return _plan_of(machine, model, goal, effects, circles, chosen, best, notes)
+
+
+def _check(
+    family: str, robust: str, count: int, planes: Sequence[str], directions: Sequence[str], free: Sequence[str] | None
+) -> None:
+    if family not in FAMILIES:
+        raise InputError(f'there are no "{family}" circles', remedy=f"use one of {', '.join(FAMILIES)}")
+    if robust not in ROBUST:
+        raise InputError(f'robust = "{robust}" is unknown', remedy=f"use one of {', '.join(ROBUST)}")
+    if count < 1:
+        raise InputError(f"count = {count} is too few", remedy="give at least 1")
+    for name in free or ():
+        if name not in FAMILIES[family]:
+            raise InputError(f"a {family} circle has no variable {name}", remedy=f"use {', '.join(FAMILIES[family])}")
+    for plane in planes:
+        if plane not in PLANES:
+            raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
+    for direction in directions:
+        senses(direction)
+
+
+def _shapes(
+    machine: Machine, family: str, radii: Sequence[float], ratios: Sequence[float], feeds: Sequence[float],
+    centres: Sequence[Sequence[float]], planes: Sequence[str], directions: Sequence[str],
+) -> list[CircleShape]:  # fmt: skip
+    level = sum(heights(machine)) / 2.0
+    if not (radii and feeds):
+        raise InputError("no circle is described", remedy="give at least one radius and one feed")
+    if family == "synchronous":
+        circle_frame(machine)
+        return [
+            CircleShape(
+                family=family, direction=direction,
+                values={"ratio": ratio, "radius": radius, "feed": feed, "height": level},
+            )
+            for radius, ratio, feed, direction in itertools.product(radii, ratios, feeds, directions)
+        ]  # fmt: skip
+    return [
+        CircleShape(
+            family=family, direction=direction, plane=plane,
+            values={"radius": radius, "feed": feed, "x": centre[0], "y": centre[1], "z": centre[2]},
+        )
+        for centre, plane, radius, feed, direction in itertools.product(
+            centres or ((0.0, 0.0, level),), planes, radii, feeds, directions
+        )
+    ]  # fmt: skip
+
+
+def _followed(
+    machine: Machine,
+    effects: Sequence[Effect],
+    shapes: Sequence[CircleShape],
+    noise_um: float,
+    rate_hz: float,
+    draws: int,
+) -> list[Circle]:
+    """The circles that the axes can follow. Raises `InputError` where there is none."""
+    circles, refused = [], None
+    for shape in shapes:
+        try:
+            runs = circle_runs(machine, shape, noise_um=noise_um, rate_hz=rate_hz)
+        except InputError as error:
+            refused = error
+        else:
+            circles.append(told(machine, effects, shape, runs, draws))
+    if not circles and refused is not None:
+        raise InputError(f"no circle can be run: {refused.problem}", remedy=refused.remedy)
+    return circles
+
+
+def _goal(model: Model, for_: tuple[str, ...], criterion: str, robust: str, per_minute: bool) -> Goal:
+    shared = [p for p in model.parameters if p.kind != "setup"]
+    wanted = [p.name for p in shared if p.kind == "effect"]
+    for name in for_:
+        if name not in {p.name for p in shared}:
+            raise InputError(f"there is no parameter {name}", remedy=f"use one of {', '.join(wanted)}")
+    interest = np.array([i for i, p in enumerate(shared) if p.name in (for_ or wanted)], dtype=np.int64)
+    measure = criterion_of(criterion, len(interest), np.zeros((0, 3, len(interest))))
+    return Goal(measure, interest, np.array([p.sigma for p in shared]), robust, per_minute)
+
+
+def _chosen(goal: Goal, circles: Sequence[Circle], count: int) -> list[Circle]:
+    """Greedy, then exchange until nothing improves."""
+    chosen: list[Circle] = []
+    while len(chosen) < count:
+        chosen.append(min(circles, key=lambda c: goal.value([*chosen, c])))
+    value, improved = goal.value(chosen), True
+    while improved:
+        improved = False
+        for place in range(count):
+            others = chosen[:place] + chosen[place + 1 :]
+            best = min(circles, key=lambda c: goal.value([*others, c]))
+            if goal.value([*others, best]) < value - 1e-9:
+                chosen[place], value, improved = best, goal.value([*others, best]), True
+    return chosen
+
+
+def _bounds(machine: Machine, shapes: Sequence[CircleShape], free: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Ranges of the lists; height and centre may go wherever a ball may stand."""
+    reach = machine.workspace.table_radius or 0.0
+    room = {"height": heights(machine), "z": heights(machine), "x": (-reach, reach), "y": (-reach, reach)}
+    return {
+        name: room.get(name, (min(s.values[name] for s in shapes), max(s.values[name] for s in shapes)))
+        for name in free
+    }
+
+
+def _kept(
+    machine: Machine, effects: Sequence[Effect], goal: Goal, chosen: list[Circle], shapes: Sequence[CircleShape],
+    noise_um: float, rate_hz: float, draws: int,
+) -> list[Circle]:  # fmt: skip
+    """The refined circles as they would be run, where they are better than those they came from."""
+    found = []
+    for shape in shapes:
+        rounded = {name: round(value / TO_RUN[name]) * TO_RUN[name] for name, value in shape.values.items()}
+        for _ in range(5):
+            try:
+                found.append(
+                    measured(
+                        machine,
+                        effects,
+                        replace(shape, values=rounded),
+                        noise_um=noise_um,
+                        rate_hz=rate_hz,
+                        draws=draws,
+                    )
+                )
+                break
+            except InputError:
+                rounded["feed"] = math.floor(SLOWER * rounded["feed"])
+        else:
+            return chosen
+    return found if goal.value(found) < goal.value(chosen) - LEAST_GAIN else chosen
+
+
+def _plan_of(
+    machine: Machine, model: Model, goal: Goal, effects: Sequence[Effect], circles: Sequence[Circle],
+    chosen: list[Circle], best: list[Circle], notes: Sequence[str],
+) -> CirclePlan:  # fmt: skip
+    shared = [p for p in model.parameters if p.kind != "setup"]
+    total = np.sum([circle.matrix for circle in best], axis=0)
+    spread = np.sqrt(np.diag(goal.covariance(total))) * goal.scale
+    sigma = {p.name: float(s) for p, s in zip(shared, spread, strict=True) if p.kind == "effect"}
+    runs = [
+        replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv")
+        for i, circle in enumerate(best)
+        for run in circle.runs
+    ]
+    return CirclePlan(
+        campaign=campaign_of(machine, runs, "circles"), circles=tuple(best), sigma=sigma, considered=tuple(circles),
+        value=goal.value(best), grid_value=goal.value(chosen), effects=tuple(effects), notes=tuple(notes),
+    )  # fmt: skip
 
 
 def best_ratio(
     machine: Machine, effects: Sequence[Effect], parameter: str, *, radius: float, feed: float, low: float, high: float,
     noise_um: float = 0.3,
 ) -> Circle:  # fmt: skip
-    """The ratio X_T/r between `low` and `high` at which `parameter` comes out best (Brent's bounded search)."""
-
-    def spread(ratio: float) -> float:
-        try:
-            circle = circle_information(
-                machine, effects, ratio=float(ratio), radius=radius, feed=feed, noise_um=noise_um
-            )
-        except InputError:
-            return 1e9
-        return math.log(circle.sigma[parameter])
-
-    grid = np.linspace(low, high, 7)
-    start = int(np.argmin([spread(r) for r in grid]))
-    bounds = (grid[max(start - 1, 0)], grid[min(start + 1, len(grid) - 1)])
-    found = minimize_scalar(spread, bounds=bounds, method="bounded", options={"xatol": 2e-3, "maxiter": 12})
-    best = float(found.x) if found.fun <= spread(grid[start]) else float(grid[start])
-    return circle_information(machine, effects, ratio=best, radius=radius, feed=feed, noise_um=noise_um)
-
-
-def plan_circles(
-    machine: Machine, effects: Sequence[Effect], *, count: int = 2, radii: Sequence[float] = (50.0,),
-    ratios: Sequence[float] = RATIOS, feeds: Sequence[float] = (500.0, 1000.0), for_: Iterable[str] = (),
-    criterion: str = "D", noise_um: float = 0.3,
-) -> CirclePlan:  # fmt: skip
-    """The `count` circles (each in both directions) that together tell most about the effects' parameters.
-
-    `for_` names of the parameters that count (default: all of the effects'); circles that an axis cannot follow are left
-    out. Raises `InputError` where none is left or a name is unknown.
-    """
-    circles: list[Circle] = []
-    reason = ""
-    for radius in radii:
-        for ratio in ratios:
-            for feed in feeds:
-                try:
-                    circles.append(
-                        circle_information(machine, effects, ratio=ratio, radius=radius, feed=feed, noise_um=noise_um)
-                    )
-                except InputError as error:
-                    reason = str(error)
-    if not circles:
-        raise InputError(f"no circle can be run ({reason})", remedy="lower the feeds, or take ratios further from 1")
-    model = Model(Campaign(machine=machine, runs=circles[0].runs), effects)
-    shared = [p for p in model.parameters if p.kind != "setup"]
-    wanted = [p.name for p in shared if p.kind == "effect"]
-    for name in for_:
-        if name not in {p.name for p in shared}:
-            raise InputError(f"there is no parameter {name}", remedy=f"use one of {', '.join(wanted)}")
-    interest = [i for i, p in enumerate(shared) if p.name in (tuple(for_) or wanted)]
-    scale = np.array([p.sigma for p in shared])
-    scaled = [c.matrix * np.outer(scale, scale) for c in circles]
-    measure = criterion_of(criterion, len(interest), np.zeros((0, 3, len(interest))))
-
-    def value(chosen: list[int]) -> float:
-        covariance = inverse(np.eye(len(shared)) + sum((scaled[i] for i in chosen), np.zeros((len(shared),) * 2)))
-        return measure.value(covariance[np.ix_(interest, interest)])
-
-    chosen: list[int] = []
-    while len(chosen) < count:
-        chosen.append(min(range(len(circles)), key=lambda i: value([*chosen, i])))
-    for place in range(count):
-        others = chosen[:place] + chosen[place + 1 :]
-        chosen[place] = min(range(len(circles)), key=lambda i: value([*others, i]))
-    covariance = inverse(np.eye(len(shared)) + sum((scaled[i] for i in chosen), np.zeros((len(shared),) * 2)))
-    spread = np.sqrt(np.diag(covariance)) * scale
-    sigma = {p.name: float(s) for p, s in zip(shared, spread, strict=True) if p.kind == "effect"}
-    runs = [
-        replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv")
-        for i, c in enumerate(chosen)
-        for run in circles[c].runs
-    ]
-    return CirclePlan(campaign_of(machine, runs, "circles"), tuple(circles[i] for i in chosen), sigma, tuple(circles))
+    """The ratio X_T/r between `low` and `high` at which `parameter` comes out best (seven places, then IPOPT)."""
+    places = [ratio for ratio in np.linspace(low, high, 7).tolist() if abs(ratio - 1.0) > 1e-9]
+    found = plan_circles(
+        machine, effects, count=1, radii=(radius,), ratios=places, feeds=(feed,), for_=(parameter,), criterion="A",
+        free=("ratio",), noise_um=noise_um,
+    )  # fmt: skip
+    return found.circles[0]

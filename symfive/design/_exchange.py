@@ -172,15 +172,15 @@ def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, p
     return chosen
 
 
-def choose(task: Task, candidates: Candidates, groups: int, points: int) -> Indices:
+def choose(task: Task, candidates: Candidates, groups: int, points: int, passes: int = PASSES) -> Indices:
     """Greedy and exchange, once freely and once from a start with the poses shared evenly among the set-ups.
 
     The first reading in a set-up tells nothing but its zero, so a free greedy search may never begin a second one.
     """
-    designs = [exchange(task, candidates, groups, greedy(task, candidates, groups, points))]
+    designs = [exchange(task, candidates, groups, greedy(task, candidates, groups, points), passes)]
     if groups > 1:
         shared = greedy(task, candidates, groups, points, -(-points // groups))
-        designs.append(exchange(task, candidates, groups, shared))
+        designs.append(exchange(task, candidates, groups, shared, passes))
 
     def value(chosen: Indices) -> float:
         return task.value(task.information(candidates.rows[chosen], candidates.group[chosen], groups))

@@ -8,20 +8,24 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
+from symfive.design._assess import FIRST_LINE
 from symfive.machine import Machine
 from symfive.procedures import Nominal
 
 if TYPE_CHECKING:
     from symfive.design._plan import Plan
 
-__all__ = ["pose_figure", "svg", "uncertainty_figure", "worth_figure"]
+__all__ = ["UNITS", "pose_figure", "svg", "uncertainty_figure", "worth_figure"]
 
 Array = NDArray[np.float64]
 COLOURS = "viridis"
 STICK_MM = 60.0
+UNITS = {"um": "µm", "urad": "µrad"}
 
 
 def svg(figure: Figure) -> str:
@@ -40,27 +44,41 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
     workpiece, tool = nominal.workpiece_rotation(run.commands), nominal.tool_rotation(run.commands)
     axes_of_tool = np.einsum("nji,nj->ni", workpiece, tool[:, :, 2])
     rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
-    figure = Figure(figsize=(11.0, 3.9))
+    figure = Figure(figsize=(11.0, 4.1), layout="constrained")
     panels = figure.subplots(1, 3 if rotary else 2)
     colours = matplotlib.colormaps[COLOURS](np.linspace(0.0, 0.92, run.rows))
     for panel, (i, j) in zip(panels[:2], ((0, 1), (0, 2)), strict=True):
         _table(panel, machine.workspace.table_radius or 100.0, j == 1)
+        if j == 2:
+            panel.plot([run.table_ball[0]] * 2, [0.0, run.table_ball[2]], color="0.6", linewidth=3.0, zorder=0)
         for ball, axis, colour in zip(balls, axes_of_tool, colours, strict=True):
             end = ball + STICK_MM * axis
-            panel.plot([ball[i], end[i]], [ball[j], end[j]], color=colour, linewidth=0.8)
+            panel.plot([ball[i], end[i]], [ball[j], end[j]], color=colour, linewidth=0.8, linestyle=(0, (3, 1.5)))
             if "ball_bar" in run.instrument:
-                panel.plot(
-                    [run.table_ball[i], ball[i]], [run.table_ball[j], ball[j]], color=colour, linewidth=1.6, alpha=0.7
-                )
+                panel.plot([run.table_ball[i], ball[i]], [run.table_ball[j], ball[j]], color=colour, linewidth=1.8)
         panel.plot(run.table_ball[i], run.table_ball[j], "o", color="#c1121f", markersize=6)
         panel.set_aspect("equal")
+        panel.margins(0.08)
         panel.set_xlabel("x in mm")
         panel.set_ylabel(f"{'xyz'[j]} in mm")
-        panel.set_title("from above" if j == 1 else "from the front", fontsize=9)
+        panel.set_title(
+            "from above, as the table sees it" if j == 1 else "from the front, as the table sees it", fontsize=9
+        )
     if rotary:
         _rotary_path(panels[2], machine, run, rotary, colours)
-    figure.tight_layout()
+    _key(figure, "ball_bar" in run.instrument)
     return figure
+
+
+def _key(figure: Figure, bar: bool) -> None:
+    """What the lines of the pose picture are."""
+    lines = [
+        Line2D([], [], marker="o", linestyle="", color="#c1121f", label="table ball" if bar else "nest"),
+        Line2D([], [], color="0.3", linewidth=0.8, linestyle=(0, (3, 1.5)), label="tool, from its ball upward"),
+        *([Line2D([], [], color="0.3", linewidth=1.8, label="bar")] if bar else []),
+        Line2D([], [], color="0.6", linewidth=3.0, label="table, post"),
+    ]
+    figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), fontsize=8, frameon=False)
 
 
 def _table(panel: Any, radius: float, above: bool) -> None:
@@ -87,30 +105,31 @@ def uncertainty_figure(plan: Plan) -> Figure:
     """Prior and expected 1σ of the machine's parameters (logarithmic)."""
     parameters = [p for p in plan.assessment.parameters if p.kind != "setup"]
     sigma = plan.assessment.sigma
-    figure = Figure(figsize=(7.0, 0.8 + 0.19 * len(parameters)))
+    figure = Figure(figsize=(7.0, 0.8 + 0.19 * len(parameters)), layout="constrained")
     panel = figure.subplots()
     y = np.arange(len(parameters))
     panel.barh(y, [p.sigma for p in parameters], color="0.88", label="prior")
     panel.barh(y, [sigma[p.name] for p in parameters], color="#1d6996", height=0.5, label="after the plan")
-    panel.set_yticks(y, [f"{p.name} ({p.unit})" for p in parameters], fontsize=7)
+    panel.set_yticks(y, [f"{p.name} ({UNITS.get(p.unit, p.unit)})" for p in parameters], fontsize=7)
     panel.set_xscale("log")
+    panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panel.xaxis.set_minor_formatter(NullFormatter())
     panel.invert_yaxis()
     panel.set_xlabel("1σ")
     panel.legend(fontsize=7)
-    figure.tight_layout()
     return figure
 
 
 def worth_figure(plan: Plan) -> Figure:
-    """What the loss of each row would cost, in per cent of the joint 1σ."""
-    figure = Figure(figsize=(7.0, 2.4))
-    panel = figure.subplots()
-    start = 1
-    for run, worth in plan.assessment.worth.items():
-        panel.bar(np.arange(start, start + len(worth)), 100.0 * np.expm1(0.5 * worth), label=run)
-        start += len(worth)
-    panel.set_xlabel("row of the plan")
-    panel.set_ylabel("1σ lost without it, %")
-    panel.legend(fontsize=7)
-    figure.tight_layout()
+    """What the loss of each row would cost, in per cent of the joint 1σ; rows by the lines of their run's file."""
+    worth = plan.assessment.worth
+    figure = Figure(figsize=(7.0, 0.6 + 1.7 * len(worth)), layout="constrained")
+    panels = figure.subplots(len(worth), 1, squeeze=False, sharey=True)[:, 0]
+    for panel, (run, values) in zip(panels, worth.items(), strict=True):
+        lines = np.arange(len(values)) + FIRST_LINE
+        panel.bar(lines, 100.0 * np.expm1(0.5 * values), color="#1d6996")
+        panel.set_title(f"run {run}", fontsize=9, loc="left")
+        panel.set_ylabel("1σ lost, %")
+        panel.margins(x=0.01)
+    panels[-1].set_xlabel("line of the run's file")
     return figure

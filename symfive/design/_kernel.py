@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 __all__ = ["Batch", "Kernel"]
 
 Array = NDArray[np.float64]
-LARGEST_BLOCK = 1024
-EXACT = 200
+BLOCK = 128
 
 
 @dataclass
@@ -32,7 +31,7 @@ class Batch:
         n = len(inputs[0])
         if n == 0:
             return [np.empty((0, self.function.numel_out(i))) for i in range(self.function.n_out())]
-        block = n if n <= EXACT else min(LARGEST_BLOCK, 1 << (n - 1).bit_length())
+        block = min(n, BLOCK)
         buffer, trigger, sources, outputs = self._prepared(block)
         results = [np.empty((n, output.shape[1])) for output in outputs]
         del buffer

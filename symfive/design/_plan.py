@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,27 +13,31 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._anywhere import bound_anywhere
-from symfive.design._assess import Assessment, assess, machine_information, workspace_places
-from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid, setup_options
+from symfive.design._assess import FIRST_LINE, Assessment, assess
+from symfive.design._budget import affordable, most_per_minute, shortened
+from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._certificate import Certificate, certify
-from symfive.design._criteria import criterion_of
+from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._optimise import optimise, rounded, value_of
 from symfive.design._refine import Rows
-from symfive.design._robust import lost_pose, over_prior, survive_a_lost_pose
-from symfive.design._schedule import SETUP_S, Schedule, scheduled, shortened
+from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
+from symfive.design._robust import drawn_spaces, lost_pose, over_prior, robust_exchange, survive_a_lost_pose
+from symfive.design._schedule import Schedule, scheduled
 from symfive.design._space import Space, make_space
+from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.files import output_folder
 from symfive.machine import Machine
-from symfive.nc import DIALECTS, Post
+from symfive.nc import LETTERS, Post
 from symfive.threads import one_thread
 
 __all__ = ["Plan", "plan"]
 
 Array = NDArray[np.float64]
-SEEN = 0.5
-"""A parameter is seen by a plan where the posterior variance is below this share of its prior's."""
+ROBUST = ("nominal", "mean", "worst")
+REPORTED_DRAWS, DRAWS = 2, 6
+"""Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,8 @@ class Plan:
     return poses were added; `assessment` of the whole; `starts` ψ of every start; `minutes` it takes; `unsafe` run → rows
     before which the spindle is drawn back; `lost` the efficiency left if the most important pose is lost;
     `over_prior` mean and worst efficiency when the machine's errors are drawn from the priors; `information_per_minute`
-    nats of ψ a minute; `drift` efficiency left when a linear drift is a nuisance; `notes` in plain words.
+    nats of ψ a minute; `drift` efficiency left when a linear drift is a nuisance; `post` the retract with which every way of
+    the programs is clear, and `blocked` run → ways that are not even so, (row, what meets); `notes` in plain words.
     """
 
     machine: Machine
@@ -61,6 +66,8 @@ class Plan:
     over_prior: tuple[float, float]
     information_per_minute: float
     drift: float
+    post: Post = field(default_factory=Post)
+    blocked: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def write(self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None) -> None:
@@ -90,8 +97,9 @@ class Plan:
 @one_thread
 def plan(
     machine: Machine, *, instrument: str = "r_test", criterion: str = "D", points: int = 40, for_: Iterable[str] = (),
-    given: Campaign | None = None, setups: int | None = None, minutes: float | None = None, returns: int = 2,
-    repeats: int = 1, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None, survive: bool = False, starts: int = 6,
+    given: Campaign | None = None, setups: int | None = None, lengths: Sequence[float] = (),
+    minutes: float | None = None, per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
+    setup_sigma: SetupSigma | None = None, survive: bool = False, robust: str = "nominal", starts: int = 6,
     anywhere: bool = True, seed: int = 0, progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
@@ -99,39 +107,68 @@ def plan(
     `instrument` `r_test` or `ball_bar`; `criterion` D, A, E, G or V (`I`); `for_` names of the parameters that count (by
     default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
-    3); `minutes` a time budget; `returns` visits back to the first pose of each run, against drift; `repeats` readings of
-    each pose; `survive` prefers a plan that stays good if any one pose is lost; `starts` of the search;
-    `anywhere`: whether the certificate also
-    compares with all other set-ups (a few seconds).
+    3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
+    many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
+    `repeats` readings of each pose; `survive` prefers a plan that stays good if any one pose is lost; `robust` `nominal`, or
+    the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
+    certificate also compares with all other set-ups (a few seconds).
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
     """
-    _check(machine, points, setups, repeats, returns, starts)
+    machine = with_bars(machine, lengths)
+    check_counts(
+        machine, {"points": points, "setups": setups, "repeats": repeats, "returns": returns, "starts": starts}
+    )
+    if robust not in ROBUST:
+        raise InputError(f'robust = "{robust}" is unknown', remedy=f"use one of {', '.join(ROBUST)}")
+    if not (noise_um > 0.0 and math.isfinite(noise_um)):
+        raise InputError(f"noise_um = {noise_um:g} is not positive", remedy="give the instrument's 1σ in µm")
     space = make_space(machine, instrument, noise_um=noise_um / math.sqrt(repeats), setup_sigma=setup_sigma)
     names = tuple(p.name for p in space.shared)
-    wanted = _interest(names, tuple(for_))
-    task = _task(space, criterion, wanted, given)
-    runs = setups or (2 if instrument == "r_test" else 3)
-    if minutes is not None:
-        points = _affordable(machine, minutes, points, runs, returns, repeats)
-    runs = min(runs, max(1, points // 2))
-    _refuse_unseen(space, task, points, names)
+    wanted = interest_of(names, tuple(for_))
+    task = task_of(space, criterion, wanted, given)
+    shares = affordable(machine, minutes, points, setups or (2 if instrument == "r_test" else 3), returns, repeats)
+    points, runs = shares[-1]
+    refuse_unseen(space, task, points, names)
     progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
-    rows, values = optimise(space, task, points, runs, starts=starts, seed=seed, progress=progress)
-    rows = rounded(space, rows)
+
+    def lay(design: Rows) -> Schedule:
+        return scheduled(space, design, returns=returns, repeats=repeats, noise_um=noise_um)
+
+    def best_of(count: int, at_most: int) -> tuple[Rows, tuple[float, ...]]:
+        design, psi = optimise(space, task, count, at_most, starts=starts, seed=seed, progress=progress)
+        return rounded(space, design), psi
+
+    def fitted(design: Rows) -> Rows:
+        if minutes is None:
+            return design
+        return shortened(space, task, design, lay(design), 60.0 * minutes, lay).rows
+
+    found = [(fitted(design), psi) for design, psi in (best_of(*share) for share in shares)]
+    rows, values = min(found, key=lambda design: value_of(space, task, design[0]))
+    drawn = drawn_spaces(machine, space, REPORTED_DRAWS if robust == "nominal" else DRAWS)
+    if per_minute:
+        progress("poses that tell most per minute")
+        fewer = most_per_minute(space, task, rows, lay).rows
+        again, psi = best_of(len(fewer.z), fewer.groups)
+        before = task.value_of_marginal(task.prior)
+        rates = [(before - value_of(space, task, d)) / lay(d).seconds for d in (again, fewer)]
+        better = rates[0] > rates[1]
+        rows, values = (again, psi) if better else (fewer, values)
+    if robust != "nominal":
+        progress("making it good on machines drawn from the priors")
+        rows = robust_exchange(drawn, task, rows, _grid_in(space, rows), robust)
     if survive:
         progress("making it survive the loss of a pose")
-        rows = _surviving(space, task, rows)
-    progress("certificate")
-    certificate = _certified(space, task, rows, runs, anywhere)
+        rows = survive_a_lost_pose(space, task, rows, _grid_in(space, rows))
     progress("order of poses")
-    schedule = scheduled(space, rows, returns=returns, repeats=repeats, noise_um=noise_um)
-    if minutes is not None:
-        schedule = shortened(space, task, rows, schedule, 60.0 * minutes, returns, repeats, noise_um)
-        if len(schedule.rows.z) < len(rows.z):
-            rows = schedule.rows
-            certificate = _certified(space, task, rows, runs, anywhere)
-    return _finished(machine, space, task, rows, schedule, certificate, values, given, criterion, wanted)
+    schedule = lay(fitted(rows))
+    progress("certificate")
+    certificate = _certified(space, task, schedule.rows, runs, anywhere)
+    progress("ways between the poses")
+    return _finished(
+        space, task, schedule, certificate, values, given, criterion, wanted, over_prior(drawn, task, schedule.rows)
+    )
 
 
 def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool) -> Certificate:
@@ -142,115 +179,47 @@ def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool) 
     return replace(certificate, anywhere=min(1.0, math.exp(bound - certificate.value)))
 
 
-def _check(machine: Machine, points: int, setups: int | None, repeats: int, returns: int, starts: int) -> None:
-    given = {
-        "points": points,
-        "setups": 1 if setups is None else setups,
-        "repeats": repeats,
-        "returns": returns,
-        "starts": starts,
-    }
-    for name, value in given.items():
-        least = {"points": 2, "returns": 0}.get(name, 1)
-        if value < least:
-            raise InputError(f"{name} = {value} is too few", remedy=f"give at least {least}")
-    if machine.workspace.table_radius is None:
-        raise InputError(
-            "the machine file has no workspace", remedy="add [workspace] with table_radius and ball_height"
-        )
-
-
-def _interest(names: Sequence[str], wanted: tuple[str, ...]) -> tuple[str, ...]:
-    """Names or beginnings of names (`EXC` for all its coefficients) as full names."""
-    if not wanted:
-        return tuple(names)
-    found: list[str] = []
-    for name in wanted:
-        matching = [n for n in names if n == name or n.startswith(name + ".")]
-        if not matching:
-            shown = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
-            raise InputError(f"the machine's model has no parameter {name}", remedy=f"use names such as {shown}")
-        found += [n for n in matching if n not in found]
-    return tuple(found)
-
-
-def _task(space: Space, criterion: str, wanted: Sequence[str], given: Campaign | None) -> Task:
-    names = [p.name for p in space.shared]
-    interest = np.array([names.index(name) for name in wanted], dtype=np.int64)
-    prior = np.eye(len(names))
-    if given is not None:
-        if given.machine.structure != space.machine.structure:
-            raise InputError("the campaign given is of another machine", remedy="give one measured on this machine")
-        sigma = np.array([p.sigma for p in space.shared])
-        prior = prior + machine_information(given, names) * np.outer(sigma, sigma)
-    places = (
-        workspace_places(space)[:, :, interest] if criterion in ("G", "V", "I") else np.zeros((0, 3, len(interest)))
-    )
-    return Task(criterion_of(criterion, len(interest), places), prior, space.own_sigma, interest)
-
-
-def _affordable(machine: Machine, minutes: float, points: int, runs: int, returns: int, repeats: int) -> int:
-    left = 60.0 * minutes - SETUP_S
-    most = int(left // (machine.workspace.seconds_per_pose * repeats)) - returns
-    if most < 2:
-        least = math.ceil((SETUP_S + (2 + returns) * machine.workspace.seconds_per_pose * repeats) / 60.0)
-        problem = f"{minutes:g} minutes are too short for one set-up and two poses"
-        raise InputError(problem, remedy=f"give at least {least} minutes")
-    return min(points, most)
-
-
-def _refuse_unseen(space: Space, task: Task, points: int, names: Sequence[str]) -> None:
-    """Refuse parameters asked for by name that even all candidate poses together do not see."""
-    setups, lengths = setup_options(space)
-    poses = pose_grid(space, 60)
-    candidates = candidates_in(space, setups, lengths, poses)
-    if len(task.interest) == len(names):
-        return
-    groups = len(setups)
-    rich = task.information(candidates.rows, candidates.group, groups, np.full(len(candidates), points / 60.0))
-    covariance = np.linalg.inv(task.marginal(rich, task.layout(groups)))
-    known = np.linalg.inv(task.prior)
-    for i in task.interest:
-        if covariance[i, i] > SEEN * known[i, i]:
-            coupled = np.abs(covariance[i]) / np.sqrt(covariance[i, i] * np.diag(covariance))
-            coupled[i] = 0.0
-            partner = names[int(np.argmax(coupled))] if coupled.max() > 0.5 else ""
-            why = (
-                f"it cannot be told apart from {partner}"
-                if partner
-                else "no reading depends on it, or the noise hides it"
-            )
-            remedy = f"leave it out, fix {partner} in the machine file" if partner else "leave it out"
-            raise InputError(
-                f"no {space.instrument} plan can see {names[i]}: {why}", remedy=f"{remedy}, or use another instrument"
-            )
-
-
-def _surviving(space: Space, task: Task, rows: Rows) -> Rows:
+def _grid_in(space: Space, rows: Rows) -> Candidates:
+    """Poses of a grid in the set-ups of a design."""
     setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
     lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
-    grid = candidates_in(space, setups, lengths, pose_grid(space, PER_SETUP))
-    return survive_a_lost_pose(space, task, rows, grid)
+    return candidates_in(space, setups, lengths, pose_grid(space, PER_SETUP))
 
 
 def _finished(
-    machine: Machine, space: Space, task: Task, rows: Rows, schedule: Schedule, certificate: Certificate,
-    values: tuple[float, ...], given: Campaign | None, criterion: str, wanted: tuple[str, ...],
+    space: Space, task: Task, schedule: Schedule, certificate: Certificate, values: tuple[float, ...],
+    given: Campaign | None, criterion: str, wanted: tuple[str, ...], drawn: tuple[float, float],
 ) -> Plan:  # fmt: skip
-    assessment = assess(schedule.campaign, given=given)
+    rows, machine = schedule.rows, space.machine
     value = value_of(space, task, rows)
-    sensitivities = space.kernel.rows(rows.z, rows.k)
-    left, _ = lost_pose(task, sensitivities, rows.group, rows.groups)
-    mean, worst = over_prior(machine, space, task, rows, draws=2)
+    left, _ = lost_pose(task, space.kernel.rows(rows.z, rows.k), rows.group, rows.groups)
     before = task.value_of_marginal(task.prior)
-    notes = [f"NC dialects: {', '.join(DIALECTS)}"]
-    for run, unsafe in schedule.unsafe.items():
-        notes.append(f"run {run}: the spindle is drawn back before {len(unsafe)} of its poses")
-    if len(values) > 1 and max(values) - min(values) > 0.05:
-        notes.append("the starts ended in different local optima; the best one is taken")
+    post = Post(unsafe=schedule.unsafe)
+    blocked: dict[str, list[tuple[int, str]]] = {}
+    if all(name in LETTERS for name in machine.axis_names):
+        post, blocked = cleared(machine, schedule.campaign.runs, schedule.unsafe)
     return Plan(
         machine=machine, instrument=space.instrument, criterion=criterion, interest=wanted, campaign=schedule.campaign,
-        certificate=certificate, assessment=assessment, starts=values, minutes=schedule.seconds / 60.0,
-        unsafe=schedule.unsafe, lost=math.exp(value - left), over_prior=(math.exp(value - mean), math.exp(value - worst)),
-        information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, notes=tuple(notes),
+        certificate=certificate, assessment=assess(schedule.campaign, given=given), starts=values,
+        minutes=schedule.seconds / 60.0, unsafe=schedule.unsafe, lost=math.exp(value - left),
+        over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
+        information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
+        blocked=blocked, notes=_notes(schedule, post, blocked, values),
     )  # fmt: skip
+
+
+def _notes(
+    schedule: Schedule, post: Post, blocked: Mapping[str, Sequence[tuple[int, str]]], values: tuple[float, ...]
+) -> tuple[str, ...]:
+    notes = [
+        f"run {run}: the way to {len(rows)} of its poses leads out of the nest and around"
+        for run, rows in schedule.unsafe.items()
+    ]
+    for run, rows in post.by_hand.items():
+        notes += [f"run {run}: drive by hand to line {row + FIRST_LINE}, no clear way was found" for row in rows]
+    for run, moves in blocked.items():
+        meets = ", ".join(sorted({f"{what} on the way to line {row + FIRST_LINE}" for row, what in moves}))
+        notes.append(f"run {run}: not clear: {meets}")
+    if len(values) > 1 and max(values) - min(values) > 0.05:
+        notes.append("the starts ended in different local optima; the best one is taken")
+    return tuple(notes)

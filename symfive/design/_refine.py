@@ -1,16 +1,18 @@
 """Continuous refinement of a design by IPOPT with exact structured second derivatives.
 
-With M = P + Σ F(zᵢ), C = M⁻¹, S the block of C that counts, G = C K ψ'(S) Kᵀ C and C = RᵀR:
+With M = P + Σ F(zᵢ), C = M⁻¹, S the block of C that counts and G = C K ψ'(S) Kᵀ C:
 
     ∂ψ   = -⟨G, ∂F⟩
-    ∂∂ψ  = ψ''(S)[∂S, ∂S] + 2 V Vᵀ - ⟨G, ∂∂F⟩,   ∂S = -Kᵀ C ∂F C K,   V = vec(R ∂F C K ψ'(S)^½)
+    ∂∂ψ  = ψ''(S)[∂S, ∂S] + 2 tr(∂F C ∂F G) - ⟨G, ∂∂F⟩,   ∂S = -Kᵀ C ∂F C K
 
 The last term is block diagonal in the poses (bordered by the set-ups); only the kernels of single rows are differentiated.
-For D this is the Gram matrix of vec(L⁻¹ ∂F L⁻ᵀ) less the frozen block diagonal.
+For D, log det S = log det Mₒₒ - log det M with o all that does not count, so that
+s ∂∂ψ = tr(∂F C ∂F C) - tr(∂Fₒₒ Mₒₒ⁻¹ ∂Fₒₒ Mₒₒ⁻¹) less the frozen block diagonal.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +30,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 OPTIONS: dict[str, Any] = {
     "max_iter": 40, "tol": 1e-5, "acceptable_tol": 1e-3, "acceptable_iter": 6, "mu_init": 1e-2, "bound_push": 1e-4,
-    "bound_frac": 1e-4, "bound_relax_factor": 0.0, "print_level": 0, "sb": "yes",
+    "bound_frac": 1e-4, "bound_relax_factor": 0.0, "bound_mult_init_method": "mu-based", "barrier_tol_factor": 100.0,
+    "mu_linear_decrease_factor": 0.1, "print_level": 0, "sb": "yes",
 }  # fmt: skip
 
 
@@ -76,6 +79,7 @@ class Objective:
         self.index = rows.index
         self.size = int(self.index.max()) + 1
         self.layout = task.layout(rows.groups)
+        self.others = np.setdiff1d(np.arange(self.layout.size), task.interest)
         self._prior = task.prior_information(rows.groups)
         self._at: bytes = b""
         self._kept: tuple[Any, ...] = ()
@@ -111,33 +115,65 @@ class Objective:
     def hessian(self, x: Array) -> Array:
         """d²ψ/dx² (m, m)."""
         z, whole, narrow, information, columns, S, slope, pull = self._evaluate(x)
-        group = self.rows.group
         n, nz, _, _ = narrow.shape
-        slopes = self.layout.embed(narrow, group)
-        values, vectors = np.linalg.eigh(slope)
-        half = vectors * np.sqrt(np.maximum(values, 0.0))
-        root = np.linalg.inv(np.linalg.cholesky(information))
-        seen = whole.transpose(0, 2, 1) @ columns
-        moved = slopes.transpose(0, 1, 3, 2) @ columns
-        cross = moved.transpose(0, 1, 3, 2) @ seen[:, None]
-        changes = self._gather(-(cross + cross.transpose(0, 1, 3, 2)))
-        gram = (root @ slopes) @ (seen @ half)[:, None] + (root @ whole)[:, None] @ (moved @ half)
-        flat = self._gather(gram).reshape(self.size, -1)
-        hessian = self.task.criterion.curvature(S, changes) + 2.0 * (flat @ flat.T)
-        weights = pull @ whole
-        own = self._narrow(weights)
+        slopes = self.layout.embed(narrow, self.rows.group)
+        still, moved = whole.transpose(0, 2, 1), slopes.transpose(0, 1, 3, 2)
+        half = _half_inverse(information)
+        if self.task.criterion.determinant:
+            hessian = self._gram(moved @ half, still @ half)
+            if self.others.size:
+                half = _half_inverse(information[np.ix_(self.others, self.others)])
+                hessian -= self._gram(moved[..., self.others] @ half, still[..., self.others] @ half)
+            hessian /= len(self.task.interest)
+        else:
+            values, vectors = np.linalg.eigh(slope)
+            bent = vectors * np.sqrt(np.maximum(values, 0.0))
+            seen, by = still @ columns, moved @ columns
+            changes = self._summed(by, seen)
+            mixed = self._summed(moved @ half, seen @ bent) + self._summed(by @ bent, still @ half).swapaxes(1, 2)
+            flat = mixed.reshape(self.size, -1)
+            hessian = self.task.criterion.curvature(S, -(changes + changes.swapaxes(1, 2))) + 2.0 * (flat @ flat.T)
+        own = self._narrow(pull @ whole)
         pulled = (pull @ slopes).reshape(n, nz, -1)
         block = pulled @ slopes.reshape(n, nz, -1).transpose(0, 2, 1) + self.kernel.curvature(z, self.rows.k, own)
         np.add.at(hessian, (self.index[:, :, None], self.index[:, None, :]), -2.0 * block)
         return np.asarray(hessian)
 
-    def _gather(self, rows: Array) -> Array:
-        """Per row and variable (n, nz, …) summed onto what is decided (m, …)."""
-        n, nz = rows.shape[:2]
+    def _gram(self, moved: Array, still: Array) -> Array:
+        """tr(∂F ∂F') of every two variables (m, m), from ∂J (n, nz, ny, p) and J (n, ny, p)."""
+        n, _, ny, p = moved.shape
         poses = self.rows.poses
-        own = rows[:, :poses].reshape(n * poses, *rows.shape[2:])
-        setups = [rows[self.rows.group == g, poses:].sum(axis=0) for g in range(self.rows.groups)]
-        return np.concatenate([own, *setups]) if nz > poses else own
+        first = n * poses
+        gram = np.empty((self.size, self.size))
+        gram[:first, :first] = (_sums if p < 2 * ny**2 else _pairs)(moved[:, :poses], still)
+        if self.size > first:
+            setups = self._of_setups(moved, still)
+            setups += setups.swapaxes(1, 2)
+            flat = setups.reshape(len(setups), -1)
+            gram[first:, first:] = flat @ flat.T
+            seen = (still.reshape(-1, p) @ setups).reshape(-1, n, ny * p).transpose(1, 2, 0)
+            gram[:first, first:] = 2.0 * (moved[:, :poses].reshape(n, poses, -1) @ seen).reshape(first, -1)
+            gram[first:, :first] = gram[:first, first:].T
+        return gram
+
+    def _summed(self, moved: Array, still: Array) -> Array:
+        """Σ ∂Jᵀ J over the rows that a variable moves (m, p, q), of ∂J (n, nz, ny, p) and J (n, ny, q)."""
+        poses = self.rows.poses
+        own = moved[:, :poses].swapaxes(2, 3) @ still[:, None]
+        return np.concatenate([own.reshape(-1, *own.shape[2:]), self._of_setups(moved, still)])
+
+    def _of_setups(self, moved: Array, still: Array) -> Array:
+        """The same for the variables of the set-ups alone."""
+        _, nz, _, p = moved.shape
+        poses, q = self.rows.poses, still.shape[2]
+        if nz == poses:
+            return np.empty((0, p, q))
+        sums = []
+        for g in range(self.rows.groups):
+            mine = self.rows.group == g
+            together = moved[mine, poses:].transpose(1, 3, 0, 2).reshape(nz - poses, p, -1)
+            sums.append(together @ still[mine].reshape(-1, q))
+        return np.concatenate(sums)
 
     def _narrow(self, whole: Array) -> Array:
         """Back from all columns (n, size, ny) to those of the row's own set-up."""
@@ -152,6 +188,37 @@ class Objective:
     def limits(self, x: Array) -> Array:
         """What must be ≥ 0, row by row (n·ng,)."""
         return self.kernel.limits(x[self.index], self.rows.k).ravel()
+
+
+def _half_inverse(matrix: Array) -> Array:
+    """H with H Hᵀ = M⁻¹."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(matrix)).T)
+
+
+def _sums(moved: Array, still: Array) -> Array:
+    """The same as `_pairs` from the matrices ∂F themselves, which is less work where they are small."""
+    n, q, _, p = moved.shape
+    sums = moved.swapaxes(2, 3) @ still[:, None]
+    flat = (sums + sums.swapaxes(2, 3)).reshape(n * q, p * p)
+    return np.asarray(flat @ flat.T)
+
+
+def _pairs(moved: Array, still: Array) -> Array:
+    """tr(∂F ∂F') of every two poses and their variables (n·q, n·q), ∂F = Σ ∂Jᵀ J + Jᵀ ∂J over the readings.
+
+    From ∂J (n, q, ny, p) and J (n, ny, p): 2 Σ (∂J ∂J'ᵀ)(J J'ᵀ) + (∂J J'ᵀ)(J ∂J'ᵀ), so that only inner products are needed.
+    """
+    n, q, ny, p = moved.shape
+    moved_flat = moved.transpose(2, 1, 0, 3).reshape(-1, p)
+    still_flat = still.transpose(1, 0, 2).reshape(-1, p)
+    JJ = (still_flat @ still_flat.T).reshape(ny, n, ny, n)
+    DJ = (moved_flat @ still_flat.T).reshape(ny, q, n, ny, n)
+    DD = (moved_flat @ moved_flat.T).reshape(ny, q, n, ny, q, n)
+    total = np.zeros((q, n, q, n))
+    for a, b in itertools.product(range(ny), repeat=2):
+        total += DD[a, :, :, b] * JJ[a, None, :, b, None]
+        total += DJ[a, :, :, b, None] * DJ[b, :, :, a].transpose(2, 0, 1)
+    return np.asarray(2.0 * total.transpose(1, 0, 3, 2).reshape(n * q, n * q))
 
 
 class _Problem(ca.Callback):

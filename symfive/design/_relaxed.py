@@ -24,7 +24,9 @@ __all__ = ["Relaxed", "best_told", "relax", "sensitivity"]
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 NEGLIGIBLE = 1e-6
-MULTIPLICATIVE, MOST_LIVE, FRESH = 30, 240, 40
+MULTIPLICATIVE, FRESH = 10, 40
+LIVE, LEAST_LIVE, MOST_LIVE = 5, 60, 240
+"""Candidates on which the interior point begins: so many per parameter, within these limits."""
 ROUNDS, INTERIOR, INNER = 12, 40, 30
 
 
@@ -68,9 +70,10 @@ def relax(
     prior = task.prior_information(groups)
     n = len(candidates)
     weights = np.full(n, points / n) if start is None else 0.9 * start * points / start.sum() + 0.1 * points / n
-    if n > MOST_LIVE:
+    first = min(max(LIVE * len(prior), LEAST_LIVE), MOST_LIVE)
+    if n > first:
         weights = _multiplied(task, whole, prior, points, weights)
-    live = np.sort(np.argsort(weights)[::-1][:MOST_LIVE])
+    live = np.sort(np.argsort(weights)[::-1][:first])
     best: Relaxed | None = None
     for _ in range(ROUNDS):
         inner = weights[live] / weights[live].sum() * points
@@ -147,20 +150,36 @@ def _interior(task: Task, whole: Array, prior: Array, points: float, weights: Ar
 def _derivatives(task: Task, whole: Array, prior: Array, weights: Array) -> tuple[Array, Array]:
     """Slope (n,) and second derivatives (n, n) of exp ψ, divided by its value."""
     information = prior + _gathered(whole, weights)
+    if task.criterion.determinant:
+        slope, bent = _of_log_det(whole, information)
+        others = np.setdiff1d(np.arange(len(prior)), task.interest)
+        if others.size:
+            less = _of_log_det(whole[:, others], information[np.ix_(others, others)])
+            slope, bent = slope - less[0], bent - less[1]
+        slope, bent = -slope / len(task.interest), bent / len(task.interest)
+        return slope, bent + np.outer(slope, slope)
     root = np.linalg.inv(np.linalg.cholesky(information))
     covariance = root.T @ root
     S = task.of_interest(covariance)
-    bent = task.criterion.slope(S)
-    values, vectors = np.linalg.eigh(bent)
+    weight = task.criterion.slope(S)
+    values, vectors = np.linalg.eigh(weight)
     half = vectors * np.sqrt(np.maximum(values, 0.0))
     seen = whole.transpose(0, 2, 1) @ covariance[:, task.interest]
-    slope = -np.einsum("nya,ab,nyb->n", seen, bent, seen, optimize=True)
+    slope = -np.einsum("nya,ab,nyb->n", seen, weight, seen, optimize=True)
     changes = -(seen.transpose(0, 2, 1) @ seen)
     flat = ((root @ whole) @ (seen @ half)).reshape(len(weights), -1)
     return slope, task.criterion.curvature(S, changes) + 2.0 * (flat @ flat.T) + np.outer(slope, slope)
 
 
-def best_told(pull: Array, rows: Array, prior: Array, points: float) -> tuple[float, float, Array]:
+def _of_log_det(whole: Array, information: Array) -> tuple[Array, Array]:
+    """tr(C Fᵢ) (n,) and tr(C Fᵢ C Fⱼ) = |Jᵢᵀ C Jⱼ|² (n, n), C the inverse of the information."""
+    n, size, ny = whole.shape
+    flat = whole.transpose(2, 0, 1).reshape(ny * n, size) @ np.linalg.inv(np.linalg.cholesky(information)).T
+    pairs = (flat @ flat.T) ** 2
+    return np.sum(flat**2, axis=1).reshape(ny, n).sum(axis=0), pairs.reshape(ny, n, ny, n).sum(axis=(0, 2))
+
+
+def best_told(pull: Array, rows: Array, prior: Array, points: float, steps: int = INNER) -> tuple[float, float, Array]:
     """The poses of one set-up that tell most about G = `pull` (shared, shared), the set-up's own errors marginalised.
 
     Returns the largest |(J + Jₒ B)ᵀ G^½|² over the poses and tr(G Bᵀ Pₒ B) at the best matrix B found (see `_anywhere`), and
@@ -176,7 +195,7 @@ def best_told(pull: Array, rows: Array, prior: Array, points: float) -> tuple[fl
     left_flat = own.transpose(1, 0, 2).reshape(own.shape[1], -1)
     seen_flat = seen.transpose(1, 0, 2).reshape(seen.shape[1], -1)
     ny = rows.shape[2]
-    for _ in range(INNER):
+    for _ in range(steps):
         weighted = left_flat * np.repeat(weights, ny)
         B = -np.linalg.solve(weighted @ left_flat.T + prior, weighted @ seen_flat.T)
         left = seen_flat + B.T @ left_flat

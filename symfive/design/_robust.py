@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from symfive.design._refine import Rows
 from symfive.design._space import Space, make_space
 from symfive.machine import Machine
 
-__all__ = ["lost_pose", "over_prior", "survive_a_lost_pose"]
+__all__ = ["drawn_spaces", "lost_pose", "over_prior", "robust_exchange", "survive_a_lost_pose"]
 
 Array = NDArray[np.float64]
 SHORTLIST = 12
@@ -72,12 +73,10 @@ def _swapped(current: Candidates, candidates: Candidates, entering: int, leaving
     return Candidates(*parts)
 
 
-def over_prior(
-    machine: Machine, space: Space, task: Task, rows: Rows, *, draws: int = 8, seed: int = 0
-) -> tuple[float, float]:
-    """Mean and worst ψ when the machine's location errors are drawn from their priors instead of standing at their means."""
+def drawn_spaces(machine: Machine, space: Space, draws: int, seed: int = 0) -> list[Space]:
+    """The same space on machines whose location errors are drawn from their priors instead of standing at their means."""
     generator = np.random.default_rng(seed)
-    values = []
+    found = []
     for _ in range(draws):
         errors = {
             name: replace(term, mean=term.mean + term.sigma * float(generator.standard_normal()))
@@ -85,8 +84,60 @@ def over_prior(
             else term
             for name, term in machine.errors.items()
         }
-        drawn = make_space(
-            replace(machine, errors=errors), space.instrument, noise_um=space.noise_um, setup_sigma=space.setup_sigma
-        )
-        values.append(task.value(task.information(drawn.kernel.rows(rows.z, rows.k), rows.group, rows.groups)))
+        drawn = replace(machine, errors=errors)
+        found.append(
+            make_space(drawn, space.instrument, noise_um=space.noise_um, setup_sigma=space.setup_sigma)
+        )  # fmt: skip
+    return found
+
+
+def over_prior(spaces: Sequence[Space], task: Task, rows: Rows) -> tuple[float, float]:
+    """Mean and worst ψ over drawn machines."""
+    values = [_psi(space, task, rows) for space in spaces]
     return float(np.mean(values)), float(np.max(values))
+
+
+def _psi(space: Space, task: Task, rows: Rows) -> float:
+    return task.value(task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups))
+
+
+def robust_exchange(
+    spaces: Sequence[Space], task: Task, rows: Rows, candidates: Candidates, how: str, passes: int = 2
+) -> Rows:
+    """Exchange that lowers the `mean` or the `worst` ψ over drawn machines.
+
+    `candidates` in the same set-ups as the rows. A pose enters by what it tells on the machines that count: all of them
+    alike, or the one that is worst off.
+    """
+    layout = task.layout(rows.groups)
+    offered = [layout.embed(space.kernel.rows(candidates.z, candidates.k), candidates.group) for space in spaces]
+    z, k, group = rows.z.copy(), rows.k.copy(), rows.group.copy()
+    current = [layout.embed(space.kernel.rows(z, k), group) for space in spaces]
+    informations = [task.prior_information(rows.groups) + np.einsum("npy,nqy->pq", own, own) for own in current]
+
+    def joined(trial: list[Array]) -> float:
+        values = [task.value(information) for information in trial]
+        return max(values) if how == "worst" else float(np.mean(values))
+
+    value = joined(informations)
+    for place in range(passes * len(z)):
+        leaving = place % len(z)
+        without = [
+            information - own[leaving] @ own[leaving].T for information, own in zip(informations, current, strict=True)
+        ]
+        worst = int(np.argmax([task.value(information) for information in without]))
+        counted = [worst] if how == "worst" else range(len(spaces))
+        seen = np.zeros(len(candidates.z))
+        for d in counted:
+            seen += np.einsum("npy,pq,nqy->n", offered[d], task.pull(inverse(without[d])), offered[d], optimize=True)
+        best = -1
+        for entering in np.argsort(seen)[::-1][:SHORTLIST]:
+            reached = joined([w + o[entering] @ o[entering].T for w, o in zip(without, offered, strict=True)])
+            if reached < value - 1e-9:
+                value, best = reached, int(entering)
+        if best >= 0:
+            z[leaving], k[leaving], group[leaving] = candidates.z[best], candidates.k[best], candidates.group[best]
+            for d, own in enumerate(current):
+                own[leaving] = offered[d][best]
+                informations[d] = without[d] + own[leaving] @ own[leaving].T
+    return Rows.of(z, k, group, rows.poses)

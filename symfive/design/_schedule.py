@@ -15,9 +15,8 @@ from symfive.design._information import Task, inverse
 from symfive.design._order import move_times, out_and_back, round_trip, there_and_back, timetable
 from symfive.design._refine import Rows
 from symfive.design._space import Space
-from symfive.errors import InputError
 
-__all__ = ["SETUP_S", "Schedule", "scheduled", "shortened"]
+__all__ = ["SETUP_S", "Schedule", "scheduled"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -26,7 +25,10 @@ SETUP_S = 300.0
 UNSAFE_S = 60.0
 """What a move costs on which the spindle has to be drawn back (or the bar taken off)."""
 DRIFT_UM_PER_H = 30.0
-BETWEEN = np.linspace(0.125, 0.875, 7)
+BETWEEN = np.linspace(0.0, 1.0, 37)[1:-1]
+DENSELY = np.linspace(0.0, 1.0, 361)[1:-1]
+MANY = 60
+"""Poses in one run beyond which the ways between all pairs are looked at less closely; those taken always are."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ def _laid_out(
         times = move_times(space.machine, commands) + UNSAFE_S * _blocked(space, rows, mine)
         order = np.repeat(out_and_back(ordering(round_trip(times)), returns), repeats)
         commands = {name: np.round(values[order], 6) for name, values in commands.items()}
-        blocked = _blocked(space, rows, mine)
-        rows_unsafe = tuple(int(i) + 1 for i in np.flatnonzero(blocked[order[:-1], order[1:]]))
+        leaves = _leaves(space, rows, mine[order[:-1]], mine[order[1:]], DENSELY)
+        rows_unsafe = tuple(int(i) + 1 for i in np.flatnonzero(leaves & (order[:-1] != order[1:])))
         time = timetable(space.machine, commands, space.machine.workspace.seconds_per_pose)
         time = time + np.concatenate(
             [[0.0], np.cumsum([UNSAFE_S * (i + 1 in rows_unsafe) for i in range(len(order) - 1)])]
@@ -94,14 +96,42 @@ def _clean(vector: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 def _blocked(space: Space, rows: Rows, mine: Indices) -> Array:
-    """1 where the straight way between two poses leaves the limits (n, n)."""
+    """1 where the way between two poses leaves the limits (n, n)."""
     n = len(mine)
     first, second = np.meshgrid(mine, mine, indexing="ij")
-    a, b = rows.z[first.ravel()], rows.z[second.ravel()]
-    bad = np.zeros(n * n, dtype=bool)
-    for share in BETWEEN:
-        bad |= np.any(space.kernel.limits(a + share * (b - a), rows.k[first.ravel()]) < -1e-6, axis=1)
-    return bad.reshape(n, n).astype(float)
+    shares = BETWEEN if n <= MANY else BETWEEN[2::5]
+    return _leaves(space, rows, first.ravel(), second.ravel(), shares).reshape(n, n).astype(float)
+
+
+def _leaves(space: Space, rows: Rows, first: Indices, second: Indices, shares: Array) -> NDArray[np.bool_]:
+    """Whether the way from one row to another leaves the limits: rotary axes straight, the ball in its nest or the bar on
+    the shorter arc, as the program drives."""
+    a, b = rows.z[first], rows.z[second]
+    bad = np.zeros(len(first), dtype=bool)
+    for share in shares:
+        z = a + share * (b - a)
+        if space.instrument == "ball_bar":
+            z[:, space.poses - 2 : space.poses] = _angles(_on_arc(_bars(space, a), _bars(space, b), float(share)))
+        bad |= np.any(space.kernel.limits(z, rows.k[first]) < -1e-6, axis=1)
+    return bad
+
+
+def _on_arc(a: Array, b: Array, share: float) -> Array:
+    """Unit vectors (n, 3) at a share of the shorter arc from a to b."""
+    across = b - np.sum(a * b, axis=1, keepdims=True) * a
+    size = np.linalg.norm(across, axis=1, keepdims=True)
+    upright = np.where(np.abs(a[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    other = np.cross(a, upright)
+    across = np.where(
+        size < 1e-12, other / np.linalg.norm(other, axis=1, keepdims=True), across / np.maximum(size, 1e-12)
+    )
+    angle = share * np.arctan2(size, np.sum(a * b, axis=1, keepdims=True))
+    return np.asarray(np.cos(angle) * a + np.sin(angle) * across)
+
+
+def _angles(bars: Array) -> Array:
+    """Azimuth and elevation (n, 2) of unit vectors."""
+    return np.stack([np.arctan2(bars[:, 1], bars[:, 0]), np.arcsin(np.clip(bars[:, 2], -1.0, 1.0))], axis=1)
 
 
 def _drift(space: Space, rows: Rows, visited: Indices, instants: Array, repeats: int) -> float:
@@ -126,33 +156,3 @@ def _bars(space: Space, z: Array) -> Array:
     return np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
     )
-
-
-def shortened(
-    space: Space,
-    task: Task,
-    rows: Rows,
-    schedule: Schedule,
-    seconds: float,
-    returns: int,
-    repeats: int,
-    noise_um: float,
-) -> Schedule:
-    """The schedule with the poses that tell least left out until it fits. Raises `InputError` where it cannot."""
-    while schedule.seconds > seconds:
-        excess = (schedule.seconds - seconds) / max(schedule.seconds - rows.groups * SETUP_S, 1.0)
-        drop = max(1, int(0.8 * excess * len(rows.z)))
-        if len(rows.z) - drop < 2:
-            least = math.ceil(schedule.seconds / 60.0)
-            raise InputError(
-                f"the plan does not fit into {seconds / 60.0:g} minutes", remedy=f"give about {least} minutes"
-            )
-        for _ in range(drop):
-            sensitivities = space.kernel.rows(rows.z, rows.k)
-            whole = task.layout(rows.groups).embed(sensitivities, rows.group)
-            information = task.information(sensitivities, rows.group, rows.groups)
-            least_worth = int(np.argmin([task.value(information - row @ row.T) for row in whole]))
-            kept = np.delete(np.arange(len(rows.z)), least_worth)
-            rows = Rows.of(rows.z[kept], rows.k[kept], rows.group[kept], rows.poses)
-        schedule = scheduled(space, rows, returns=returns, repeats=repeats, noise_um=noise_um)
-    return schedule

@@ -7,6 +7,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from symfive.campaign import Run
+from symfive.design._assess import FIRST_LINE
+from symfive.design._figures import UNITS
 from symfive.design._schedule import SETUP_S
 
 if TYPE_CHECKING:
@@ -47,6 +49,7 @@ def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]
 def _run(plan: Plan, run: Run, picture: str) -> str:
     x, y, z = run.table_ball
     steps = [
+        "Work offset: the workpiece frame's origin, with all rotary axes at 0.",
         f"Stand the {'nest' if plan.instrument == 'r_test' else 'table ball'} at x = {x:.0f}, y = {y:.0f}, z = {z:.0f} mm "
         "of the workpiece frame (±1 mm).",
         f"Tool ball at {-run.tool_ball[2]:.0f} mm below the spindle nose.",
@@ -56,7 +59,15 @@ def _run(plan: Plan, run: Run, picture: str) -> str:
     steps.append(f"Start the program of run {escape(run.id)}; it stops where the instrument is to be seated.")
     unsafe = plan.unsafe.get(run.id, ())
     if unsafe:
-        steps.append(f"The spindle is drawn back before rows {', '.join(str(i + 1) for i in unsafe)}.")
+        off = (
+            "take the bar off where it stops, and put it on again"
+            if run.length is not None
+            else "leave the nest as it is"
+        )
+        lines = ", ".join(str(i + FIRST_LINE) for i in unsafe)
+        steps.append(
+            f"Before lines {lines} of {escape(run.file or run.id)} the program leaves the nest and goes around: {off}."
+        )
     first = {name: float(run.commands[name][0]) for name in plan.machine.axis_names}
     start = ", ".join(f"{escape(name)} {value:.2f} {plan.machine.axes[name].unit}" for name, value in first.items())
     drawing = picture[picture.index("<svg") :]
@@ -72,7 +83,7 @@ def _expected(plan: Plan) -> str:
     sigma = plan.assessment.sigma
     rows = "".join(
         f'<tr><td>{escape(p.name)}</td><td class="n">{sigma[p.name]:.3g}</td><td class="n">{p.sigma:.3g}</td>'
-        f"<td>{escape(p.unit)}</td></tr>"
+        f"<td>{escape(UNITS.get(p.unit, p.unit))}</td></tr>"
         for p in plan.assessment.parameters
         if p.kind == "location_error"
     )
@@ -90,11 +101,19 @@ def _expected(plan: Plan) -> str:
 
 
 def _clearances(plan: Plan) -> str:
-    nose = plan.machine.workspace.spindle_nose
-    if nose is None:
+    workspace = plan.machine.workspace
+    if workspace.spindle_nose is None:
         return "<h2>Clearances</h2><p>The machine file names no spindle nose: collisions were not checked.</p>"
-    words = ", ".join(f"{escape(str(key))} {value:g} mm" for key, value in nose.items())
+    words = ", ".join(f"{escape(str(key))} {value:g} mm" for key, value in workspace.spindle_nose.items())
+    thick = ", ".join(
+        f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}"
+        for name, radius in (("post", workspace.post_radius), ("tool", workspace.tool_radius))
+    )
+    notes = "".join(f"<li>{escape(note)}</li>" for note in plan.notes if note.startswith("run "))
+    kept = "keep apart, but for what stands below," if plan.blocked else "keep apart"
     return (
-        f"<h2>Clearances</h2><p>Checked as a cylinder ({words}) against the table's plane and the bar, at every pose. The ways "
-        "between poses are checked too; run the program in air first all the same.</p>"
+        f"<h2>Clearances</h2><p>Spindle nose as a cylinder ({words}), {thick}, table and bar {kept} at every pose, on the ways "
+        f"between them, on approach and on retract ({plan.post.retract_mm:g} mm). Clamps, cables and the nest's sensors are not "
+        "known: run the program in air first. The way to the first pose is yours.</p>"
+        + (f"<ul>{notes}</ul>" if notes else "")
     )

@@ -8,9 +8,8 @@ The variables of one row, `z`, in this order (rad; lengths of the set-up in 100 
 The linear axes follow: they bring the tool ball onto the nest, or to the other end of the bar. A bar's length is a
 constant `k` (mm) of its set-up, chosen from the list the user owns.
 
-Collisions are kept out by four primitives: the table is a plane, the spindle nose a cylinder about the tool's axis that
-begins `above_ball` over the ball and is `NOSE_LENGTH` long, the bar a line, the post under a ball is kept clear by the
-bar's least elevation.
+Collisions of table, post, bar, tool and spindle nose are kept out by the clearances of `_bodies`; the bar is kept off the
+post by its least elevation.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.design._bodies import angle_clearance, nose_may_reach_post, nose_over_table, post_clearance
 from symfive.design._kernel import Batch, Kernel
 from symfive.errors import InputError
 from symfive.kinematics import ball_in_workpiece, chain_poses
@@ -39,11 +39,8 @@ __all__ = ["SETUP_VARIABLES", "Space", "make_space"]
 Array = NDArray[np.float64]
 SETUP_VARIABLES = ("table_ball.radius", "table_ball.angle", "table_ball.height", "tool.length")
 UNIT_MM = 100.0
-NOSE_LENGTH = 300.0
-"""mm of the spindle nose and housing above its lower end that are kept off the table."""
 LEAST_ELEVATION, MOST_ELEVATION = -45.0, 90.0
 """Degree: a bar may lean below the table ball this far before it meets the post and the cup (ISO 230-4 magnetic cups)."""
-SMOOTH = 1e-6
 SIGMAS_IN_RANGE = 3.0
 
 
@@ -78,18 +75,19 @@ class Space:
         values = self.axes(z, k)[0]
         return {name: values[:, i] for i, name in enumerate(self.machine.axis_names)}
 
-    def feasible(self, z: Array, k: Array) -> NDArray[np.bool_]:
-        """Rows (n,) inside all limits, whose expected reading (3σ of the priors) stays within the sensor's range."""
+    def feasible(self, z: Array, k: Array, rows: Array | None = None) -> NDArray[np.bool_]:
+        """Rows (n,) inside all limits, whose expected reading (3σ of the priors) stays within the sensor's range; `rows` their
+        sensitivities where they are at hand."""
         inside = np.all((z >= self.lower - 1e-9) & (z <= self.upper + 1e-9), axis=1)
         inside &= np.all(self.kernel.limits(z, k) >= -1e-9, axis=1)
-        return np.asarray(inside & self.in_range(z, k))
+        return np.asarray(inside & self.in_range(z, k, rows))
 
-    def in_range(self, z: Array, k: Array) -> NDArray[np.bool_]:
+    def in_range(self, z: Array, k: Array, rows: Array | None = None) -> NDArray[np.bool_]:
         """Whether 3σ of the priors keep the reading inside the sensor's range or the bar's stroke."""
         workspace = self.machine.workspace
         limit = workspace.bar_stroke if self.instrument == "ball_bar" else workspace.sensor_range
-        seen = self.kernel.rows(z, k)[:, : len(self.shared), :]
-        expected = self.noise_um * 1e-3 * np.sqrt(np.sum(seen**2, axis=1)).max(axis=1)
+        seen = (self.kernel.rows(z, k) if rows is None else rows)[:, : len(self.shared), :]
+        expected = self.noise_um * 1e-3 * np.sqrt(np.einsum("npy,npy->ny", seen, seen)).max(axis=1)
         return np.asarray(SIGMAS_IN_RANGE * expected <= limit)
 
     def table_ball(self, z: Array) -> tuple[float, float, float]:
@@ -251,18 +249,18 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
             low, high = axis.travel
             limits += [(geometry.position[name] - low) / UNIT_MM, (high - geometry.position[name]) / UNIT_MM]
             names += [f"travel of {name}"] * 2
-    nose = machine.workspace.spindle_nose
-    if nose is not None:
-        radius, above = float(nose.get("radius", 0.0)), float(nose.get("above_ball", 0.0))
-        upright = geometry.tool_axis[2]
-        reach = radius * ca.sqrt(1.0 - upright**2 + SMOOTH)
-        for height in (above, above + NOSE_LENGTH):
-            limits.append((geometry.place[2] + height * upright - reach) / UNIT_MM)
-            names.append("spindle nose and table")
+    workspace, place, axis = machine.workspace, geometry.place, geometry.tool_axis
+    if workspace.spindle_nose is not None:
+        limits += [height / UNIT_MM for height in nose_over_table(workspace, place, axis)]
+        names += ["spindle nose and table"] * 2
         if instrument == "ball_bar":
-            along = -ca.dot(geometry.bar, geometry.tool_axis)  # from the tool ball towards the table ball
-            limits.append(ca.fmax(above / k[0], above / math.hypot(above, radius)) - along)
-            names.append("spindle nose and bar")
+            limits.append(angle_clearance(workspace, axis, -geometry.bar, k[0]))
+            limits.append(post_clearance(workspace, geometry.table_ball, place, axis) / UNIT_MM)
+            names += ["spindle nose and bar", "tool and post"]
+        elif nose_may_reach_post(workspace):
+            down = ca.DM([0.0, 0.0, -1.0])
+            limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))
+            names.append("spindle nose and post")
     if instrument == "ball_bar":
         limits.append(geometry.place[2] / UNIT_MM)
         names.append("tool ball and table")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from symfive.campaign import write_campaign_files
+from symfive.design._assess import FIRST_LINE
 from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
 from symfive.design._sheet import setup_sheet
 from symfive.files import write_json, write_text
@@ -37,7 +39,7 @@ def assessment_data(assessment: Assessment) -> dict[str, Any]:
         "confounded": [list(c.names) for c in assessment.confounded],
         "confounded_in_words": [c.words for c in assessment.confounded],
         "valuation": {axis: _number(v) for axis, v in assessment.valuation.items()},
-        "tells_most": {"run": most, "row": row + 1},
+        "tells_most": {"run": most, "row": row + FIRST_LINE},
         "tells_nothing": {run: sum(r == run for r, _ in assessment.nothing()) for run in assessment.worth},
         "run_worth": {run: _number(v) for run, v in assessment.run_worth.items()},
     }
@@ -68,7 +70,11 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         "efficiency_with_drift": _number(plan.drift),
         "efficiency_without_the_most_important_pose": _number(plan.lost),
         "efficiency_over_the_prior": {"mean": _number(plan.over_prior[0]), "worst": _number(plan.over_prior[1])},
-        "spindle_drawn_back_before_rows": {run: [i + 1 for i in rows] for run, rows in plan.unsafe.items()},
+        "retract_mm": plan.post.retract_mm,
+        "driven_by_hand_to_rows": {
+            run: [i + FIRST_LINE for i in rows] for run, rows in plan.post.by_hand.items() if rows
+        },
+        "spindle_drawn_back_before_rows": {run: [i + FIRST_LINE for i in rows] for run, rows in plan.unsafe.items()},
         "notes": list(plan.notes),
     }
 
@@ -82,12 +88,10 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
     """Everything into a folder that exists."""
     write_campaign_files(plan.campaign, folder)
     write_json(folder / "plan.json", plan_data(plan))
-    chosen = post or Post()
-    if not chosen.unsafe and plan.unsafe:
-        chosen = Post(
-            tool_centre_on=chosen.tool_centre_on, tool_centre_off=chosen.tool_centre_off,
-            reversed_axes=chosen.reversed_axes, retract_mm=chosen.retract_mm, dwell_s=chosen.dwell_s, unsafe=plan.unsafe,
-        )  # fmt: skip
+    chosen = plan.post
+    if post is not None:
+        own = post.retract_mm if post.retract_mm != Post().retract_mm else plan.post.retract_mm
+        chosen = replace(post, unsafe=plan.post.unsafe, by_hand=plan.post.by_hand, retract_mm=own)
     write_programs(plan.campaign, folder / "nc", nc, chosen)
     pictures = {run.id: svg(pose_figure(plan.machine, run)) for run in plan.campaign.runs}
     for run, picture in pictures.items():

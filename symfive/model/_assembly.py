@@ -19,7 +19,7 @@ from symfive.model._row import Row
 from symfive.motion import Position, Signal
 from symfive.parameters import Parameter
 
-__all__ = ["RowFunction", "assemble", "machine_parameters", "sensed_columns"]
+__all__ = ["RowFunction", "apply_errors", "assemble", "machine_parameters", "sensed_columns"]
 
 Array = NDArray[np.float64]
 BLOCK = 4096
@@ -120,7 +120,7 @@ def assemble(
     )  # fmt: skip
     row.columns, row.sensed = columns, sensed_columns(run, machine)
     row.sources = tuple(i.name for i in instruments for _ in i.columns(run, machine))
-    _apply(row, machine, run, effects)
+    apply_errors(row, effects)
     for instrument in instruments:
         row.readings += instrument.reading(row, run)
     for effect in effects:
@@ -147,7 +147,9 @@ def sensed_columns(run: Run, machine: Machine) -> tuple[int, ...]:
     return tuple(k for k, outside in enumerate(flags) if outside)
 
 
-def _apply(row: Row, machine: Machine, run: Run, effects: Sequence[Effect]) -> None:
+def apply_errors(row: Row, effects: Sequence[Effect]) -> None:
+    """Let the effects on axes, the errors of the baseline and the effects on the structure act on a row."""
+    machine = row.machine
     for stage in STAGES[:2]:
         for effect in effects:
             if effect.stage == stage:

@@ -2,6 +2,7 @@
 
 from symfive.motion._drives import GAINS, drive_response, linear_recurrence
 from symfive.motion._motion import AxisMotion, RunMotion, Series
+from symfive.motion._moved_path import moved_response
 from symfive.motion._signals import (
     Acceleration,
     Command,
@@ -20,5 +21,5 @@ from symfive.motion._signals import (
 __all__ = [
     "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding",
     "Resonance", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity", "drive_response",
-    "linear_recurrence",
+    "linear_recurrence", "moved_response",
 ]  # fmt: skip

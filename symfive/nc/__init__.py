@@ -10,18 +10,19 @@ from symfive.errors import InputError
 from symfive.files import write_text
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
-from symfive.nc._post import Post, program_steps
+from symfive.nc._post import LETTERS, Post, program_steps
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
 from symfive.nc.siemens import SIEMENS
 
-__all__ = ["DIALECTS", "Dialect", "Post", "Step", "program", "program_steps", "write_programs"]
+__all__ = ["DIALECTS", "LETTERS", "Dialect", "Post", "Step", "dialect_of", "program", "program_steps", "write_programs"]
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
 
 
-def _dialect(name: str) -> Dialect:
+def dialect_of(name: str) -> Dialect:
+    """The dialect of that name. Raises `InputError`."""
     if name not in DIALECTS:
         raise InputError(f'NC dialect "{name}" is unknown', remedy=f"use one of {', '.join(DIALECTS)}")
     return DIALECTS[name]
@@ -36,14 +37,14 @@ def _text(run: Run, dialect: Dialect, steps: Sequence[Step]) -> str:
 
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None) -> str:
     """The program of one run. Raises `InputError` for an unknown dialect and for axes without an NC address."""
-    return _text(run, _dialect(dialect), program_steps(machine, run, post))
+    return _text(run, dialect_of(dialect), program_steps(machine, run, post))
 
 
 def write_programs(
     campaign: Campaign, folder: Path | str, dialects: Iterable[str], post: Post | None = None
 ) -> tuple[Path, ...]:
     """One program per run and dialect into `folder`/dialect; returns their paths."""
-    chosen = [_dialect(name) for name in dialects]
+    chosen = [dialect_of(name) for name in dialects]
     written = []
     for run in campaign.runs if chosen else ():
         steps = program_steps(campaign.machine, run, post)

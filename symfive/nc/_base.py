@@ -14,7 +14,9 @@ class Step:
     """One step of a program: `kind` is `rapid`, `feed`, `dwell`, `stop`, `comment` or `text`.
 
     `positions` axis → mm or degree; `seconds` the time of a feed move or a dwell; `row` of the run whose pose is reached
-    (None on the way); `text` of a comment, of a stop or of the user's own lines.
+    (None on the way); `text` of a comment, of a stop or of the user's own lines; `seated`: whether the ball is in its nest, or
+    the bar on, while it moves; `commands` the positions of the axes themselves where the words are others;
+    `by_hand`: a stop during which the operator drives the machine.
     """
 
     kind: str
@@ -22,6 +24,9 @@ class Step:
     seconds: float = 0.0
     text: str = ""
     row: int | None = None
+    seated: bool = False
+    by_hand: bool = False
+    commands: Mapping[str, float] = field(default_factory=dict)
 
 
 def _plain_word(axis: str, value: float) -> str:

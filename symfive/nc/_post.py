@@ -30,6 +30,8 @@ CHORD_SHARE = 0.05
 CREEP_MM_PER_MIN = 500.0
 DWELL_S = 2.0
 SHORTEST_BLOCK_S = 0.02
+FLAT = 0.2
+"""Sine of the angle between tool and table below which drawing back along the tool would not lead away from the table."""
 MOST_BLOCKS = 4096
 
 
@@ -39,7 +41,8 @@ class Post:
 
     `tool_centre_on`, `tool_centre_off`: the control's lines that switch tool-centre point control (TRAORI, G43.4 H1, M128,
     M428 …); without them the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against
-    ISO 841. `retract_mm` along the tool, `dwell_s` at each pose.
+    ISO 841. `retract_mm` along the tool, `dwell_s` at each pose; `unsafe` run → rows to which the way leads around, out of
+    the nest and over the top; `by_hand` those to which even that way could not be shown to be clear: the program waits.
     """
 
     tool_centre_on: str = ""
@@ -48,6 +51,7 @@ class Post:
     retract_mm: float = RETRACT_MM
     dwell_s: float = DWELL_S
     unsafe: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    by_hand: Mapping[str, Sequence[int]] = field(default_factory=dict)
 
 
 def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:
@@ -66,6 +70,7 @@ class _Writer:
         self.rotary = [name for name in self.names if machine.axes[name].rotary]
         self.linear = [name for name in self.names if not machine.axes[name].rotary]
         self.places = self.nominal.ball(run.commands, run.tool_ball)
+        self.seated = self.centred = False
 
     def steps(self) -> list[Step]:
         run, post = self.run, self.post
@@ -81,19 +86,23 @@ class _Writer:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
         found.append(Step(kind="stop", text="spindle clear above the table, spindle stopped and locked, then start"))
         lifted = self._retracted(0)
-        found.append(Step(kind="rapid", positions=self._words(lifted, self._place(lifted))))
-        if post.tool_centre_on:
-            found.append(Step(kind="text", text=post.tool_centre_on))
-        found += self._creep(0)
+        found.append(self._rapid(lifted))
+        found += [*self._centred(True), *self._creep(0)]
         found.append(Step(kind="stop", text=f"seat the {ball}, zero the instrument, then start"))
+        self.seated = True
         found += self._recording() if run.dynamic else self._poses()
+        self.seated = False
         last = run.rows - 1
         found.append(Step(kind="stop", text=f"free the {ball}, then start to retract"))
         lifted = self._retracted(last)
         found.append(self._feed(lifted, self._place(lifted), 60.0 * post.retract_mm / CREEP_MM_PER_MIN))
-        if post.tool_centre_off:
-            found.append(Step(kind="text", text=post.tool_centre_off))
-        return found
+        return [*found, *self._centred(False)]
+
+    def _centred(self, wanted: bool) -> list[Step]:
+        """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'."""
+        self.centred = wanted and bool(self.post.tool_centre_on)
+        text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
+        return [Step(kind="text", text=text)] if text else []
 
     def _poses(self) -> list[Step]:
         found = [Step(kind="dwell", seconds=self.post.dwell_s)]
@@ -162,16 +171,29 @@ class _Writer:
         """Out of the nest along the tool, around, and in again; a bar is taken off meanwhile."""
         lifted, arriving = self._retracted(row - 1), self._retracted(row)
         seconds = 60.0 * self.post.retract_mm / CREEP_MM_PER_MIN
-        steps = [Step(kind="stop", text="take the bar off, then start")] if "ball_bar" in self.run.instrument else []
+        bar = "ball_bar" in self.run.instrument
+        self.seated = False
+        steps = [Step(kind="stop", text="take the bar off, then start")] if bar else []
         steps += [
             self._feed(lifted, self._place(lifted), seconds),
-            Step(kind="rapid", positions=self._words(arriving, self._place(arriving))),
+            *self._centred(False),
+            *self._around(lifted, arriving, row),
+            *self._centred(True),
             *self._creep(row),
         ]
-        return [
-            *steps,
-            *([Step(kind="stop", text="put the bar on, then start")] if "ball_bar" in self.run.instrument else []),
-        ]
+        self.seated = True
+        return [*steps, *([Step(kind="stop", text="put the bar on, then start")] if bar else [])]
+
+    def _around(self, lifted: Mapping[str, float], arriving: Mapping[str, float], row: int) -> list[Step]:
+        """From one lifted pose to the other with the upright axis at the upper end of its travel."""
+        if row in self.post.by_hand.get(self.run.id, ()):
+            there = ", ".join(f"{n} {arriving[n]:.3f}" for n in self.names)
+            return [Step(kind="stop", text=f"drive by hand to {there}, then start", by_hand=True)]
+        upright = max(self.linear, key=lambda n: abs(self.machine.axes[n].direction[2]))
+        axis = self.machine.axes[upright]
+        top = axis.travel[1] if axis.direction[2] > 0.0 else axis.travel[0]
+        high = ({**lifted, upright: top}, {**arriving, upright: top})
+        return [*(self._rapid(commands) for commands in high), self._rapid(arriving)]
 
     def _creep(self, row: int) -> list[Step]:
         return [self._pose(row, 60.0 * self.post.retract_mm / CREEP_MM_PER_MIN)]
@@ -181,7 +203,11 @@ class _Writer:
         return self._feed(commands, self.places[row], seconds, row)
 
     def _feed(self, commands: Mapping[str, float], place: Array, seconds: float, row: int | None = None) -> Step:
-        return Step(kind="feed", positions=self._words(commands, place), seconds=seconds, row=row)
+        words = self._words(commands, place)
+        return Step(kind="feed", positions=words, seconds=seconds, row=row, seated=self.seated, commands=dict(commands))
+
+    def _rapid(self, commands: Mapping[str, float]) -> Step:
+        return Step(kind="rapid", positions=self._words(commands, self._place(commands)), commands=dict(commands))
 
     def _place(self, commands: Mapping[str, float]) -> Array:
         return np.asarray(self.nominal.ball({n: np.array([v]) for n, v in commands.items()}, self.run.tool_ball)[0])
@@ -189,15 +215,18 @@ class _Writer:
     def _words(self, commands: Mapping[str, float], place: Array) -> dict[str, float]:
         signs = {name: -1.0 if name in self.post.reversed_axes else 1.0 for name in self.names}
         words = {name: signs[name] * commands[name] for name in sorted(self.names, key=LETTERS.index)}
-        if self.post.tool_centre_on:
+        if self.centred:
             words |= {axis: float(place[i]) for i, axis in enumerate("XYZ") if axis in words}
         return words
 
     def _retracted(self, row: int) -> dict[str, float]:
-        """The pose with the tool drawn back along its own axis, as far as the travel allows."""
+        """The pose with the tool drawn back along its own axis, or up from the table where it lies flat, as far as the
+        travel allows."""
         commands = {n: np.array([self.run.commands[n][row]]) for n in self.names}
         workpiece, tool = (f(commands)[0] for f in (self.nominal.workpiece_rotation, self.nominal.tool_rotation))
         away = workpiece.T @ tool[:, 2]
+        if away[2] < FLAT:
+            away = np.array([0.0, 0.0, 1.0])
         fixed = {n: commands[n] for n in self.rotary}
         for share in np.linspace(1.0, 0.0, 11):
             target = (self.places[row] + share * self.post.retract_mm * away)[None, :]

@@ -14,11 +14,11 @@ from symfive.procedures._r_test_grid import r_test_grid
 from symfive.procedures._rotary_circle import rotary_circle
 from symfive.procedures._setting import campaign_of, one_after_another, serpentine
 from symfive.procedures._static_ball_bar import static_ball_bar
-from symfive.procedures._synchronous_circle import polar_angle, synchronous_circle
+from symfive.procedures._synchronous_circle import CircleFrame, circle_frame, polar_angle, synchronous_circle
 from symfive.procedures._table import PROCEDURES, Procedure, make_procedure, procedures_for
 
 __all__ = [
-    "PROCEDURES", "Nominal", "Procedure", "campaign_of", "checked", "grid_encoder_lines", "linear_positioning",
-    "make_procedure", "one_after_another", "planar_circle", "polar_angle", "procedures_for", "r_test_grid",
-    "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle",
+    "PROCEDURES", "CircleFrame", "Nominal", "Procedure", "campaign_of", "checked", "circle_frame", "grid_encoder_lines",
+    "linear_positioning", "make_procedure", "one_after_another", "planar_circle", "polar_angle", "procedures_for",
+    "r_test_grid", "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle",
 ]  # fmt: skip

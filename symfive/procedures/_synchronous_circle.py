@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from symfive.procedures._setting import (
     vector,
 )
 
-__all__ = ["polar_angle", "synchronous_circle"]
+__all__ = ["CircleFrame", "circle_frame", "polar_angle", "synchronous_circle"]
 
 Array = NDArray[np.float64]
 SAME_MM = 1e-9
@@ -60,19 +61,9 @@ def synchronous_circle(
     """
     size = bar_length(machine, radius, near=50.0)
     x_t = 0.9 * size if x_t is None else float(x_t)
-    table = turning_axis(machine, rotary)
-    nominal = Nominal(machine)
-    point, axle = nominal.axis_line(table, hold or {})
-    if machine.structure.carries(table) != "workpiece":
-        raise InputError(f"axis {table} carries the tool", remedy="choose a rotary axis of the table")
-    radial = np.asarray(machine.axes[_linear_axis(machine, linear, axle)].direction)
-    other = np.cross(axle, radial)
-    at_zero = nominal.commands(hold or {}, 1)
-    upright = nominal.workpiece_rotation(at_zero)[0]
-    level = height if height is not None else sum(heights(machine)) / 2.0
-    middle = upright.T @ (point - nominal.workpiece_origin(at_zero)[0])
-    u, v, n = upright.T @ radial, upright.T @ other, upright.T @ axle
-    foot = middle + (level - middle @ n) * n
+    frame = circle_frame(machine, linear=linear, rotary=rotary, hold=hold)
+    foot = frame.foot(height if height is not None else sum(heights(machine)) / 2.0)
+    table, nominal, u, v = frame.rotary, Nominal(machine), frame.u, frame.v
     ball = tool_ball_of(machine, tool_ball)
     if not (size > 0.0 and np.isfinite(x_t)):
         raise InputError("the circle has no radius or no centre", remedy="give a radius above 0 and a finite x_t")
@@ -91,6 +82,38 @@ def synchronous_circle(
         )  # fmt: skip
         runs.append(checked(machine, run, feed=feed, place="x_t, the radius, the run-up or the tool length"))
     return one_after_another(runs)
+
+
+@dataclass(frozen=True)
+class CircleFrame:
+    """Where the circles of a machine lie: its `rotary` axis, a point on that axis (`middle`, mm) and the directions `u` of
+    the linear axis, `v` across and `n` along the rotary axis, all in the workpiece frame (3,)."""
+
+    rotary: str
+    middle: Array
+    u: Array
+    v: Array
+    n: Array
+
+    def foot(self, height: float) -> Array:
+        """The point of the rotary axis `height` mm above the workpiece frame's origin."""
+        return self.middle + (height - self.middle @ self.n) * self.n
+
+
+def circle_frame(
+    machine: Machine, *, linear: str | None = None, rotary: str | None = None, hold: Mapping[str, float] | None = None
+) -> CircleFrame:
+    """The frame of `synchronous_circle` with the same options. Raises `InputError` where the axes do not suit."""
+    table = turning_axis(machine, rotary)
+    nominal = Nominal(machine)
+    point, axle = nominal.axis_line(table, hold or {})
+    if machine.structure.carries(table) != "workpiece":
+        raise InputError(f"axis {table} carries the tool", remedy="choose a rotary axis of the table")
+    radial = np.asarray(machine.axes[_linear_axis(machine, linear, axle)].direction)
+    at_zero = nominal.commands(hold or {}, 1)
+    upright = nominal.workpiece_rotation(at_zero)[0]
+    middle = upright.T @ (point - nominal.workpiece_origin(at_zero)[0])
+    return CircleFrame(table, middle, upright.T @ radial, upright.T @ np.cross(axle, radial), upright.T @ axle)
 
 
 def polar_angle(phi: Array, x_t: float, radius: float) -> Array:

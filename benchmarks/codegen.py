@@ -1,0 +1,458 @@
+"""Generated C against the limits of the computer and against other ways to the same Jacobian, in one run on one core.
+
+    .venv/bin/python benchmarks/codegen.py [--quick] [--peers PYTHON]
+
+Chain of five axes with six exact errors each: the point (3) and its Jacobian by 30 parameters, 10⁵ poses. `--peers` names a
+Python with pinocchio (`pip install pin`) and JAX; what is not installed there is skipped and said. Least processor time of
+several repetitions; ratios travel between machines, nanoseconds do not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+import casadi as ca
+import numpy as np
+
+from symfive.codegen import codegen
+from symfive.codegen._batch import Batch
+from symfive.codegen._sources import Sources
+from symfive.codegen._subject import Subject, _row, subject_of
+from symfive.codegen._vectors import reference
+from symfive.codegen.c import c_files
+from symfive.machine import ErrorTerm, preset
+from symfive.parameters import Parameter
+
+POSES = 100_000
+TOOL = (0.0, 0.0, -150.0)
+LIMITS = """
+#include <stddef.h>
+typedef double v __attribute__((vector_size(64)));
+void write_limit(v *p, size_t n)
+{
+    const v x = { 1, 2, 3, 4, 5, 6, 7, 8 };
+    for (size_t i = 0; i + 4 <= n; i += 4) {
+        for (int k = 0; k < 4; ++k) {
+#if defined(__AVX512F__) && !defined(__clang__)
+            __asm__("vmovntpd %1, %0" : "=m"(p[i + k]) : "v"(x));
+#elif defined(__clang__)
+            __builtin_nontemporal_store(x, p + i + k);
+#else
+            p[i + k] = x;
+#endif
+        }
+    }
+}
+double multiply_add_limit(size_t n)
+{
+    const v x = { 1.0000001 }, y = { 1e-9 };
+    v a = x, b = x * 2, c = x * 3, d = x * 4, e = x * 5, f = x * 6, g = x * 7, h = x * 8, i = x * 9, j = x * 10;
+    for (size_t k = 0; k < n; ++k) {
+        a = a * x + y; b = b * x + y; c = c * x + y; d = d * x + y; e = e * x + y;
+        f = f * x + y; g = g * x + y; h = h * x + y; i = i * x + y; j = j * x + y;
+    }
+    return (a + b + c + d + e + f + g + h + i + j)[0];
+}
+"""
+LOOPS = """
+#include <stddef.h>
+#include "sf.h"
+#include "casadi.c"
+void casadi_all(size_t n, const double *q, const double *tool, const double *p, double *position, double *by_p)
+{
+    double w[20000];
+    long long iw[8];
+    for (size_t i = 0; i < n; ++i) {
+        const double *arg[3] = { q + 5 * i, tool, p };
+        double *res[2] = { position + 3 * i, by_p + 90 * i };
+        jacobian(arg, res, iw, w, 0);
+    }
+}
+void casadi_forward(size_t n, const double *q, const double *tool, const double *p, double *position, double *unused)
+{
+    double w[20000];
+    long long iw[8];
+    (void)unused;
+    for (size_t i = 0; i < n; ++i) {
+        const double *arg[3] = { q + 5 * i, tool, p };
+        double *res[1] = { position + 3 * i };
+        point(arg, res, iw, w, 0);
+    }
+}
+void ours_all(size_t n, const double *q, const double *tool, const double *p, double *position, double *by_p)
+{
+    for (size_t i = 0; i < n; ++i) {
+        sf_parameter_jacobian(q + 5 * i, tool, p, by_p + 90 * i);
+    }
+    (void)position;
+}
+void ours_forward(size_t n, const double *q, const double *tool, const double *p, double *position, double *direction)
+{
+    for (size_t i = 0; i < n; ++i) {
+        sf_forward(q + 5 * i, tool, p, position + 3 * i, direction);
+    }
+}
+void ours_inverse(size_t n, const double *q, const double *tool, const double *p, double *position, double *unused)
+{
+    (void)unused;
+    for (size_t i = 0; i < n; ++i) {
+        double back[5] = { 0, 0, q[5 * i + 2], q[5 * i + 3], 0 };
+        const double target[3] = { 10, 20, 30 };
+        position[3 * i] = sf_inverse(target, tool, p, back) + back[0];
+    }
+}
+"""
+CHAIN = """
+def chain(np, q, p, tool):
+    # w C' B' X' Y' b Z t; q: Y X B C Z, p: six errors an axis in that order, um and urad; batched over the last axis
+    def turn(k, a):
+        c, s, o, z = np.cos(a), np.sin(a), np.ones_like(a), np.zeros_like(a)
+        rows = ([[o, z, z], [z, c, -s], [z, s, c]], [[c, z, s], [z, o, z], [-s, z, c]], [[c, -s, z], [s, c, z], [z, z, o]])
+        return np.stack([np.stack(r) for r in rows[k]])
+    def mul(a, b):
+        return np.einsum('ij...,jk...->ik...', a, b)
+    def move(a, x):
+        return np.einsum('ij...,j...->i...', a, x)
+    poses = []
+    for i, (kind, k, sign) in enumerate((('l', 1, -1), ('l', 0, -1), ('r', 1, -1), ('r', 2, -1), ('l', 2, 1))):
+        e = p[6 * i : 6 * i + 6]
+        one = np.ones_like(q[i])
+        r = mul(mul(turn(0, 1e-6 * e[3] * one), turn(1, 1e-6 * e[4] * one)), turn(2, 1e-6 * e[5] * one))
+        t = [1e-3 * e[j] * one for j in range(3)]
+        if kind == 'l':
+            t[k] = t[k] + sign * q[i]
+        else:
+            r = mul(r, turn(k, sign * q[i]))
+        poses.append((r, np.stack(t)))
+    r, t = poses[4]
+    d = move(r, np.stack([np.ones_like(q[0]) * x for x in tool])) + t
+    for r, t in poses[:4]:
+        d = np.einsum('ji...,j...->i...', r, d - t)
+    return d
+"""
+JAX = (
+    CHAIN
+    + """
+import sys, time, jax, numpy
+jax.config.update('jax_enable_x64', True)
+import jax.numpy as jnp
+n = int(sys.argv[1]); q = jnp.asarray(numpy.load(sys.argv[2])[:n]); p = jnp.asarray(numpy.load(sys.argv[3]))
+point = lambda q, p: chain(jnp, q, p, (0.0, 0.0, -150.0))
+f = jax.jit(jax.vmap(lambda q: (point(q, p), jax.jacrev(point, 1)(q, p))))
+f(q)[1].block_until_ready(); best = 1e9
+for _ in range(3):
+    s = time.process_time(); d, j = f(q); j.block_until_ready(); best = min(best, time.process_time() - s)
+numpy.save(sys.argv[4], numpy.asarray(j[:50])); print(best / n)
+"""
+)
+COMPLEX = (
+    CHAIN
+    + """
+import sys, time, numpy
+n = int(sys.argv[1]); q = numpy.load(sys.argv[2])[:n].T + 0j; p = numpy.load(sys.argv[3]); best = 1e9
+for _ in range(2):
+    s = time.process_time(); j = numpy.empty((n, 3, 30))
+    for k in range(30):
+        x = p + 0j; x[k] += 1e-30j; j[:, :, k] = chain(numpy, q, x, (0.0, 0.0, -150.0)).imag.T * 1e30
+    best = min(best, time.process_time() - s)
+numpy.save(sys.argv[4], j[:50]); print(best / n)
+"""
+)
+PINOCCHIO = """
+import sys, time, numpy, pinocchio as pin
+n = int(sys.argv[1]); q = numpy.load(sys.argv[2])[:n]
+model, parent = pin.Model(), 0
+for i, joint in enumerate((pin.JointModelPY(), pin.JointModelPX(), pin.JointModelRY(), pin.JointModelRZ(), pin.JointModelPZ())):
+    parent = model.addJoint(parent, joint, pin.SE3.Identity(), str(i))
+data, best = model.createData(), 1e9
+tool = pin.SE3(numpy.eye(3), numpy.array([0.0, 0.0, -150.0]))
+for _ in range(3):
+    s = time.process_time()
+    for row in q:
+        pin.forwardKinematics(model, data, row)
+        pin.computeJointKinematicRegressor(model, data, 5, pin.ReferenceFrame.LOCAL, tool)
+    best = min(best, time.process_time() - s)
+print(best / n)
+"""
+
+
+class Constant(Subject):
+    """A machine whose six error motions of every axis are constants: the peers' chain, exact in all 30 parameters."""
+
+    def row(self, q: Any, p: Any) -> Any:
+        """The chain with those constants as error motions."""
+        row = _row(self.machine, (), (), q, p)
+        for i, parameter in enumerate(self.parameters):
+            row.add_motion(parameter.name, parameter.scale * p[i])
+        return row
+
+
+def subject() -> Subject:
+    """The chain of all comparisons."""
+    machine = replace(preset("table-bc"), errors={})
+    names = [f"E{c}{axis}" for axis in machine.axis_names for c in "XYZABC"]
+    parameters = tuple(Parameter(name=n, unit="um" if n[1] in "XYZ" else "urad", sigma=10.0) for n in names)
+    return Constant(
+        machine=machine,
+        parameters=parameters,
+        values=(0.0,) * 30,
+        effects=(),
+        left_out=(),
+        fitted=False,
+        digest="benchmark",
+    )
+
+
+def best(work: Callable[[], Any], repeat: int, poses: int = POSES) -> float:
+    """Least processor time per pose, ns."""
+    times = []
+    for _ in range(repeat):
+        start = time.process_time()
+        work()
+        times.append(time.process_time() - start)
+    return 1e9 * min(times) / poses
+
+
+def compiled(source: str, folder: Path, name: str, *flags: str) -> ctypes.CDLL:
+    """A C text as a loaded library."""
+    (folder / f"{name}.c").write_text(source)
+    library = folder / f"{name}.so"
+    command = ["gcc", "-std=gnu99", "-w", *flags, "-march=native", "-shared", "-fPIC", f"{name}.c"]
+    subprocess.run([*command, "-o", str(library), "-lm"], cwd=folder, check=True)
+    return ctypes.CDLL(str(library))
+
+
+def line(text: str, value: str, against: str = "") -> None:
+    """One line of the table."""
+    print(f"  {text:66}{value:>12}  {against}", flush=True)
+
+
+def main() -> None:
+    """All measurements."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--quick", action="store_true", help="fewer repetitions")
+    options.add_argument("--peers", default=sys.executable, help="a Python with pinocchio and JAX")
+    chosen = options.parse_args()
+    if shutil.which("gcc") is None:
+        sys.exit("gcc is not installed: there is nothing to measure")
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for file, text in c_files(subject(), "sf").items():
+            (folder / file).write_text(text)
+        kernel = batch(folder, 3 if chosen.quick else 9)
+        peers(folder, kernel, chosen.peers, 2 if chosen.quick else 5)
+        scalar(folder, 2 if chosen.quick else 5)
+        large(folder, chosen.quick)
+
+
+def poses() -> tuple[np.ndarray, np.ndarray]:
+    """Positions (N, 5) in mm and rad, and parameters (30)."""
+    generator = np.random.default_rng(0)
+    return generator.normal(size=(POSES, 5)) * [100.0, 100.0, 1.0, 1.0, 100.0], 10.0 * generator.normal(size=30)
+
+
+def batch(folder: Path, repeat: int) -> dict[str, float]:
+    """The vector kernel against write bandwidth and arithmetic; returns ns a pose."""
+    sources = Sources(subject(), "sf")
+    made = Batch(sources)
+    spec = importlib.util.spec_from_file_location("sf", folder / "sf.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    kernel, p_ = module.Batch(module.build_batch(compiler="gcc")), module._pointer
+    limits = compiled(LIMITS, folder, "limits", "-O2")
+    limits.multiply_add_limit.restype = ctypes.c_double
+    q, p = poses()
+    tiles, c = kernel._tiles(q), kernel._prepared(TOOL, p)
+    count, lanes = ctypes.c_size_t(len(tiles)), kernel.lanes
+    position, by_p = module._aligned((len(tiles), 3, lanes)), module._aligned((len(tiles), 90, lanes))
+    target, normal = module._aligned((len(tiles), 3, lanes)), module._aligned((31, 31))
+    everything = module._aligned((len(tiles), 93, lanes))
+    work, step = module._aligned((int(made.names["vectors"]), lanes)), np.ones(30)
+    for array in (position, by_p, target, normal, everything):
+        array[...] = 0.0
+    flop = made.operations
+    turns = 2_000_000
+    seconds = min(_seconds(lambda: limits.multiply_add_limit(ctypes.c_size_t(turns))) for _ in range(repeat))
+    peak = turns * 10 * 16 / seconds / 1e9
+    stores, kept, products, sums, points = [], [], [], [], []
+    for _ in range(repeat):  # in turns, so that all see the same neighbours
+        stores.append(best(lambda: limits.write_limit(p_(everything), ctypes.c_size_t(everything.size // 8)), 1))
+        kept.append(best(lambda: kernel._c.sf_batch_jacobian(count, *map(p_, (tiles, c, position, by_p)), 1), 1))
+        products.append(best(lambda: kernel._c.sf_batch_predict(count, *map(p_, (tiles, c, step, position))), 1))
+        sums.append(
+            best(
+                lambda: kernel._c.sf_batch_information(
+                    ctypes.c_size_t(POSES), *map(p_, (tiles, c, target, normal, work))
+                ),
+                1,
+            )
+        )
+        points.append(best(lambda: kernel._c.sf_batch_forward(count, *map(p_, (tiles, c, position))), 1))
+    print(f"\nBatch kernel: {POSES} poses, {flop} operations a pose, {lanes} poses a vector; ns a pose")
+    line("write bandwidth, 93 doubles a pose", f"{min(stores):.1f}")
+    line("point and J stored", f"{min(kept):.1f}", f"{min(kept) / min(stores):.2f} x the write limit (target 1.15)")
+    line(f"arithmetic limit at {peak:.0f} Gflop/s of multiply-add", f"{flop / peak:.1f}")
+    for text, values, more in (
+        ("J d, J used in the tile", products, 180),
+        ("J'J, J'r, r'r, J used in the tile", sums, 3 * 31 * 32),
+    ):
+        limit = (flop + more) / peak
+        line(
+            f"{text} ({flop + more} operations)",
+            f"{min(values):.1f}",
+            f"{min(values) / limit:.2f} x the limit (target 2.2)",
+        )
+    line("point alone", f"{min(points):.1f}")
+    few = ctypes.c_size_t(512 // lanes)
+    small = best(
+        lambda: [kernel._c.sf_batch_jacobian(few, *map(p_, (tiles, c, position, by_p)), 0) for _ in range(100)],
+        repeat,
+        51200,
+    )
+    line("point and J stored, 512 poses again and again (in the cache)", f"{small:.1f}")
+    return {"stored": min(kept), "used": min(products), "cached": small}
+
+
+def _seconds(work: Callable[[], Any]) -> float:
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
+def peers(folder: Path, kernel: dict[str, float], python: str, repeat: int) -> None:
+    """The same Jacobian by others."""
+    ours = kernel["stored"]
+    print("\nThe same point and Jacobian by others; ns a pose, and how many times ours takes less")
+    q, p = poses()
+    np.save(folder / "q.npy", q)
+    np.save(folder / "p.npy", p)
+    function = _casadi(folder)
+    loops = compiled(LOOPS, folder, "loops", "-O3", "sf.c")
+    position, by_p = np.empty((POSES, 3)), np.empty((POSES, 90))
+    arrays = [np.ascontiguousarray(x) for x in (q, TOOL, p)]
+    call = [ctypes.c_size_t(POSES), *(x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, position, by_p))]
+    value = best(lambda: loops.casadi_all(*call), repeat)
+    line("CasADi's generated C, cse, tight loop, -O3 -march=native", f"{value:.0f}", f"{value / ours:.1f} x (target 7)")
+    line("  against J used in the tile", "", f"{value / kernel['used']:.1f} x")
+    call[0] = ctypes.c_size_t(512)
+    value = best(lambda: [loops.casadi_all(*call) for _ in range(100)], repeat, 51200)
+    line("  the same, 512 poses again and again (in the cache)", f"{value:.0f}", f"{value / kernel['cached']:.1f} x")
+    mapped = function.map(POSES)
+    inputs = [ca.DM(q.T), ca.DM(np.repeat([TOOL], POSES, axis=0).T), ca.DM(np.repeat(p[:, None], POSES, axis=1))]
+    value = best(lambda: mapped(*inputs), 2)
+    line("CasADi .map(100000)", f"{value:.0f}", f"{value / ours:.0f} x (target 80)")
+    scripts = (("pinocchio: forward kinematics and regressor, Python loop", PINOCCHIO, 20_000, " (target 25)"),
+               ("JAX: jit(vmap(jacrev))", JAX, 20_000, ""), ("numpy, complex step, batched", COMPLEX, 5000, ""))  # fmt: skip
+    wanted = by_p[:50].reshape(50, 30, 3).transpose(0, 2, 1)
+    for text, script, count, target in scripts:
+        (folder / "peer.py").write_text(script)
+        found = folder / "found.npy"
+        found.unlink(missing_ok=True)
+        command = [python, "peer.py", str(count), "q.npy", "p.npy", str(found)]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        if done.returncode:
+            line(text, "skipped", done.stderr.strip().splitlines()[-1])
+            continue
+        value = 1e9 * float(done.stdout.split()[-1])
+        line(text, f"{value:.0f}", f"{value / ours:.0f} x{target}")
+        if found.exists():
+            apart = np.abs(np.load(found) - wanted).max()
+            assert apart < 1e-9, f"{text} computes something else ({apart})"
+
+
+def _casadi(folder: Path) -> ca.Function:
+    """CasADi's own C of the same outputs, by automatic differentiation."""
+    q, tool, p = ca.SX.sym("q", 5), ca.SX.sym("tool", 3), ca.SX.sym("p", 30)
+    position, _, _, by_p = reference(subject())(q, tool, p)
+    generator = ca.CodeGenerator("casadi.c", {"casadi_int": "long long"})
+    function = ca.Function("jacobian", [q, tool, p], [position, by_p], {"cse": True})
+    generator.add(function)
+    generator.add(ca.Function("point", [q, tool, p], [position], {"cse": True}))
+    generator.generate(str(folder) + "/")
+    return function
+
+
+def scalar(folder: Path, repeat: int) -> None:
+    """One call at a time: time and stack."""
+    print("\nScalar C, one call at a time, gcc -O2: ns a call, bytes of stack")
+    loops = compiled(LOOPS, folder, "loops2", "-O2", "-fno-inline", "-fstack-usage", "sf.c")
+    q, p = poses()
+    position, by_p = np.empty((POSES, 3)), np.empty((POSES, 90))
+    arrays = [np.ascontiguousarray(x) for x in (q, TOOL, p)]
+    call = [ctypes.c_size_t(POSES), *(x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, position, by_p))]
+    used: dict[str, int] = {}
+    for file in folder.glob("loops2*.su"):
+        used |= {n: int(s) for n, s in re.findall(r":(\w+)(?:\.\S+)?\t(\d+)\t", file.read_text())}
+    used["sf_inverse"] += used["approach"] + max(used["real_slope"], used["solve3"])  # along the calls
+    rows = (
+        ("forward, ours (point and direction)", "ours_forward", "sf_forward"),
+        ("forward, CasADi (point)", "casadi_forward", "casadi_f1"),
+        ("parameter Jacobian, ours", "ours_all", "sf_parameter_jacobian"),
+        ("point and Jacobian, CasADi", "casadi_all", "casadi_f0"),
+        ("compensated inverse, ours", "ours_inverse", "sf_inverse"),
+    )
+    for text, function, name in rows:
+        value = best(lambda function=function: getattr(loops, function)(*call), repeat)
+        line(text, f"{value:.0f}", f"{used[name]} bytes")
+
+
+def _children() -> float:
+    """Processor seconds of all programs called so far."""
+    spent = os.times()
+    return spent.children_user + spent.children_system
+
+
+def large(folder: Path, quick: bool) -> None:
+    """Machines with six error motions of every axis: generated, compiled, self-test."""
+    print(
+        "\nSix error motions of every axis: seconds to generate; to compile C and self-test; the batch kernel (target 10)"
+    )
+    nutating = preset("nutating-table")
+    cases = [("wang-li-2016", preset("wang-li-2016"))]
+    for basis in ("polynomial", "fourier"):
+        motions = {f"E{c}{a}": ErrorTerm(name=f"E{c}{a}", sigma=10.0, basis=(basis,), order=(3,)) for a in nutating.axes
+                   for c in "XYZABC"}  # fmt: skip
+        errors = {**{t.name: t for t in nutating.location_errors}, **motions}
+        cases.append((f"nutating table, {basis}, order 3", replace(nutating, errors=errors)))
+    for i, (text, machine) in enumerate(cases[:1] if quick else cases):
+        start = time.process_time()
+        codegen(machine, folder / str(i))
+        made = time.process_time() - start
+        strict = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O2"]
+        start = _children()
+        subprocess.run(
+            ["gcc", *strict, "sf.c", "sf_selftest.c", "-lm", "-o", "selftest"], cwd=folder / str(i), check=True
+        )
+        fast = ["gcc", "-std=gnu99", "-O2", "-march=native", "-c", "sf_batch.c"]
+        middle = _children()
+        subprocess.run(fast, cwd=folder / str(i), check=True)
+        end = _children()
+        done = subprocess.run(["./selftest"], cwd=folder / str(i), capture_output=True, text=True)
+        count = len(subject_of(machine).parameters)
+        line(
+            f"{text}: {count} parameters",
+            f"{made:.1f} {middle - start:.1f} {end - middle:.1f}",
+            "passed" if done.returncode == 0 else done.stdout,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""What code is generated for: a machine, the parameters of its static errors with their values, and what is left out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from symfive.campaign import Campaign, Run
+from symfive.effects import Effect, baseline_effects
+from symfive.errors import InputError
+from symfive.machine import Machine, machine_to_data, preset, presets, read_machine
+from symfive.model import FittedModel, effect_to_data, read_model
+from symfive.model._assembly import apply_errors, machine_parameters
+from symfive.model._row import Row
+from symfive.motion import Position
+from symfive.parameters import Parameter
+
+__all__ = ["Subject", "subject_of"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """A machine and its static errors.
+
+    `parameters` with names and units as in `model.json`, `values` one per parameter (fitted, or the prior mean),
+    `effects` those that depend on the position alone, `left_out` the others with the reason, `fitted` whether the
+    values come from an identification, `digest` a SHA-256 of all of it.
+    """
+
+    machine: Machine
+    parameters: tuple[Parameter, ...]
+    values: tuple[float, ...]
+    effects: tuple[Effect, ...]
+    left_out: tuple[tuple[str, str], ...]
+    fitted: bool
+    digest: str
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes in the order of q."""
+        return self.machine.axis_names
+
+    def row(self, q: Any, p: Any) -> Row:
+        """The model's row at the positions q (mm, rad) and the parameters p (their own units), errors applied."""
+        return _row(self.machine, self.effects, self.parameters, q, p)
+
+
+def subject_of(source: Machine | FittedModel | Path | str) -> Subject:
+    """The subject of a machine, a fitted model, the file of either, or the name of a preset. Raises `InputError`."""
+    found = source if isinstance(source, Machine | FittedModel) else _read(source)
+    machine = found if isinstance(found, Machine) else found.machine
+    also = () if isinstance(found, Machine) else found.effects
+    effects: list[Effect] = []
+    left_out: list[tuple[str, str]] = []
+    parameters = list(machine_parameters(machine))
+    campaign = _two_rows(machine)
+    for effect in (*baseline_effects(machine), *also):
+        reason, ready, its_parameters = _static(machine, effect, campaign)
+        if reason:
+            left_out.append((effect.key, reason))
+        else:
+            effects.append(ready)
+            parameters += its_parameters
+    known = {} if isinstance(found, Machine) else dict(found.values)
+    values = tuple(float(known.get(p.name, p.mean)) for p in parameters)
+    content = {
+        "machine": machine_to_data(machine),
+        "effects": [effect_to_data(effect) for effect in effects],
+        "parameters": [[p.name, p.unit, value] for p, value in zip(parameters, values, strict=True)],
+    }
+    text = json.dumps(content, sort_keys=True, default=_plain)
+    return Subject(
+        machine=machine, parameters=tuple(parameters), values=values, effects=tuple(effects), left_out=tuple(left_out),
+        fitted=not isinstance(found, Machine), digest=hashlib.sha256(text.encode()).hexdigest(),
+    )  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    return dict(value) if isinstance(value, Mapping) else str(value)
+
+
+def _read(source: Path | str) -> Machine | FittedModel:
+    path = Path(source)
+    if str(source) in presets() and not path.exists():
+        return preset(str(source))
+    if path.suffix == ".toml":
+        return read_machine(path)
+    if path.suffix == ".json" or path.is_dir():
+        return read_model(path)
+    raise InputError(
+        "this is neither a machine nor a model", path=path,
+        remedy=f"name a machine.toml, a model.json, or one of {', '.join(presets())}",
+    )  # fmt: skip
+
+
+def _two_rows(machine: Machine) -> Campaign:
+    """The least campaign that effects can be prepared with: the machine at both ends of its travels."""
+    commands = {name: np.array(axis.travel) for name, axis in machine.axes.items()}
+    run = Run(id="codegen", instrument=("r_test",), sampling="static", time=np.array([0.0, 1.0]), commands=commands)
+    return Campaign(machine=machine, runs=(run,))
+
+
+def _row(machine: Machine, effects: Sequence[Effect], parameters: Sequence[Parameter], q: Any, p: Any) -> Row:
+    position = {name: q[i] for i, name in enumerate(machine.axis_names)}
+    values = {parameter.name: parameter.scale * p[i] for i, parameter in enumerate(parameters)}
+    signals = {Position(name): value for name, value in position.items()}
+    row = Row(machine, position, ca.SX.sym("clock"), ca.SX.sym("time"), signals, values, {})  # type: ignore[arg-type]
+    apply_errors(row, effects)
+    return row
+
+
+def _static(machine: Machine, effect: Effect, campaign: Campaign) -> tuple[str, Effect, tuple[Parameter, ...]]:
+    """Why it cannot be part of static kinematics ("" if it can), the prepared effect and its parameters."""
+    if effect.stage not in ("axis", "structure"):
+        return f"acts on the {effect.stage}, not on the geometry", effect, ()
+    if effect.dynamic_only or effect.frees():
+        return "acts in motion only", effect, ()
+    if not all(isinstance(signal, Position) for signal in effect.signals()):
+        return "depends on the path to the position", effect, ()
+    if not all(effect.applies(run) for run in campaign.runs):
+        return "belongs to one run", effect, ()
+    ready = effect.prepare(campaign)
+    parameters = ready.parameters(campaign)
+    every = (*machine_parameters(machine), *parameters)
+    row = _row(machine, (ready,), every, ca.SX.sym("q", len(machine.axes)), ca.SX.sym("p", len(every)))
+    parts = [*row.axis.values(), *row.location.values(), *row.motion.values(), row.shift, row.tool_ball, row.table_ball]
+    if ca.depends_on(ca.vertcat(*parts), ca.vertcat(row.clock, row.time)):
+        return "depends on time", effect, ()
+    return "", ready, parameters

@@ -1,0 +1,285 @@
+/*
+ * ${prefix}_batch.c: see ${prefix}_batch.h. Made by symfive $version; change the model, not this file.
+ * model sha256 $digest
+ */
+#include <math.h>
+#include "${prefix}_batch.h"
+
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic ignored "-Wpsabi" /* vectors stay within this file: how others would pass them does not matter */
+#endif
+
+#define LANES ${PREFIX}_LANES
+#define COLUMNS ${columns}U
+#define CHUNK ${chunk}U
+#define ROWS (3U * CHUNK)
+#define UNUSED __attribute__((unused))
+#define INLINED static inline __attribute__((always_inline, unused))
+
+typedef double v __attribute__((vector_size(LANES * 8), may_alias));
+typedef long long w __attribute__((vector_size(LANES * 8), may_alias));
+
+INLINED v where(w condition, v yes, v no)
+{
+    return (v)((condition & (w)yes) | (~condition & (w)no));
+}
+
+INLINED v flag(w condition)
+{
+    const v zero = { 0.0 };
+    return where(condition, zero + 1.0, zero);
+}
+
+INLINED v lanes(double (*function)(double), v x)
+{
+    v y;
+    for (int i = 0; i < LANES; ++i) {
+        y[i] = function(x[i]);
+    }
+    return y;
+}
+
+INLINED v lane_pairs(double (*function)(double, double), v a, v b)
+{
+    v y;
+    for (int i = 0; i < LANES; ++i) {
+        y[i] = function(a[i], b[i]);
+    }
+    return y;
+}
+
+/*
+ * Sine and cosine to about 1e-16 for |x| <= 1e5: reduction by pi/2 in three parts (Cody and Waite), then the polynomials of
+ * fdlibm's kernel functions on +-pi/4 (Sun Microsystems 1993), and the quadrant's exchange and signs by bit operations.
+ */
+INLINED void sine_cosine(v x, v *sine, v *cosine)
+{
+    const double shift = 6755399441055744.0; /* 1.5 * 2^52: adding it rounds to a whole number in the low bits */
+    const v shifted = (x * 0.63661977236758134308) + shift;
+    const v turns = shifted - shift;
+    const w quadrant = (w)shifted;
+    const v r = ((x - (turns * 1.57079632673412561417e+00)) - (turns * 6.07710050630396597660e-11))
+                - (turns * 2.02226624879595063154e-21);
+    const v z = r * r;
+    const v s = r + ((r * z) * (-1.66666666666666324348e-01 + (z * (8.33333333332248946124e-03
+                + (z * (-1.98412698298579493134e-04 + (z * (2.75573137070700676789e-06
+                + (z * (-2.50507602534068634195e-08 + (z * 1.58969099521155010221e-10)))))))))));
+    const v c = (1.0 - (0.5 * z)) + ((z * z) * (4.16666666666666019037e-02 + (z * (-1.38888888888741095749e-03
+                + (z * (2.48015872894767294178e-05 + (z * (-2.75573143513906633035e-07
+                + (z * (2.08757232129817482790e-09 + (z * -1.13596475577881948265e-11)))))))))));
+    const w odd = -(quadrant & 1);
+
+    *sine = (v)((w)where(odd, c, s) ^ ((quadrant & 2) << 62));
+    *cosine = (v)((w)where(odd, s, c) ^ (((quadrant + 1) & 2) << 62));
+}
+
+/*
+ * Writes a vector past the caches, as far as the processor has an instruction for that. GCC's own function for it is not used:
+ * hundreds of them in one function take its instruction combiner most of the time it needs to compile.
+ */
+INLINED void store_past_caches(v *place, v value)
+{
+#if defined(__clang__)
+    __builtin_nontemporal_store(value, place);
+#elif defined(__AVX512F__) && (${PREFIX}_LANES == 8)
+    __asm__("vmovntpd %1, %0" : "=m"(*place) : "v"(value));
+#elif defined(__AVX__)
+    typedef double half __attribute__((vector_size(32), may_alias));
+    const half *const part = (const half *)&value;
+    half *const to = (half *)place;
+    for (int i = 0; i < LANES / 4; ++i) {
+        __asm__("vmovntpd %1, %0" : "=m"(to[i]) : "x"(part[i]));
+    }
+#else
+    *place = value;
+#endif
+}
+
+INLINED void finish_stores(void)
+{
+#if defined(__SSE__)
+    __builtin_ia32_sfence();
+#endif
+}
+
+size_t ${prefix}_batch_lanes(void)
+{
+    return LANES;
+}
+
+void ${prefix}_batch_prepare(const double *tool, const double *p, double *c)
+{
+$prepare
+}
+
+INLINED void point_tile(const v *restrict q, const double *restrict c, v *restrict position)
+{
+    const v zero UNUSED = { 0.0 };
+$point_body
+}
+
+/* The Jacobian of one tile, written past the caches. */
+#define PUT(k, i, value) store_past_caches(by_p + (3U * (k)) + (i), (value))
+INLINED void jacobian_past_caches(const v *restrict q, const double *restrict c, v *restrict position, v *restrict by_p)
+{
+    const v zero UNUSED = { 0.0 };
+$jacobian_body
+}
+#undef PUT
+
+/* The same, kept in the caches; column k stands at by_p + k * stride. */
+#define PUT(k, i, value) by_p[((k) * stride) + (i)] = (value)
+static __attribute__((noinline)) void jacobian_kept(const v *restrict q, const double *restrict c, v *restrict position,
+                                                    v *restrict by_p, const size_t stride)
+{
+    const v zero UNUSED = { 0.0 };
+    (void)stride;
+$jacobian_body
+}
+#undef PUT
+
+/* The same, multiplied by a step as it comes. */
+#define PUT(k, i, value) sum[(i)] += d[(k)] * (value)
+INLINED void jacobian_times(const v *restrict q, const double *restrict c, const double *restrict d, v *restrict predicted)
+{
+    const v zero UNUSED = { 0.0 };
+    v position[3];
+    v sum[3] = { { 0.0 }, { 0.0 }, { 0.0 } };
+$jacobian_body
+    predicted[0] = position[0] + sum[0];
+    predicted[1] = position[1] + sum[1];
+    predicted[2] = position[2] + sum[2];
+}
+#undef PUT
+
+void ${prefix}_batch_forward(size_t tiles, const double *q, const double *c, double *position)
+{
+    for (size_t i = 0; i < tiles; ++i) {
+        point_tile((const v *)q + (i * ${axes}U), c, (v *)position + (i * 3U));
+    }
+}
+
+void ${prefix}_batch_jacobian(size_t tiles, const double *q, const double *c, double *position, double *by_p, int stream)
+{
+    const v *const from = (const v *)q;
+    v *const points = (v *)position;
+    v *const slopes = (v *)by_p;
+
+    if (stream != 0) {
+        for (size_t i = 0; i < tiles; ++i) {
+            jacobian_past_caches(from + (i * ${axes}U), c, points + (i * 3U), slopes + (i * 3U * ${parameters}U));
+        }
+        finish_stores();
+    } else {
+        for (size_t i = 0; i < tiles; ++i) {
+            jacobian_kept(from + (i * ${axes}U), c, points + (i * 3U), slopes + (i * 3U * ${parameters}U), 3U);
+        }
+    }
+}
+
+void ${prefix}_batch_predict(size_t tiles, const double *q, const double *c, const double *d, double *predicted)
+{
+    for (size_t i = 0; i < tiles; ++i) {
+        jacobian_times((const v *)q + (i * ${axes}U), c, d, (v *)predicted + (i * 3U));
+    }
+}
+
+/* sum[4 i + j] += a_i' b_j, lane by lane, for four columns a and four columns b. */
+static __attribute__((noinline)) void block_products(const v *restrict a, const v *restrict b, size_t rows, v *restrict sum)
+{
+    const v *restrict a1 = a + ROWS, *restrict a2 = a1 + ROWS, *restrict a3 = a2 + ROWS;
+    const v *restrict b1 = b + ROWS, *restrict b2 = b1 + ROWS, *restrict b3 = b2 + ROWS;
+    v s00 = sum[0], s01 = sum[1], s02 = sum[2], s03 = sum[3], s10 = sum[4], s11 = sum[5], s12 = sum[6], s13 = sum[7];
+    v s20 = sum[8], s21 = sum[9], s22 = sum[10], s23 = sum[11], s30 = sum[12], s31 = sum[13], s32 = sum[14], s33 = sum[15];
+
+    for (size_t k = 0; k < rows; ++k) {
+        const v x0 = a[k], x1 = a1[k], x2 = a2[k], x3 = a3[k];
+        const v y0 = b[k], y1 = b1[k], y2 = b2[k], y3 = b3[k];
+
+        s00 += x0 * y0; s01 += x0 * y1; s02 += x0 * y2; s03 += x0 * y3;
+        s10 += x1 * y0; s11 += x1 * y1; s12 += x1 * y2; s13 += x1 * y3;
+        s20 += x2 * y0; s21 += x2 * y1; s22 += x2 * y2; s23 += x2 * y3;
+        s30 += x3 * y0; s31 += x3 * y1; s32 += x3 * y2; s33 += x3 * y3;
+    }
+    sum[0] = s00; sum[1] = s01; sum[2] = s02; sum[3] = s03; sum[4] = s10; sum[5] = s11; sum[6] = s12; sum[7] = s13;
+    sum[8] = s20; sum[9] = s21; sum[10] = s22; sum[11] = s23; sum[12] = s30; sum[13] = s31; sum[14] = s32; sum[15] = s33;
+}
+
+/* The columns of one vector of poses; lanes from `used` on are set to zero. */
+static void columns_of_tile(const v *q, const double *c, const v *target, size_t used, v *columns)
+{
+    v position[3];
+
+    jacobian_kept(q, c, position, columns, ROWS);
+    for (size_t i = 0; i < 3U; ++i) {
+        columns[(${parameters}U * ROWS) + i] = target[i] - position[i];
+    }
+    for (size_t k = 0; (used < LANES) && (k <= ${parameters}U); ++k) {
+        for (size_t i = 0; i < 3U; ++i) {
+            for (size_t lane = used; lane < LANES; ++lane) {
+                columns[(k * ROWS) + i][lane] = 0.0;
+            }
+        }
+    }
+}
+
+/* Adds a block's sums over the lanes to the matrix and to its mirror image. */
+static void add_block(const v *sum, size_t a, size_t b, double *normal)
+{
+    for (size_t i = 0; i < 16U; ++i) {
+        const size_t row = (4U * a) + (i / 4U), column = (4U * b) + (i % 4U);
+        double total = 0.0;
+
+        for (size_t lane = 0; lane < LANES; ++lane) {
+            total += sum[i][lane];
+        }
+        if ((row < ${PREFIX}_NORMAL) && (column <= row)) {
+            normal[(row * ${PREFIX}_NORMAL) + column] += total;
+            if (row != column) {
+                normal[(column * ${PREFIX}_NORMAL) + row] += total;
+            }
+        }
+    }
+}
+
+void ${prefix}_batch_information(size_t poses, const double *q, const double *c, const double *target, double *normal,
+                          double *work)
+{
+    const v zero = { 0.0 };
+    const size_t tiles = (poses + LANES - 1U) / LANES;
+    v *const columns = (v *)work;
+    v *const sums = columns + (COLUMNS * ROWS);
+    const size_t blocks = COLUMNS / 4U;
+
+    for (size_t i = 0; i < COLUMNS * ROWS; ++i) {
+        columns[i] = zero;
+    }
+    for (size_t i = 0; i < blocks * (blocks + 1U) * 8U; ++i) {
+        sums[i] = zero;
+    }
+    for (size_t first = 0; first < tiles; first += CHUNK) {
+        const size_t count = (tiles - first < CHUNK) ? tiles - first : CHUNK;
+        v *sum = sums;
+
+        for (size_t i = 0; i < count; ++i) {
+            const size_t tile = first + i;
+            const size_t left = poses - (tile * LANES);
+
+            columns_of_tile((const v *)q + (tile * ${axes}U), c, (const v *)target + (tile * 3U), (left < LANES) ? left : LANES,
+                            columns + (3U * i));
+        }
+        for (size_t a = 0; a < blocks; ++a) {
+            for (size_t b = 0; b <= a; ++b) {
+                block_products(columns + (4U * a * ROWS), columns + (4U * b * ROWS), 3U * count, sum);
+                sum += 16;
+            }
+        }
+    }
+    const v *sum = sums;
+    for (size_t a = 0; a < blocks; ++a) {
+        for (size_t b = 0; b <= a; ++b) {
+            add_block(sum, a, b, normal);
+            sum += 16;
+        }
+    }
+}

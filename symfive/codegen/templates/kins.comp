@@ -1,0 +1,133 @@
+component ${prefix}kins "Kinematics of $comp_machine with its identified errors, one pin each";
+description """
+Made by symfive $version; change the model, not this file. model sha256 $digest
+
+Structure $structure, joints in the order $joints; joint and world coordinates in mm and degree.
+A pin per parameter (um, urad as in ${prefix}.h) begins with its identified value; all at 0 is the machine without errors.
+Pin tool-offset is the tool length: net it to motion.tooloffset.z. Positive rotary commands turn after ISO 841, which is
+opposite to the stock trunnion kinematics without conventional-directions.
+
+The function check works through both directions once a cycle, for tests: check-world-0 to check-world-5 (x y z a b c) to
+check-joint-0 ... and back to check-back-0 ...; check-status is 0 where the inverse was found.
+""";
+pin in float check_world-#[6] "x y z a b c of the test";
+pin out float check_joint-#[$axes] "joints of the test";
+pin out float check_back-#[6] "world coordinates of these joints";
+pin out s32 check_status "0: done";
+function check fp;
+option singleton yes;
+option extra_setup yes;
+license "GPL-2.0-or-later"; // for LinuxCNC's kinematics.h; ${prefix}.c and ${prefix}_kins.c are free of it
+;;
+#include "kinematics.h"
+#include "rtapi_math.h"
+#include "${prefix}_kins.c"
+
+struct pins {
+    hal_float_t *tool_offset;
+    hal_float_t *p[${PREFIX}_P_SIZE];
+};
+static struct pins *pins = 0;
+
+static void read_pins(double p[${PREFIX}_P_SIZE], double *tool_offset)
+{
+    int i;
+
+    for (i = 0; i < ${PREFIX}_P_SIZE; ++i) {
+        p[i] = (i < ${PREFIX}_PARAMETERS) ? *pins->p[i] : 0.0;
+    }
+    *tool_offset = *pins->tool_offset;
+}
+
+EXTRA_SETUP()
+{
+    static const char *const names[${PREFIX}_P_SIZE] = {
+$pin_names
+    };
+    double values[${PREFIX}_P_SIZE];
+    int result = 0;
+    int i;
+
+    (void)prefix;
+    (void)extra_arg;
+    pins = hal_malloc(sizeof(*pins));
+    if (pins == 0) {
+        return -1;
+    }
+    ${prefix}_parameters(values);
+    result = hal_pin_float_newf(HAL_IN, &pins->tool_offset, comp_id, "${prefix}kins.tool-offset");
+    for (i = 0; (i < ${PREFIX}_PARAMETERS) && (result == 0); ++i) {
+        result = hal_pin_float_newf(HAL_IN, &pins->p[i], comp_id, "${prefix}kins.%s", names[i]);
+        if (result == 0) {
+            *pins->p[i] = values[i];
+        }
+    }
+    return result;
+}
+
+KINS_NOT_SWITCHABLE
+EXPORT_SYMBOL(kinematicsType);
+EXPORT_SYMBOL(kinematicsForward);
+EXPORT_SYMBOL(kinematicsInverse);
+
+KINEMATICS_TYPE kinematicsType(void)
+{
+    return KINEMATICS_BOTH;
+}
+
+int kinematicsForward(const double *joints, EmcPose *pose, const KINEMATICS_FORWARD_FLAGS *fflags,
+                      KINEMATICS_INVERSE_FLAGS *iflags)
+{
+    double p[${PREFIX}_P_SIZE];
+    double tool_offset;
+    double world[${PREFIX}_WORLD];
+    int status;
+
+    (void)fflags;
+    (void)iflags;
+    read_pins(p, &tool_offset);
+    status = ${prefix}_world(joints, tool_offset, p, world);
+    pose->tran.x = world[0];
+    pose->tran.y = world[1];
+    pose->tran.z = world[2];
+    pose->a = world[3];
+    pose->b = world[4];
+    pose->c = world[5];
+    pose->u = world[6];
+    pose->v = world[7];
+    pose->w = world[8];
+    return (status == ${PREFIX}_OK) ? 0 : -1;
+}
+
+int kinematicsInverse(const EmcPose *pose, double *joints, const KINEMATICS_INVERSE_FLAGS *iflags,
+                      KINEMATICS_FORWARD_FLAGS *fflags)
+{
+    const double world[${PREFIX}_WORLD] = { pose->tran.x, pose->tran.y, pose->tran.z, pose->a, pose->b, pose->c,
+                                     pose->u, pose->v, pose->w };
+    double p[${PREFIX}_P_SIZE];
+    double tool_offset;
+
+    (void)iflags;
+    (void)fflags;
+    read_pins(p, &tool_offset);
+    return (${prefix}_joints(world, tool_offset, p, joints) == ${PREFIX}_OK) ? 0 : -1;
+}
+
+FUNCTION(check)
+{
+    EmcPose pose = { { check_world(0), check_world(1), check_world(2) }, check_world(3), check_world(4), check_world(5), 0.0, 0.0, 0.0 };
+    double joints[${PREFIX}_JOINTS] = { 0.0 };
+    int i;
+
+    check_status = kinematicsInverse(&pose, joints, 0, 0);
+    for (i = 0; i < ${PREFIX}_JOINTS; ++i) {
+        check_joint(i) = joints[i];
+    }
+    kinematicsForward(joints, &pose, 0, 0);
+    check_back(0) = pose.tran.x;
+    check_back(1) = pose.tran.y;
+    check_back(2) = pose.tran.z;
+    check_back(3) = pose.a;
+    check_back(4) = pose.b;
+    check_back(5) = pose.c;
+}

@@ -1,0 +1,172 @@
+"""What a circle tells about the machine and about what stands in its drives, its own set-up errors marginalised."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign, Run
+from symfive.design._criteria import Criterion
+from symfive.design._information import inverse
+from symfive.design._paths import CircleShape, circle_runs
+from symfive.effects import Effect
+from symfive.machine import Machine
+from symfive.model import Model
+from symfive.procedures._setting import heights
+
+__all__ = ["Circle", "Goal", "circle_information", "measured", "told", "true_values", "typical_values"]
+
+Array = NDArray[np.float64]
+ROBUST = ("nominal", "mean", "worst")
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle: its `shape`, its `runs` (one a direction), the information `matrix` (k, k) it adds about the machine and the
+    effects at their typical size (file units), `matrices` the same at every draw from the prior, the expected 1σ by
+    parameter of the effects, and how many `seconds` it records."""
+
+    shape: CircleShape
+    runs: tuple[Run, ...]
+    matrix: Array
+    matrices: tuple[Array, ...]
+    sigma: Mapping[str, float]
+
+    @property
+    def seconds(self) -> float:
+        """Time of the recordings, s."""
+        return sum(run.duration for run in self.runs)
+
+    @property
+    def ratio(self) -> float:
+        """X_T/r (0 for a planar circle)."""
+        return self.shape.values.get("ratio", 0.0)
+
+    @property
+    def radius(self) -> float:
+        """Radius, mm."""
+        return self.shape.values["radius"]
+
+    @property
+    def feed(self) -> float:
+        """Feed along the circle, mm/min."""
+        return self.shape.values["feed"]
+
+
+def typical_values(model: Model) -> Array:
+    """The start of a model with its effects at typical size: a play of width zero has no derivative where an axis rests."""
+    vector = model.start
+    for effect in model.effects:
+        for name, value in effect.typical(model.campaign).items():
+            if model.parameters[model.index[name]].mean == 0.0:
+                vector[model.index[name]] = value
+    return vector
+
+
+def true_values(model: Model, draws: int, seed: int = 0) -> list[Array]:
+    """Typical values first, then `draws` in which the effects' parameters are drawn from their priors, within bounds."""
+    found = [typical_values(model)]
+    generator = np.random.default_rng(seed)
+    effects = [i for i, p in enumerate(model.parameters) if p.kind == "effect"]
+    for _ in range(draws):
+        vector = found[0].copy()
+        for i in effects:
+            p = model.parameters[i]
+            vector[i] = np.clip(p.mean + p.sigma * generator.standard_normal(), p.lower, p.upper)
+        found.append(vector)
+    return found
+
+
+def measured(
+    machine: Machine, effects: Iterable[Effect], shape: CircleShape, *, noise_um: float, rate_hz: float, draws: int = 0
+) -> Circle:
+    """The circle as it would be recorded. Raises `InputError` where an axis cannot follow."""
+    runs = circle_runs(machine, shape, noise_um=noise_um, rate_hz=rate_hz)
+    return told(machine, effects, shape, runs, draws)
+
+
+def told(
+    machine: Machine, effects: Iterable[Effect], shape: CircleShape, runs: tuple[Run, ...], draws: int = 0
+) -> Circle:
+    """What the runs of a circle tell."""
+    model = Model(Campaign(machine=machine, runs=runs), effects)
+    matrices = [_marginal(model, runs, vector) for vector in true_values(model, draws)]
+    shared = [p for p in model.parameters if p.kind != "setup"]
+    spread = np.sqrt(np.diag(inverse(matrices[0] + np.diag([p.sigma**-2.0 for p in shared]))))
+    sigma = {p.name: float(s) for p, s in zip(shared, spread, strict=True) if p.kind == "effect"}
+    return Circle(shape, runs, matrices[0], tuple(matrices), sigma)
+
+
+def circle_information(
+    machine: Machine, effects: Iterable[Effect], *, ratio: float, radius: float, feed: float, height: float | None = None,
+    direction: str = "both", noise_um: float = 0.3, rate_hz: float = 50.0,
+) -> Circle:  # fmt: skip
+    """One synchronous circle (X_T = ratio·radius, mm; feed mm/min). Raises `InputError` where an axis cannot follow."""
+    level = sum(heights(machine)) / 2.0 if height is None else height
+    values = {"ratio": ratio, "radius": radius, "feed": feed, "height": level}
+    shape = CircleShape(family="synchronous", direction=direction, values=values)
+    return measured(machine, effects, shape, noise_um=noise_um, rate_hz=rate_hz)
+
+
+def _marginal(model: Model, runs: Sequence[Run], vector: Array) -> Array:
+    """Information about all that is not set-up, each run's set-up marginalised (k, k), in file units."""
+    shared = [i for i, p in enumerate(model.parameters) if p.kind != "setup"]
+    place = {i: j for j, i in enumerate(shared)}
+    total = np.zeros((len(shared), len(shared)))
+    for run in runs:
+        line = model.linearise(run, vector)
+        slopes = (line.jacobian / model.noise(run)[:, None]).reshape(-1, line.jacobian.shape[2])
+        gram = slopes.T @ slopes
+        inside = np.array([i in place for i in line.columns])
+        own = line.columns[~inside]
+        rest = gram[np.ix_(~inside, ~inside)] + np.diag(model.prior_sigma[own] ** -2.0)
+        cross = gram[np.ix_(inside, ~inside)]
+        index = [place[int(i)] for i in line.columns[inside]]
+        total[np.ix_(index, index)] += gram[np.ix_(inside, inside)] - (
+            cross @ inverse(rest) @ cross.T if own.size else 0.0
+        )
+    return total
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What circles are chosen for: ψ of the parameters `interest` (indices) with prior 1σ `scale` (k,), at the effects'
+    typical size (`nominal`), or its mean or worst value over the draws; `per_minute` adds log of the recording time, which
+    for variances compares plans as if each were repeated until a given hour."""
+
+    criterion: Criterion
+    interest: NDArray[np.int64]
+    scale: Array
+    robust: str = "nominal"
+    per_minute: bool = False
+
+    def covariance(self, total: Array) -> Array:
+        """Posterior covariance, per prior 1σ, of an information matrix in file units (k, k)."""
+        return inverse(np.eye(len(self.scale)) + total * np.outer(self.scale, self.scale))
+
+    def value(self, circles: Sequence[Circle]) -> float:
+        """ψ of some circles together."""
+        draws = 1 if self.robust == "nominal" else len(circles[0].matrices)
+        seconds = sum(circle.seconds for circle in circles)
+        return self.joined(
+            [self.psi(np.sum([c.matrices[d] for c in circles], axis=0)) for d in range(draws)], seconds
+        )  # fmt: skip
+
+    def psi(self, total: Array) -> float:
+        """ψ of one information matrix."""
+        return self.criterion.value(self.covariance(total)[np.ix_(self.interest, self.interest)])
+
+    def pull(self, total: Array) -> Array:
+        """-dψ/dM (k, k) in file units."""
+        covariance = self.covariance(total)
+        columns = covariance[:, self.interest]
+        slope = self.criterion.slope(covariance[np.ix_(self.interest, self.interest)])
+        return np.asarray(columns @ slope @ columns.T * np.outer(self.scale, self.scale))
+
+    def joined(self, values: Sequence[float], seconds: float) -> float:
+        """One number from ψ of every draw and the time."""
+        whole = max(values) if self.robust == "worst" else float(np.mean(values))
+        return whole + (float(np.log(seconds / 60.0)) if self.per_minute else 0.0)

@@ -1,0 +1,99 @@
+"""What is asked of a plan, checked: parameters, priors, bars, and what no plan can see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from symfive.campaign import Campaign
+from symfive.design._assess import machine_information, workspace_places
+from symfive.design._candidates import candidates_in, pose_grid, setup_options
+from symfive.design._criteria import criterion_of
+from symfive.design._information import Task
+from symfive.design._space import Space
+from symfive.errors import InputError
+from symfive.machine import Machine
+
+__all__ = ["check_counts", "interest_of", "refuse_unseen", "task_of", "with_bars"]
+
+SEEN = 0.5
+"""A parameter is seen by a plan where the posterior variance is below this share of its prior's."""
+LEAST = {"points": 2, "returns": 0}
+
+
+def with_bars(machine: Machine, lengths: Sequence[float]) -> Machine:
+    """The machine with the bars that the user owns in place of its file's."""
+    if not lengths:
+        return machine
+    return replace(machine, workspace=replace(machine.workspace, bar_lengths=tuple(float(v) for v in lengths)))
+
+
+def check_counts(machine: Machine, counts: Mapping[str, int | None]) -> None:
+    """Refuse numbers that are too small and machines without a workspace."""
+    for name, value in counts.items():
+        least = LEAST.get(name, 1)
+        if value is not None and value < least:
+            raise InputError(f"{name} = {value} is too few", remedy=f"give at least {least}")
+    if machine.workspace.table_radius is None:
+        raise InputError(
+            "the machine file has no workspace", remedy="add [workspace] with table_radius and ball_height"
+        )
+
+
+def interest_of(names: Sequence[str], wanted: tuple[str, ...]) -> tuple[str, ...]:
+    """Names or beginnings of names (`EXC` for all its coefficients) as full names."""
+    if not wanted:
+        return tuple(names)
+    found: list[str] = []
+    for name in wanted:
+        matching = [n for n in names if n == name or n.startswith(name + ".")]
+        if not matching:
+            shown = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
+            raise InputError(f"the machine's model has no parameter {name}", remedy=f"use names such as {shown}")
+        found += [n for n in matching if n not in found]
+    return tuple(found)
+
+
+def task_of(space: Space, criterion: str, wanted: Sequence[str], given: Campaign | None) -> Task:
+    """The task of a plan in this space, what a campaign measured before tells being known."""
+    names = [p.name for p in space.shared]
+    interest = np.array([names.index(name) for name in wanted], dtype=np.int64)
+    prior = np.eye(len(names))
+    if given is not None:
+        if given.machine.structure != space.machine.structure:
+            raise InputError("the campaign given is of another machine", remedy="give one measured on this machine")
+        sigma = np.array([p.sigma for p in space.shared])
+        prior = prior + machine_information(given, names) * np.outer(sigma, sigma)
+    places = (
+        workspace_places(space)[:, :, interest] if criterion in ("G", "V", "I") else np.zeros((0, 3, len(interest)))
+    )
+    return Task(criterion_of(criterion, len(interest), places), prior, space.own_sigma, interest)
+
+
+def refuse_unseen(space: Space, task: Task, points: int, names: Sequence[str]) -> None:
+    """Refuse parameters asked for by name that even all candidate poses together do not see."""
+    setups, lengths = setup_options(space)
+    poses = pose_grid(space, 60)
+    candidates = candidates_in(space, setups, lengths, poses)
+    if len(task.interest) == len(names):
+        return
+    groups = len(setups)
+    rich = task.information(candidates.rows, candidates.group, groups, np.full(len(candidates), points / 60.0))
+    covariance = np.linalg.inv(task.marginal(rich, task.layout(groups)))
+    known = np.linalg.inv(task.prior)
+    for i in task.interest:
+        if covariance[i, i] > SEEN * known[i, i]:
+            coupled = np.abs(covariance[i]) / np.sqrt(covariance[i, i] * np.diag(covariance))
+            coupled[i] = 0.0
+            partner = names[int(np.argmax(coupled))] if coupled.max() > 0.5 else ""
+            why = (
+                f"it cannot be told apart from {partner}"
+                if partner
+                else "no reading depends on it, or the noise hides it"
+            )
+            remedy = f"leave it out, fix {partner} in the machine file" if partner else "leave it out"
+            raise InputError(
+                f"no {space.instrument} plan can see {names[i]}: {why}", remedy=f"{remedy}, or use another instrument"
+            )

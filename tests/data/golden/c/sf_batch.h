@@ -1,0 +1,59 @@
+/*
+ * sf_batch.h: the real tool's point and its parameter Jacobian for many poses, with the vector types of GCC and Clang.
+ *
+ * Made by symfive 0.1.0 from model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db.
+ * Compile with -std=gnu99 -O2 -march=native, never with -ffast-math. Double precision. Units, signs and orders as in sf.h.
+ *
+ * Poses stand in tiles of SF_LANES: element i of pose n is at [(n / LANES) * size * LANES + i * LANES + n % LANES]. Every
+ * array begins at a multiple of 64 bytes; unused lanes of the last tile must hold finite numbers. Angles up to 1e5 rad.
+ *
+ * Operations a pose for point and Jacobian: 182 (what the parameters alone decide is done once, in prepare).
+ */
+#ifndef SF_BATCH_H
+#define SF_BATCH_H
+
+#include <stddef.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#ifndef SF_LANES
+#define SF_LANES 8 /* poses in a vector, 8 or 4; the same for every file that includes this one */
+#endif
+#define SF_BATCH_AXES 5
+#define SF_BATCH_PARAMETERS 9
+#define SF_CONSTANTS 17
+#define SF_NORMAL (9 + 1)
+#define SF_WORK ((size_t)672 * SF_LANES) /* doubles that the information matrix works in */
+
+/* Lanes that this library was compiled with. */
+size_t sf_batch_lanes(void);
+
+/* What does not depend on the pose: c[SF_CONSTANTS] from tool[3] and p[9]. */
+void sf_batch_prepare(const double *tool, const double *p, double *c);
+
+/* The point of every pose: position, 3 a pose. */
+void sf_batch_forward(size_t tiles, const double *q, const double *c, double *position);
+
+/* The point and its Jacobian, column by column: 3 * 9 a pose. `stream`: 1 writes past the caches, for results that
+ * are larger than these; 0 keeps them. */
+void sf_batch_jacobian(size_t tiles, const double *q, const double *c, double *position, double *by_p, int stream);
+
+/*
+ * Adds to `normal`, a square matrix of SF_NORMAL rows, the sums over all poses of
+ *   J'J   J'r
+ *   r'J   r'r     with r = target - point (3 a pose, in tiles),
+ * without ever storing J. `work`: SF_WORK doubles.
+ */
+void sf_batch_information(size_t poses, const double *q, const double *c, const double *target, double *normal,
+                          double *work);
+
+/* First-order prediction, 3 a pose in tiles: point + J d for a step d of the parameters; J never leaves the tile. */
+void sf_batch_predict(size_t tiles, const double *q, const double *c, const double *d, double *predicted);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,141 @@
+component sfkins "Kinematics of tilting table BC with its identified errors, one pin each";
+description """
+Made by symfive 0.1.0; change the model, not this file. model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
+
+Structure w C' B' X' Y' b Z t, joints in the order X Y Z B C; joint and world coordinates in mm and degree.
+A pin per parameter (um, urad as in sf.h) begins with its identified value; all at 0 is the machine without errors.
+Pin tool-offset is the tool length: net it to motion.tooloffset.z. Positive rotary commands turn after ISO 841, which is
+opposite to the stock trunnion kinematics without conventional-directions.
+
+The function check works through both directions once a cycle, for tests: check-world-0 to check-world-5 (x y z a b c) to
+check-joint-0 ... and back to check-back-0 ...; check-status is 0 where the inverse was found.
+""";
+pin in float check_world-#[6] "x y z a b c of the test";
+pin out float check_joint-#[5] "joints of the test";
+pin out float check_back-#[6] "world coordinates of these joints";
+pin out s32 check_status "0: done";
+function check fp;
+option singleton yes;
+option extra_setup yes;
+license "GPL-2.0-or-later"; // for LinuxCNC's kinematics.h; sf.c and sf_kins.c are free of it
+;;
+#include "kinematics.h"
+#include "rtapi_math.h"
+#include "sf_kins.c"
+
+struct pins {
+    hal_float_t *tool_offset;
+    hal_float_t *p[SF_P_SIZE];
+};
+static struct pins *pins = 0;
+
+static void read_pins(double p[SF_P_SIZE], double *tool_offset)
+{
+    int i;
+
+    for (i = 0; i < SF_P_SIZE; ++i) {
+        p[i] = (i < SF_PARAMETERS) ? *pins->p[i] : 0.0;
+    }
+    *tool_offset = *pins->tool_offset;
+}
+
+EXTRA_SETUP()
+{
+    static const char *const names[SF_P_SIZE] = {
+        "EC0X",
+        "EX0B",
+        "EA0B",
+        "EX0C",
+        "EA0C",
+        "EXC.cos1",
+        "EXC.sin1",
+        "EXC.cos2",
+        "EXC.sin2"
+    };
+    double values[SF_P_SIZE];
+    int result = 0;
+    int i;
+
+    (void)prefix;
+    (void)extra_arg;
+    pins = hal_malloc(sizeof(*pins));
+    if (pins == 0) {
+        return -1;
+    }
+    sf_parameters(values);
+    result = hal_pin_float_newf(HAL_IN, &pins->tool_offset, comp_id, "sfkins.tool-offset");
+    for (i = 0; (i < SF_PARAMETERS) && (result == 0); ++i) {
+        result = hal_pin_float_newf(HAL_IN, &pins->p[i], comp_id, "sfkins.%s", names[i]);
+        if (result == 0) {
+            *pins->p[i] = values[i];
+        }
+    }
+    return result;
+}
+
+KINS_NOT_SWITCHABLE
+EXPORT_SYMBOL(kinematicsType);
+EXPORT_SYMBOL(kinematicsForward);
+EXPORT_SYMBOL(kinematicsInverse);
+
+KINEMATICS_TYPE kinematicsType(void)
+{
+    return KINEMATICS_BOTH;
+}
+
+int kinematicsForward(const double *joints, EmcPose *pose, const KINEMATICS_FORWARD_FLAGS *fflags,
+                      KINEMATICS_INVERSE_FLAGS *iflags)
+{
+    double p[SF_P_SIZE];
+    double tool_offset;
+    double world[SF_WORLD];
+    int status;
+
+    (void)fflags;
+    (void)iflags;
+    read_pins(p, &tool_offset);
+    status = sf_world(joints, tool_offset, p, world);
+    pose->tran.x = world[0];
+    pose->tran.y = world[1];
+    pose->tran.z = world[2];
+    pose->a = world[3];
+    pose->b = world[4];
+    pose->c = world[5];
+    pose->u = world[6];
+    pose->v = world[7];
+    pose->w = world[8];
+    return (status == SF_OK) ? 0 : -1;
+}
+
+int kinematicsInverse(const EmcPose *pose, double *joints, const KINEMATICS_INVERSE_FLAGS *iflags,
+                      KINEMATICS_FORWARD_FLAGS *fflags)
+{
+    const double world[SF_WORLD] = { pose->tran.x, pose->tran.y, pose->tran.z, pose->a, pose->b, pose->c,
+                                     pose->u, pose->v, pose->w };
+    double p[SF_P_SIZE];
+    double tool_offset;
+
+    (void)iflags;
+    (void)fflags;
+    read_pins(p, &tool_offset);
+    return (sf_joints(world, tool_offset, p, joints) == SF_OK) ? 0 : -1;
+}
+
+FUNCTION(check)
+{
+    EmcPose pose = { { check_world(0), check_world(1), check_world(2) }, check_world(3), check_world(4), check_world(5), 0.0, 0.0, 0.0 };
+    double joints[SF_JOINTS] = { 0.0 };
+    int i;
+
+    check_status = kinematicsInverse(&pose, joints, 0, 0);
+    for (i = 0; i < SF_JOINTS; ++i) {
+        check_joint(i) = joints[i];
+    }
+    kinematicsForward(joints, &pose, 0, 0);
+    check_back(0) = pose.tran.x;
+    check_back(1) = pose.tran.y;
+    check_back(2) = pose.tran.z;
+    check_back(3) = pose.a;
+    check_back(4) = pose.b;
+    check_back(5) = pose.c;
+}

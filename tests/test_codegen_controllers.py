@@ -1,0 +1,281 @@
+"""LinuxCNC's component, its stock kinematics, the ISG table and the printed sheets."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from symfive.cli import main
+from symfive.codegen import codegen, read_isg
+from symfive.codegen._lines import axis_lines
+from symfive.codegen._subject import subject_of
+from symfive.codegen._workspace import workspace_poses
+from symfive.codegen.linuxcnc import pin_names
+from symfive.codegen.setp import fit_trunnion
+from symfive.errors import InputError
+from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset, presets
+from symfive.model import FittedModel
+
+WORLD = "XYZABCUVW"
+MODULES = Path("/usr/lib/linuxcnc/modules")
+
+
+def fitted(machine: Machine, values: dict[str, float] | None = None, seed: int = 0) -> FittedModel:
+    """A model as an identification leaves it, with given or drawn values."""
+    parameters = subject_of(machine).parameters
+    drawn = np.random.default_rng(seed).normal(size=len(parameters))
+    chosen = {p.name: float(round(v * p.sigma, 3)) for p, v in zip(parameters, drawn, strict=True)}
+    if values is not None:
+        chosen = {p.name: values.get(p.name, 0.0) for p in parameters}
+    names = tuple(chosen)
+    return FittedModel(
+        machine=machine, effects=(), values=chosen, std=dict.fromkeys(names, 1.0), names=names,
+        units={p.name: p.unit for p in parameters}, covariance=np.eye(len(names)),
+    )  # fmt: skip
+
+
+class Kinematics:
+    """`sf_world` and `sf_joints` of the component, compiled without LinuxCNC."""
+
+    def __init__(self, machine: Machine, folder: Path) -> None:
+        codegen(fitted(machine), folder, target="linuxcnc")
+        library = folder / "kins.so"
+        strict = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror"]
+        command = ["gcc", *strict, "-O0", "-shared", "-fPIC", "sf_kins.c", "-o", str(library), "-lm"]
+        subprocess.run(command, cwd=folder, check=True)
+        self._c = ctypes.CDLL(str(library))
+        subject = subject_of(machine)
+        self.axes = [machine.axes[letter] for letter in WORLD if letter in machine.axes]
+        self.p = np.zeros(max(1, len(subject.parameters)))
+        self._c.sf_parameters(_pointer(self.p))
+
+    def world(self, joints: np.ndarray, tool: float, p: np.ndarray) -> np.ndarray:
+        found = np.empty(9)
+        assert self._c.sf_world(_pointer(joints), ctypes.c_double(tool), _pointer(p), _pointer(found)) == 0
+        return found
+
+    def joints(self, world: np.ndarray, tool: float, p: np.ndarray) -> np.ndarray:
+        found = np.empty(len(self.axes))
+        assert self._c.sf_joints(_pointer(world), ctypes.c_double(tool), _pointer(p), _pointer(found)) == 0
+        return found
+
+
+def _pointer(array: np.ndarray) -> object:
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+@pytest.fixture(scope="module")
+def kinematics(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kinematics]:
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    root = tmp_path_factory.mktemp("kins")
+    small = [name for name in presets() if name not in ("oyama-2010", "wang-li-2016")]
+    return {name: Kinematics(preset(name), root / name) for name in small}
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_joints_and_world_are_each_others_inverse(kinematics, data) -> None:
+    """To 1e-9 mm on every structure, both ways round (the class of bug of LinuxCNC#4546)."""
+    kins = kinematics[data.draw(st.sampled_from(sorted(kinematics)))]
+    joints = np.array([data.draw(st.floats(max(a.travel[0], -720.0), min(a.travel[1], 720.0))) for a in kins.axes])
+    tool, p = data.draw(st.floats(0.0, 300.0)), kins.p * data.draw(st.floats(-30.0, 30.0))
+    world = kins.world(joints, tool, p)
+    back = kins.joints(world, tool, p)
+    assert np.abs(back - joints).max() < 1e-9
+    assert np.abs(kins.world(back, tool, p) - world).max() < 1e-9
+
+
+def test_signs_and_tool_length_are_those_of_linuxcnc(kinematics) -> None:
+    """Without errors and at zero world and joints agree, whatever the tool; C turns the workpiece under the tool."""
+    for kins in kinematics.values():
+        joints = np.zeros(len(kins.axes))
+        joints[:3] = 10.0, 20.0, 30.0
+        world = kins.world(joints, 120.0, 0.0 * kins.p)
+        assert world[:3] == pytest.approx(joints[:3], abs=1e-12)
+        assert world[3:] == pytest.approx(0.0, abs=1e-15)
+    table = kinematics["table-bc"]
+    world = kinematics["table-bc"].world(np.array([100.0, 0.0, 0.0, 0.0, 90.0]), 150.0, 0.0 * table.p)
+    assert world[[0, 1, 2, 4, 5]] == pytest.approx([0.0, 100.0, 0.0, 0.0, 90.0], abs=1e-12)
+
+
+def test_every_error_has_a_pin_of_its_own(tmp_path) -> None:
+    machine = preset("table-bc")
+    mixed = ErrorTerm(name="EAC", sigma=1.0, over=("B", "C"), basis=("polynomial", "fourier"), order=(3, 2))
+    subject = subject_of(replace(machine, errors={**machine.errors, "EAC": mixed}))
+    pins = pin_names(subject, "sf")
+    assert len(set(pins)) == len(pins) == len(subject.parameters)
+    assert all(re.fullmatch(r"[A-Za-z0-9.-]{1,40}", pin) for pin in pins)
+    assert {"EX0C", "EAC.P1-B-cos1-C"} <= set(pins)
+
+
+@pytest.mark.parametrize("name", ["B1", "W"])
+def test_axes_without_a_letter_are_refused(tmp_path, name) -> None:
+    axes = {n: make_axis(n) for n in "XYZ"} | {name: make_axis(name, kind="rotary", direction=(0.0, 1.0, 0.0))}
+    machine = Machine(name="odd", structure=Structure((name,), ("X", "Y", "Z")), axes=axes)
+    with pytest.raises(InputError, match=f"LinuxCNC has no rotary axis called {name}"):
+        codegen(machine, tmp_path / "out", target="linuxcnc")
+    with pytest.raises(InputError, match="x, y and z cannot be reached"):
+        codegen(
+            Machine(name="one", structure=Structure((), ("X",)), axes={"X": make_axis("X")}),
+            tmp_path,
+            target="linuxcnc",
+        )
+
+
+@pytest.mark.linuxcnc
+@pytest.mark.parametrize("name", ["table-bc", "head-bc", "mixed-bc"])
+def test_the_component_runs_in_hal(tmp_path, kinematics, name) -> None:
+    for program in ("halcompile", "halrun"):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed (Debian: linuxcnc-uspace-dev)")
+    if not os.access(MODULES, os.W_OK):
+        pytest.skip(f"{MODULES} cannot be written: LinuxCNC loads modules from there only")
+    prefix = f"symfivetest{os.getpid()}"
+    codegen(fitted(preset(name)), tmp_path, target="linuxcnc", prefix=prefix)
+    kins = kinematics[name]
+    pose = {"X": 30.0, "Y": -40.0, "Z": 150.0, "B": 35.0, "C": 70.0}
+    lines = ["loadrt threads name1=test period1=1000000", (tmp_path / f"{prefix}kins.hal").read_text(),
+             f"addf {prefix}kins.check test", f"setp {prefix}kins.tool-offset 120",
+             *(f"setp {prefix}kins.check-world-{WORLD.index(k)} {v}" for k, v in pose.items()),
+             "start", "loadusr -w sleep 0.2", f"show pin {prefix}kins"]  # fmt: skip
+    environment = dict(os.environ)
+    shared = Path(tempfile.mkdtemp())  # root's LinuxCNC works as nobody, who may not read pytest's folders
+    if os.getuid() == 0:
+        shared.chmod(0o777)
+        environment |= {"RTAPI_UID": "65534", "RTAPI_FIFO_PATH": str(shared / "fifo")}
+    (shared / "try.hal").write_text("\n".join(lines) + "\n")
+    try:
+        made = subprocess.run(
+            ["halcompile", "--install", f"{prefix}kins.comp"], cwd=tmp_path, capture_output=True, text=True
+        )
+        assert made.returncode == 0, made.stdout + made.stderr
+        shown = subprocess.run(["halrun", "-f", "try.hal"], cwd=shared, env=environment, capture_output=True, text=True)
+    finally:
+        (MODULES / f"{prefix}kins.so").unlink(missing_ok=True)
+        shutil.rmtree(shared, ignore_errors=True)
+    pins = {pin: float(value) for value, pin in re.findall(rf"\s(\S+)\s+{prefix}kins\.(check-\S+)", shown.stdout)
+            if not pin.endswith("time")}  # fmt: skip
+    assert pins["check-status"] == 0.0, shown.stdout + shown.stderr
+    world = np.array([pose.get(letter, 0.0) for letter in WORLD])
+    expected = kins.joints(world, 120.0, kins.p)
+    assert [pins[f"check-joint-{i}"] for i in range(5)] == pytest.approx(expected, rel=1e-6)
+    assert [pins[f"check-back-{i}"] for i in range(6)] == pytest.approx(world[:6], abs=1e-4)
+
+
+# ---- stock kinematics
+
+
+@pytest.mark.parametrize("tilt", ["A", "B"])
+def test_places_of_axes_fit_the_stock_kinematics_entirely(tilt) -> None:
+    across = "Y" if tilt == "A" else "X"
+    machine = _trunnion(tilt)
+    subject = subject_of(fitted(machine, {f"E{across}0{tilt}": 31.0, f"EZ0{tilt}": -17.0, "EX0C": 40.0, "EY0C": -25.0}))
+    design, found, before, after = fit_trunnion(subject, workspace_poses(subject))
+    lines = axis_lines(subject)
+    k = "XY".index(across)
+    c, t = lines["C"][1].point, lines[tilt][1].point
+    assert found == pytest.approx([c[0], c[1], t[k] - c[k], t[2]], abs=1e-5)
+    assert design == pytest.approx([0.0, 0.0, 0.0, -50.0])
+    assert before > 20.0 and after < 0.02
+
+
+def _trunnion(tilt: str) -> Machine:
+    """The preset with the other tilting axis where that is asked for."""
+    whole = preset("table-bc")
+    axes = {n: whole.axes[n] for n in "XYZC"} | {
+        tilt: make_axis(tilt, travel=(-110.0, 110.0), origin=(0.0, 0.0, -50.0))
+    }
+    names = (f"EX0{tilt}" if tilt == "B" else f"EY0{tilt}", f"EZ0{tilt}", f"EC0{tilt}", "EX0C", "EY0C", "EA0C")
+    errors = {n: ErrorTerm(name=n, sigma=50.0) for n in names}
+    return Machine(name="trunnion", structure=Structure(("C", tilt, "X", "Y"), ("Z",)), axes=axes, errors=errors)
+
+
+def test_the_setp_lines_say_what_they_leave(tmp_path) -> None:
+    model = fitted(preset("table-bc"))
+    (path,) = codegen(model, tmp_path, target="setp")
+    text = path.read_text()
+    before, after = map(float, re.findall(r"([\d.]+) um rms", text))
+    assert 0.0 < after < before
+    pins = re.findall(r"^setp xyzbc-trt-kins\.(\S+) (\S+)$", text, re.MULTILINE)
+    assert [pin for pin, _ in pins] == ["z-rot-point", "x-rot-point", "y-rot-point", "x-offset", "z-offset"]
+    assert "It cannot" in text and "Draft" in text
+
+
+@pytest.mark.parametrize("name", ["head-bc", "mixed-bc", "nutating-table", "three-axis"])
+def test_other_structures_do_not_fit_the_stock_kinematics(tmp_path, name) -> None:
+    with pytest.raises(InputError, match="stock trunnion"):
+        codegen(name, tmp_path / "out", target="setp")
+
+
+# ---- tables and sheets
+
+
+@pytest.mark.parametrize("name", ["table-bc", "three-axis", "head-bc", "wang-li-2016"])
+def test_the_isg_table_reads_back_as_the_same_model(tmp_path, name) -> None:
+    model = fitted(preset(name))
+    table, note = codegen(model, tmp_path, target="isg")
+    back = read_isg(table, model.machine)
+    assert set(back) == set(model.values)
+    for parameter, value in model.values.items():
+        assert back[parameter] == pytest.approx(value, abs=1e-7)
+    assert "negate" in note.read_text() and "Draft" in note.read_text()
+
+
+def test_the_isg_table_says_what_it_cannot_hold(tmp_path) -> None:
+    machine = preset("table-bc")
+    mixed = ErrorTerm(name="EAC", sigma=1.0, over=("B", "C"), basis=("polynomial", "fourier"), order=(1, 1))
+    _, note = codegen(fitted(replace(machine, errors={**machine.errors, "EAC": mixed})), tmp_path, target="isg")
+    assert "EAC: a function of B and C" in note.read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("X0C Y0C\n1 2 3\n", "line 2: 3 values under 2 names"),
+        ("X0C Y0C\n1 two\n", "line 2: text stands where a number belongs"),
+        ("X0Q\n1\n", "line 1: the machine varies no location error X0Q"),
+        ("C EZQ\n0 0\n", "line 1: the machine varies no error motion EZQ"),
+    ],
+)
+def test_a_broken_isg_table_is_named_with_its_line(tmp_path, text, says) -> None:
+    (tmp_path / "broken.csv").write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_isg(tmp_path / "broken.csv", preset("table-bc"))
+
+
+@pytest.mark.parametrize("control", ["siemens", "fanuc", "heidenhain", "haas"])
+def test_sheets_print_old_and_new_and_stay_drafts(tmp_path, control) -> None:
+    model = fitted(preset("tsutsumi-2007"), {"EX0C": 40.0, "EY0C": -25.0, "EZ0A": 10.0})
+    (path,) = codegen(model, tmp_path, target=control)
+    assert path.suffix == ".html"  # nothing that a control could load
+    text = path.read_text()
+    assert "Draft, to be verified" in text
+    rows = re.findall(r"class='n'>(-?[\d.]+)</td><td class='n'><b>(-?[\d.]+)</b></td><td class='n'>([+-][\d.]+)", text)
+    assert rows
+    for old, new, change in rows:
+        assert float(new) - float(old) == pytest.approx(float(change), abs=2e-6)
+    changes = {abs(round(1e3 * float(change))) for _, _, change in rows}
+    assert {40, 25} <= changes
+    with pytest.raises(InputError, match="two rotary axes under the workpiece"):
+        codegen("head-bc", tmp_path, target=control)
+
+
+def test_the_command_line_writes_and_refuses(tmp_path, capsys) -> None:
+    assert main(["codegen", "three-axis", "-o", str(tmp_path / "c"), "--prefix", "mill"]) == 0
+    assert (tmp_path / "c" / "mill.h").is_file()
+    assert str(tmp_path / "c" / "mill.c") in capsys.readouterr().out
+    assert main(["codegen", "three-axis", "-o", str(tmp_path / "no"), "--target", "haas"]) == 2
+    assert "use the target c or linuxcnc" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()

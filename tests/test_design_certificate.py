@@ -1,0 +1,93 @@
+"""Certificates hold: no other plan beats their bound, dense sampling finds no pose beyond the search's largest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symfive.design._certificate import certify, generate
+from symfive.design._criteria import Worst
+from symfive.design._information import Task
+from symfive.design._optimise import optimise, value_of
+from symfive.design._refine import Rows
+from symfive.design._request import task_of
+from symfive.design._space import Space, make_space
+from symfive.machine import Machine, preset
+
+
+def _locations(name: str) -> Machine:
+    """The preset machine with the location errors of its rotary axes only."""
+    machine = preset(name)
+    errors = {k: v for k, v in machine.errors.items() if v.is_location and machine.axes[v.axis].rotary}
+    return replace(machine, errors=errors, text="")
+
+
+@pytest.fixture(scope="module")
+def ball_bar() -> tuple[Space, Task, Rows]:
+    space = make_space(_locations("wang-li-2016"), "ball_bar")
+    task = task_of(space, "D", [p.name for p in space.shared], None)
+    return space, task, optimise(space, task, 24, 2, starts=2)[0]
+
+
+def test_search_over_bar_directions_misses_nothing_that_sampling_finds(ball_bar: tuple[Space, Task, Rows]) -> None:
+    space, task, rows = ball_bar
+    found = generate(space, task, rows)
+    top, _ = found.search.largest(found.relaxed, found.support)
+    generator = np.random.default_rng(5)
+    for g in range(rows.groups):
+        first = rows.z[rows.group == g][0]
+        z = space.lower + (space.upper - space.lower) * generator.random((20000, len(space.names)))
+        z[:, space.poses :] = first[space.poses :]
+        k = np.repeat(rows.k[rows.group == g][:1], len(z), axis=0)
+        seen = space.kernel.rows(z, k)
+        whole = task.layout(rows.groups).embed(seen, np.full(len(z), g))
+        told = np.einsum("npy,pq,nqy->n", whole, found.relaxed.pull, whole, optimize=True)
+        assert told[space.feasible(z, k, seen)].max() <= top * (1.0 + 1e-3)
+
+
+def test_ball_bar_certificate_is_sharp_and_says_that_it_is_searched(ball_bar: tuple[Space, Task, Rows]) -> None:
+    space, task, rows = ball_bar
+    certificate = certify(space, task, rows)
+    assert 0.95 < certificate.efficiency <= 1.0
+    assert certificate.relaxed - certificate.bound < 0.01
+    assert "(searched, not proved)" in certificate.says and not certificate.proved
+
+
+def test_the_least_gain_of_several_errors_has_a_bound() -> None:
+    """Criterion: the largest of some variances over given ones, as against the usual grid of an R-test."""
+    space = make_space(_locations("oyama-2010"), "r_test")
+    names = [p.name for p in space.shared]
+    seen = [i for i, name in enumerate(names) if name not in ("EX0B", "EZ0B", "EY0C")]
+    weights = np.stack([np.diag(np.eye(len(seen))[j]) for j in range(len(seen))])
+    task = Task(Worst(weights), np.eye(len(names)), space.own_sigma, np.array(seen))
+    rows, _ = optimise(space, task, 20, 2, starts=1)
+    certificate = certify(space, task, rows)
+    exact = task.exact(task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups))
+    assert certificate.proved and certificate.efficiency > 0.98
+    assert certificate.bound < certificate.value <= exact + 1e-9
+
+
+def test_large_plans_use_the_relaxed_design() -> None:
+    space = make_space(_locations("oyama-2010"), "r_test")
+    task = task_of(space, "D", [p.name for p in space.shared], None)
+    rows, values = optimise(space, task, 120, 2, starts=1)
+    certificate = certify(space, task, rows)
+    assert len(rows.z) == 120 and space.feasible(rows.z, rows.k).all()
+    assert values == (pytest.approx(value_of(space, task, rows)),)
+    assert certificate.efficiency > 0.99
+
+
+def test_a_shift_of_the_whole_table_is_known_from_priors_only() -> None:
+    """It moves the readings as the tool ball does: 1σ = (1/σ² + mountings/σ_ball²)^-½ whatever the poses."""
+    space = make_space(_locations("oyama-2010"), "r_test")
+    names = [p.name for p in space.shared]
+    task = task_of(space, "D", names, None)
+    rows, _ = optimise(space, task, 24, 2, starts=1)
+    matrix = task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups)
+    sigma = np.sqrt(np.diag(np.linalg.inv(matrix)))[: len(names)]
+    for name in ("EX0B", "EZ0B", "EY0C"):
+        i = names.index(name)
+        floor = (space.shared[i].sigma ** -2 + rows.groups / space.setup_sigma.tool_ball**2) ** -0.5
+        assert sigma[i] * space.shared[i].sigma == pytest.approx(floor, rel=2e-3)
