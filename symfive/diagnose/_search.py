@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection
+from symfive.diagnose._evidence import Groups, evidence_of, marginal
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of
 from symfive.diagnose._remainder import remainder
@@ -19,7 +20,7 @@ from symfive.diagnose._variants import variants
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.identify import Identification, identify
-from symfive.inference import Problem, gauss_newton
+from symfive.inference import gauss_newton
 from symfive.model import Model
 from symfive.threads import one_thread
 
@@ -31,7 +32,6 @@ TRIALS = 4
 PASSES = 2
 OPEN = 10.0
 """Rivals within this log evidence of a member are tried in all their shapes."""
-SCALINGS = 4
 DECISIVE = 5.0
 """Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
@@ -149,11 +149,11 @@ def _simplify(state: _State, first: Survey) -> None:
     for member in state.members:
         bare = lacking(bare, member.effect)
     sized = [group for m in state.members for group in _amplitudes(state.campaign, m.effect)]
-    full = _evidence(state.after.problem(), state.after.values, sized)
+    full = evidence_of(state.after.problem(), state.after.values, sized)
     nameless = [s for s in first.scores if s.effect.id == "unknown"]
     trials = [t for t in (_try(state, bare, s) for s in sorted(nameless, key=lambda s: -s.drop)[:2]) if t is not None]
     best = max(trials, key=lambda t: t.evidence, default=None)
-    if best is not None and best.evidence > full - _evidence(bare.problem(), bare.values):
+    if best is not None and best.evidence > full - evidence_of(bare.problem(), bare.values):
         state.after = _shaped(bare, best)
         state.members = [Member(_newest(state.after), min(m.log_p for m in state.members))]
         _forward(state, None)
@@ -283,7 +283,7 @@ def _try(state: _State, result: Identification, score: Score) -> Trial | None:
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
             values, _ = gauss_newton(problem, model.vector(start), 1e-2)
-            evidence = _evidence(problem, values, _amplitudes(campaign, score.effect)) - _evidence(
+            evidence = evidence_of(problem, values, _amplitudes(campaign, score.effect)) - evidence_of(
                 result.problem(), result.values
             )
     except np.linalg.LinAlgError:
@@ -313,55 +313,6 @@ def _start(model: Model, score: Score) -> dict[str, float]:
     return start
 
 
-Groups = Sequence[Sequence[str]]
-
-
-def _evidence(problem: Problem, values: Array, sized: Groups = ()) -> float:
-    """Log marginal likelihood, up to what does not depend on the model, of a fit that may or may not need the rest of
-    its effects' own families: the mean of both.
-
-    Where the library's form is right the plain fit decides; where it is a little off, what counts is whether the family
-    explains the readings, and a form that needs less of the rest is better. Each group of `sized` amplitudes has a prior
-    as wide as they turned out: how large an effect is says nothing for or against its name, and exact aliases get equal
-    evidence.
-    """
-    plain = _marginal(problem, problem.model, values, sized)
-    shapes = remainder(problem.model, values, problem.model.effects)
-    if not shapes:
-        return plain - float(np.log(2.0))
-    wide = Model(problem.model.campaign, [*problem.model.added, *shapes])
-    return float(np.logaddexp(plain, _marginal(problem, wide, values, sized)) - np.log(2.0))
-
-
-def _marginal(problem: Problem, wide: Model, values: Array, sized: Groups = ()) -> float:
-    """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, linear in what `wide` adds to the problem's model.
-
-    Noise that was found while something lacked is too large. Its scale κ ≤ 1 is fitted too (not below what is declared):
-    a model is judged by how far down it brings the residual, and not against the noise of a poorer one.
-    """
-    full = wide.vector({p.name: float(v) for p, v in zip(problem.model.parameters, values, strict=True)})
-    inner = Problem.of(wide, noises=problem.noises)
-    inner.left_out = problem.left_out
-    information = inner.information(inner.blocks(full))
-    sigma = wide.prior_sigma.copy()
-    for group in sized:
-        own = [wide.index[name] for name in group]
-        sigma[own] *= max(float(np.sqrt(np.mean((full[own] / sigma[own]) ** 2))), 1e-3)
-    departure = (full - wide.prior_mean) / sigma
-    h, g = information.matrix * np.outer(sigma, sigma), information.gradient * sigma
-    least = min(1.0, max((n.declared / n.white) ** 2 for n in problem.noises.values()))
-    scale = 1.0
-    for _ in range(SCALINGS):
-        curvature = h / scale + np.eye(len(sigma))
-        pull = g / scale - departure
-        step = np.linalg.solve(curvature, pull)
-        left = information.square - 2.0 * float(g @ step) + float(step @ h @ step)
-        cost = information.square / scale + float(departure @ departure) - float(pull @ step)
-        evidence = -0.5 * (cost + information.count * np.log(scale) + float(np.linalg.slogdet(curvature)[1]))
-        scale = float(np.clip(left / max(information.count, 1), least, 1.0))
-    return float(evidence)
-
-
 def _shaped(result: Identification, trial: Trial) -> Identification:
     """Full fit with the effect in the best of its own shapes, noise found anew.
 
@@ -369,7 +320,7 @@ def _shaped(result: Identification, trial: Trial) -> Identification:
     """
     campaign = result.model.campaign
     plain = _identify(Model(campaign, (*result.model.added, trial.effect)), trial.values, result)
-    best, best_evidence = plain, _evidence(plain.problem(), plain.values)
+    best, best_evidence = plain, evidence_of(plain.problem(), plain.values)
     for other in variants(trial.effect):
         try:
             prepared = other.prepare(campaign)
@@ -377,7 +328,7 @@ def _shaped(result: Identification, trial: Trial) -> Identification:
             start = {n: v for n, v in trial.values.items() if n in model.index}
             problem = plain.problem(model)
             values, _ = gauss_newton(problem, model.vector(start), 1e-2)
-            evidence = _evidence(problem, values)
+            evidence = evidence_of(problem, values)
         except (ValueError, np.linalg.LinAlgError):
             continue
         simpler = len(prepared.parameters(campaign)) < len(trial.effect.parameters(campaign))
@@ -397,7 +348,7 @@ def _with_families(result: Identification) -> Identification:
     for shape in remainder(result.model, result.values, result.model.added):
         wide = Model(campaign, (*result.model.added, shape))
         problem = result.problem()
-        if _marginal(problem, wide, result.values) > _marginal(problem, problem.model, result.values) + DECISIVE:
+        if marginal(problem, wide, result.values) > marginal(problem, problem.model, result.values) + DECISIVE:
             start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
             result = _identify(wide, start, result)
     return result
@@ -407,8 +358,8 @@ def _prune(state: _State) -> None:
     """Drop an earlier effect that the later ones have made needless."""
     for member in state.members[:-1]:
         without = lacking(state.after, member.effect)
-        full = _evidence(state.after.problem(), state.after.values)
-        if full - _evidence(without.problem(), without.values) < 3.0:
+        full = evidence_of(state.after.problem(), state.after.values)
+        if full - evidence_of(without.problem(), without.values) < 3.0:
             named = {p.name: float(v) for p, v in zip(without.parameters, without.values, strict=True)}
             state.after = _identify(without.model, named, without)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]
