@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.diagnose._remainder import remainder
-from symfive.inference import Problem
+from symfive.inference import Information, Problem
 from symfive.model import Model
 
 __all__ = ["Groups", "evidence_of", "marginal"]
@@ -27,38 +28,58 @@ def evidence_of(problem: Problem, values: Array, sized: Groups = ()) -> float:
     as wide as they turned out: how large an effect is says nothing for or against its name, and exact aliases get equal
     evidence.
     """
-    plain = marginal(problem, problem.model, values, sized)
     shapes = remainder(problem.model, values, problem.model.effects)
-    if not shapes:
-        return plain - float(np.log(2.0))
-    wide = Model(problem.model.campaign, [*problem.model.added, *shapes])
-    return float(np.logaddexp(plain, marginal(problem, wide, values, sized)) - np.log(2.0))
+    wide = Model(problem.model.campaign, [*problem.model.added, *shapes]) if shapes else problem.model
+    both = _Linear.of(problem, wide, values)
+    plain = both.evidence(sized, [p.name for p in problem.model.parameters])
+    return float((np.logaddexp(plain, both.evidence(sized)) if shapes else plain) - np.log(2.0))
 
 
-def marginal(problem: Problem, wide: Model, values: Array, sized: Groups = ()) -> float:
-    """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, linear in what `wide` adds to the problem's model.
+def marginal(problem: Problem, wide: Model, values: Array) -> float:
+    """Log evidence of the problem's model with what `wide` adds to it, linear in that."""
+    return _Linear.of(problem, wide, values).evidence()
 
-    Noise that was found while something lacked is too large. Its scale κ ≤ 1 is fitted too (not below what is declared):
-    a model is judged by how far down it brings the residual, and not against the noise of a poorer one.
-    """
-    full = wide.vector({p.name: float(v) for p, v in zip(problem.model.parameters, values, strict=True)})
-    inner = Problem.of(wide, noises=problem.noises)
-    inner.left_out = problem.left_out
-    information = inner.information(inner.blocks(full))
-    sigma = wide.prior_sigma.copy()
-    for group in sized:
-        own = [wide.index[name] for name in group]
-        sigma[own] *= max(float(np.sqrt(np.mean((full[own] / sigma[own]) ** 2))), 1e-3)
-    departure = (full - wide.prior_mean) / sigma
-    h, g = information.matrix * np.outer(sigma, sigma), information.gradient * sigma
-    least = min(1.0, max((n.declared / n.white) ** 2 for n in problem.noises.values()))
-    scale = 1.0
-    for _ in range(SCALINGS):
-        curvature = h / scale + np.eye(len(sigma))
-        pull = g / scale - departure
-        step = np.linalg.solve(curvature, pull)
-        left = information.square - 2.0 * float(g @ step) + float(step @ h @ step)
-        cost = information.square / scale + float(departure @ departure) - float(pull @ step)
-        evidence = -0.5 * (cost + information.count * np.log(scale) + float(np.linalg.slogdet(curvature)[1]))
-        scale = float(np.clip(left / max(information.count, 1), least, 1.0))
-    return float(evidence)
+
+@dataclass(frozen=True)
+class _Linear:
+    """A problem about a fit, linear: its data's information and the values, in the parameters of `model`; `least` the
+    square of the smallest scale of the noise."""
+
+    model: Model
+    information: Information
+    values: Array
+    least: float
+
+    @classmethod
+    def of(cls, problem: Problem, wide: Model, values: Array) -> _Linear:
+        full = wide.vector({p.name: float(v) for p, v in zip(problem.model.parameters, values, strict=True)})
+        inner = Problem.of(wide, noises=problem.noises)
+        inner.left_out = problem.left_out
+        least = min(1.0, max((n.declared / n.white) ** 2 for n in problem.noises.values()))
+        return cls(wide, inner.information(inner.blocks(full)), full, least)
+
+    def evidence(self, sized: Groups = (), names: Sequence[str] = ()) -> float:
+        """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, of all parameters or of the model of those in `names` alone.
+
+        Noise that was found while something lacked is too large. Its scale κ ≤ 1 is fitted too (not below what is declared):
+        a model is judged by how far down it brings the residual, and not against the noise of a poorer one.
+        """
+        model, information = self.model, self.information
+        sigma = model.prior_sigma.copy()
+        for group in sized:
+            own = [model.index[name] for name in group]
+            sigma[own] *= max(float(np.sqrt(np.mean((self.values[own] / sigma[own]) ** 2))), 1e-3)
+        kept = np.array([model.index[name] for name in names or model.index], dtype=np.int64)
+        sigma = sigma[kept]
+        departure = (self.values - model.prior_mean)[kept] / sigma
+        h, g = information.matrix[np.ix_(kept, kept)] * np.outer(sigma, sigma), information.gradient[kept] * sigma
+        scale = 1.0
+        for _ in range(SCALINGS):
+            curvature = h / scale + np.eye(len(sigma))
+            pull = g / scale - departure
+            step = np.linalg.solve(curvature, pull)
+            left = information.square - 2.0 * float(g @ step) + float(step @ h @ step)
+            cost = information.square / scale + float(departure @ departure) - float(pull @ step)
+            evidence = -0.5 * (cost + information.count * np.log(scale) + float(np.linalg.slogdet(curvature)[1]))
+            scale = float(np.clip(left / max(information.count, 1), self.least, 1.0))
+        return float(evidence)

@@ -89,6 +89,7 @@ class _State:
     progress: Callable[[str], None]
     forms: Mapping[tuple[str, str | None], int]
     members: list[Member] = field(default_factory=list)
+    dropped: set[str] = field(default_factory=set)
 
     @property
     def campaign(self) -> Campaign:
@@ -122,7 +123,10 @@ def name_effects(
 
 
 def _forward(state: _State, seen: Survey | None) -> None:
-    """Add effects until none that is left is significant and material. `seen`: the survey of the present fit, if at hand."""
+    """Add effects until none that is left is significant and material. `seen`: the survey of the present fit, if at hand.
+
+    What later members made needless does not come back: without that, two that stand in for a third take turns for ever.
+    """
     while len(state.members) < MAX_EFFECTS:
         state.progress(f"scoring the catalogue, {len(state.members)} effects found")
         best = _best(state, seen or survey(state.after, state.exclude))
@@ -151,9 +155,12 @@ def _simplify(state: _State, first: Survey) -> None:
     sized = [group for m in state.members for group in _amplitudes(state.campaign, m.effect)]
     full = evidence_of(state.after.problem(), state.after.values, sized)
     nameless = [s for s in first.scores if s.effect.id == "unknown"]
-    trials = [t for t in (_try(state, bare, s) for s in sorted(nameless, key=lambda s: -s.drop)[:2]) if t is not None]
+    base = evidence_of(bare.problem(), bare.values)
+    trials = [
+        t for t in (_try(state, bare, base, s) for s in sorted(nameless, key=lambda s: -s.drop)[:2]) if t is not None
+    ]
     best = max(trials, key=lambda t: t.evidence, default=None)
-    if best is not None and best.evidence > full - evidence_of(bare.problem(), bare.values):
+    if best is not None and best.evidence > full - base:
         state.after = _shaped(bare, best)
         state.members = [Member(_newest(state.after), min(m.log_p for m in state.members))]
         _forward(state, None)
@@ -181,11 +188,12 @@ def _contest(state: _State) -> bool:
         without = lacking(state.after, member.effect)
         scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
         rivals = _best_of(scores)
-        found = [t for t in (_try(state, without, s) for s in rivals) if t is not None]
-        own = _try(state, without, _own_score(state.after, member))
+        base = evidence_of(without.problem(), without.values)
+        found = [t for t in (_try(state, without, base, s) for s in rivals) if t is not None]
+        own = _try(state, without, base, _own_score(state.after, member))
         if own is None:
             continue
-        found = [_best_shape(state, without, t) if t.evidence > own.evidence - OPEN else t for t in found]
+        found = [_best_shape(state, without, base, t) if t.evidence > own.evidence - OPEN else t for t in found]
         trials = sorted([own, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
         if trials[0].evidence > own.evidence + 1.0:
@@ -204,7 +212,7 @@ def _best_of(scores: Sequence[Score]) -> list[Score]:
     return [*{s.effect.key: s for s in (*by_chance, *by_drop)}.values(), *nameless]
 
 
-def _best_shape(state: _State, without: Identification, trial: Trial) -> Trial:
+def _best_shape(state: _State, without: Identification, base: float, trial: Trial) -> Trial:
     """A rival in the best of its shapes: the member that it rivals stands in its own."""
     campaign = without.model.campaign
     trials = [trial]
@@ -214,7 +222,9 @@ def _best_shape(state: _State, without: Identification, trial: Trial) -> Trial:
         except InputError:
             continue
         step = {p.name: trial.values.get(p.name, p.mean) - p.mean for p in parameters}
-        found = _try(state, without, Score(other.prepare(campaign), np.inf, 1.0, -np.inf, 1.0, 1.0, step, trial.looks))
+        found = _try(
+            state, without, base, Score(other.prepare(campaign), np.inf, 1.0, -np.inf, 1.0, 1.0, step, trial.looks)
+        )
         trials += [found] if found is not None else []
     return max(trials, key=lambda t: t.evidence)
 
@@ -243,11 +253,12 @@ def _newest(result: Identification) -> Effect:
 def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     """The effect with the greatest evidence among those that are significant and material, by exact refits."""
     limit = float(np.log(state.level / seen.looks))
-    significant = [s for s in seen.scores if s.log_p < limit]
+    significant = [s for s in seen.scores if s.log_p < limit and s.effect.key not in state.dropped]
     trials = []
+    base = evidence_of(state.after.problem(), state.after.values) if significant else 0.0
     for s in _best_of(significant):
         state.progress(f"trying {s.effect.key}")
-        trial = _try(state, state.after, s)
+        trial = _try(state, state.after, base, s)
         if trial is not None and trial.gain > MATERIAL**2:
             trials.append(trial)
     if not trials:
@@ -269,8 +280,8 @@ def _gain(result: Identification, model: Model, values: Array) -> float:
     return (before - after) / max(count, 1.0)
 
 
-def _try(state: _State, result: Identification, score: Score) -> Trial | None:
-    """An exact refit with the effect, under the noise of the present fit.
+def _try(state: _State, result: Identification, base: float, score: Score) -> Trial | None:
+    """An exact refit with the effect, under the noise of the present fit, whose log evidence is `base`.
 
     All names are equally probable beforehand; a name that could take several forms (components) shares that among them.
     """
@@ -283,9 +294,7 @@ def _try(state: _State, result: Identification, score: Score) -> Trial | None:
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
             values, _ = gauss_newton(problem, model.vector(start), 1e-2)
-            evidence = evidence_of(problem, values, _amplitudes(campaign, score.effect)) - evidence_of(
-                result.problem(), result.values
-            )
+            evidence = evidence_of(problem, values, _amplitudes(campaign, score.effect)) - base
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(evidence):
@@ -363,6 +372,7 @@ def _prune(state: _State) -> None:
             named = {p.name: float(v) for p, v in zip(without.parameters, without.values, strict=True)}
             state.after = _identify(without.model, named, without)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]
+            state.dropped.add(member.effect.key)
 
 
 def _identify(model: Model, start: Mapping[str, float], like: Identification) -> Identification:

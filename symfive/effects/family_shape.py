@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
@@ -112,15 +113,18 @@ class FamilyShape(Effect):
 
     def apply(self, row: Row) -> None:
         functions = self._functions(row.machine.axes.get(self._turning))
+        values = ca.vertcat(*(f(row) for _, f in functions))
+
+        def total(part: str = "") -> Any:
+            return ca.dot(ca.vertcat(*(self.parameter(row, part + name) for name, _ in functions)), values)
+
         if self.channel == "tool":
             for i, c in enumerate("xyz"):
-                row.shift[i] += sum(self.parameter(row, f"{c}.{name}") * f(row) for name, f in functions)
-            return
-        total = sum(self.parameter(row, name) * f(row) for name, f in functions)
-        if self.channel == "axis":
-            row.axis[self._turning] += total
+                row.shift[i] += total(f"{c}.")
+        elif self.channel == "axis":
+            row.axis[self._turning] += total()
         else:
-            row.add_motion(self.channel, total)
+            row.add_motion(self.channel, total())
 
     def _functions(self, axis: Any) -> list[tuple[str, Callable[[Row], Any]]]:
         """Names and functions of a row, each of size about one."""
@@ -210,7 +214,13 @@ def _share_of(name: str) -> float:
 
 
 def _legendre(order: int, x: Any) -> Any:
+    return _legendre_function(order)(x)
+
+
+@lru_cache(maxsize=32)
+def _legendre_function(order: int) -> Any:
+    x = ca.SX.sym("x")
     previous, current = ca.SX(1), x
     for k in range(1, order):
         previous, current = current, ((2 * k + 1) * x * current - k * previous) / (k + 1)
-    return current
+    return ca.Function("legendre", [x], [current])

@@ -134,14 +134,12 @@ class Unknown(Effect):
 
     def apply(self, row: Row) -> None:
         basis = self._basis(row.machine)
-        functions = dict(
-            zip(basis.names, basis.values(*(self._coordinate(row, name) for name in self.over)), strict=True)
-        )
-
+        functions = ca.vertcat(*basis.values(*(self._coordinate(row, name) for name in self.over)))
         within = self._within(row) if self.only_within else 1.0
 
         def term(channel: str) -> Any:
-            return within * sum(self.parameter(row, f"{channel}.{name}") * value for name, value in functions.items())
+            amplitudes = ca.vertcat(*(self.parameter(row, f"{channel}.{name}") for name in basis.names))
+            return within * ca.dot(amplitudes, functions)
 
         if self.place == "axis":
             row.axis[str(self.axis)] += term("axis")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -24,7 +25,8 @@ from symfive.machine import Axis, ErrorTerm, Machine
 __all__ = ["Basis", "basis_of"]
 
 Symbol = Any
-Function = tuple[str, Callable[[Symbol], Symbol]]
+Functions = list[tuple[str, Symbol]]
+"""Names, and values at one coordinate."""
 
 
 class HasAxes(Protocol):
@@ -40,20 +42,24 @@ class Basis:
     """The functions of one error motion: `names` and, for coordinates, their values (internal units)."""
 
     def __init__(self, term: ErrorTerm, machine: HasAxes, drop: tuple[str, ...] = ()) -> None:
-        per_axis = []
-        for i, (axis, basis, order) in enumerate(zip(term.over, term.basis, term.order, strict=True)):
-            knots = term.knots[i] if i < len(term.knots) else ()
-            make = _BASES[basis]
-            constant: Function = ("", lambda q: ca.SX(1))
-            per_axis.append([constant, *make(machine.axes[axis], order, knots)])
         self.over = term.over
+        self._families = []
+        for i, (name, basis, order) in enumerate(zip(term.over, term.basis, term.order, strict=True)):
+            axis, knots = machine.axes[name], term.knots[i] if i < len(term.knots) else ()
+            try:
+                self._families.append(_family(basis, axis.rotary, tuple(axis.travel), order, tuple(knots)))
+            except ValueError as error:
+                raise InputError(f"axis {name}: {error}", remedy="write at least two ascending knots") from None
         self._products = []
-        for combination in itertools.product(*per_axis):
-            parts = [f"{name}({axis})" if len(per_axis) > 1 else name
-                     for (name, _), axis in zip(combination, term.over, strict=True) if name]  # fmt: skip
-            name = "*".join(parts)
+        for combination in itertools.product(*(range(len(names) + 1) for names, _ in self._families)):
+            found = [
+                (names[k - 1], axis)
+                for k, (names, _), axis in zip(combination, self._families, self.over, strict=True)
+                if k
+            ]
+            name = "*".join(f"{name}({axis})" if len(self.over) > 1 else name for name, axis in found)
             if name and name not in drop:
-                self._products.append((name, tuple(function for _, function in combination)))
+                self._products.append((name, combination))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -62,13 +68,8 @@ class Basis:
 
     def values(self, *coordinates: Symbol) -> list[Symbol]:
         """The functions at the coordinates (mm, rad), symbolic."""
-        values = []
-        for _, functions in self._products:
-            value = ca.SX(1)
-            for function, q in zip(functions, coordinates, strict=True):
-                value = value * function(q)
-            values.append(value)
-        return values
+        each = [[1.0, *ca.vertsplit(f(q))] for (_, f), q in zip(self._families, coordinates, strict=True)]
+        return [ca.SX(math.prod(one[k] for one, k in zip(each, chosen, strict=True))) for _, chosen in self._products]
 
     def matrix(self, *coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """The functions at N points: (N, number of functions)."""
@@ -99,59 +100,46 @@ def basis_of(term: ErrorTerm, machine: Machine) -> Basis:
     return Basis(term, machine, drop)
 
 
-def _legendre(axis: Any, order: int, knots: tuple[float, ...]) -> list[Function]:
-    low, high = (t * axis.to_internal for t in axis.travel)
-
-    def make(n: int) -> Callable[[Symbol], Symbol]:
-        def value(q: Symbol) -> Symbol:
-            x = (2.0 * q - (low + high)) / (high - low)
-            previous, current = ca.SX(1), x
-            for k in range(1, n):
-                previous, current = current, ((2 * k + 1) * x * current - k * previous) / (k + 1)
-            return current
-
-        return value
-
-    return [(f"P{n}", make(n)) for n in range(1, order + 1)]
+@lru_cache(maxsize=256)
+def _family(
+    basis: str, rotary: bool, travel: tuple[float, float], order: int, knots: tuple[float, ...]
+) -> tuple[tuple[str, ...], Any]:
+    """Names of the functions along one coordinate, and the CasADi function of their values, made once for all models."""
+    q = ca.SX.sym("q")
+    functions = _BASES[basis](q, math.pi / 180.0 if rotary else 1.0, travel, order, knots)
+    values = ca.vertcat(*(value for _, value in functions)) if functions else ca.SX(0, 1)
+    return tuple(name for name, _ in functions), ca.Function("basis", [q], [values])
 
 
-def _fourier(axis: Any, order: int, knots: tuple[float, ...]) -> list[Function]:
-    scale = 1.0
-    if not axis.rotary:
-        low, high = axis.travel
-        scale = 2.0 * math.pi / (high - low)
-    functions: list[Function] = []
+def _legendre(q: Symbol, unit: float, travel: tuple[float, float], order: int, knots: tuple[float, ...]) -> Functions:
+    low, high = (t * unit for t in travel)
+    x = (2.0 * q - (low + high)) / (high - low)
+    values = [ca.SX(1), x]
+    for k in range(1, order):
+        values.append(((2 * k + 1) * x * values[k] - k * values[k - 1]) / (k + 1))
+    return [(f"P{n}", values[n]) for n in range(1, order + 1)]
+
+
+def _fourier(q: Symbol, unit: float, travel: tuple[float, float], order: int, knots: tuple[float, ...]) -> Functions:
+    scale = 1.0 if unit != 1.0 else 2.0 * math.pi / (travel[1] - travel[0])
+    functions: Functions = []
     for k in range(1, order + 1):
-        functions.append((f"cos{k}", lambda q, k=k: ca.cos(k * scale * q)))  # type: ignore[misc]
-        functions.append((f"sin{k}", lambda q, k=k: ca.sin(k * scale * q)))  # type: ignore[misc]
+        functions += [(f"cos{k}", ca.cos(k * scale * q)), (f"sin{k}", ca.sin(k * scale * q))]
     return functions
 
 
-def _bspline(axis: Any, order: int, knots: tuple[float, ...]) -> list[Function]:
+def _bspline(q: Symbol, unit: float, travel: tuple[float, float], order: int, knots: tuple[float, ...]) -> Functions:
     """B-splines of degree `order` (at most 3) on the given knots (file units) or on order+3 equal ones."""
     degree = min(order, 3)
-    low, high = axis.travel
-    inner = np.asarray(knots if knots else np.linspace(low, high, max(order, 3) + 1), dtype=float)
+    inner = np.asarray(knots if knots else np.linspace(*travel, max(order, 3) + 1), dtype=float)
     if len(inner) < 2 or np.any(np.diff(inner) <= 0):
-        raise InputError(f"axis {axis.name}: B-spline knots must ascend", remedy="write at least two ascending knots")
-    full = np.concatenate([[inner[0]] * degree, inner, [inner[-1]] * degree]) * axis.to_internal
+        raise ValueError("B-spline knots must ascend")
+    full = np.concatenate([[inner[0]] * degree, inner, [inner[-1]] * degree]) * unit
     count = len(full) - degree - 1
     means = _spline_means(full, degree, count)
-    known: dict[int, tuple[Symbol, list[Symbol]]] = {}
-
-    def all_at(q: Symbol) -> list[Symbol]:
-        symbol = ca.SX(q)
-        key = symbol.element_hash()
-        if key not in known:
-            known.clear()  # one coordinate at a time
-            known[key] = symbol, _cox_de_boor(full, degree, ca.fmin(ca.fmax(symbol, full[0]), full[-1]))
-        return known[key][1]
-
-    def make(i: int) -> Callable[[Symbol], Symbol]:
-        return lambda q: all_at(q)[i] - means[i]
-
+    values = _cox_de_boor(full, degree, ca.fmin(ca.fmax(q, full[0]), full[-1]))
     # the functions sum to one, so after the mean is taken off one of them is redundant: the last is left out
-    return [(f"S{i + 1}", make(i)) for i in range(count - 1)]
+    return [(f"S{i + 1}", values[i] - means[i]) for i in range(count - 1)]
 
 
 def _spline_means(knots: NDArray[np.float64], degree: int, count: int) -> NDArray[np.float64]:
@@ -181,7 +169,7 @@ def _cox_de_boor(knots: NDArray[np.float64], degree: int, q: Symbol) -> list[Sym
     return found
 
 
-_BASES: dict[str, Callable[[Any, int, tuple[float, ...]], list[Function]]] = {
+_BASES: dict[str, Callable[[Symbol, float, tuple[float, float], int, tuple[float, ...]], Functions]] = {
     "polynomial": _legendre,
     "fourier": _fourier,
     "bspline": _bspline,

@@ -12,16 +12,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import casadi as ca
 
-from symfive.machine import Axis, Machine
+from symfive.machine import Axis, Machine, Structure
 
 __all__ = ["Pose", "angles", "axis_pose", "ball_in_workpiece", "chain_poses", "first_order"]
 
 Symbol = Any
 """A CasADi SX expression (CasADi carries no types)."""
+LETTERS = "XYZABC"
+
+
+class _Joint(NamedTuple):
+    """What of an axis decides its pose."""
+
+    name: str
+    rotary: bool
+    direction: tuple[float, float, float]
+    origin: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, axis: Axis) -> _Joint:
+        return cls(axis.name, axis.rotary, axis.direction, axis.origin)
 
 
 @dataclass(frozen=True)
@@ -68,7 +83,7 @@ def angles(a: Symbol, b: Symbol, c: Symbol) -> Symbol:
 
 
 def axis_pose(
-    axis: Axis, carries: str, position: Symbol, location: Mapping[str, Symbol], motion: Mapping[str, Symbol]
+    axis: Axis | _Joint, carries: str, position: Symbol, location: Mapping[str, Symbol], motion: Mapping[str, Symbol]
 ) -> Pose:
     """A(q) of one axis. `position` mm or rad; `location` and `motion` in mm and rad by ISO 230-1 name, absent = 0."""
     name = axis.name
@@ -92,14 +107,38 @@ def chain_poses(
     machine: Machine, position: Mapping[str, Symbol], location: Mapping[str, Symbol], motion: Mapping[str, Symbol]
 ) -> tuple[Pose, Pose]:
     """(W, T): the workpiece and the tool in the machine frame."""
-    poses = []
-    for names in (tuple(reversed(machine.structure.workpiece)), machine.structure.tool):
+    names = machine.structure.axes
+
+    def column(pattern: str, source: Mapping[str, Symbol]) -> Symbol:
+        return ca.vertcat(*(source.get(pattern.format(letter, name), 0.0) for name in names for letter in LETTERS))
+
+    chain = _chain(machine.structure, tuple(_Joint.of(machine.axes[name]) for name in names))
+    parts = chain(
+        ca.SX(ca.vertcat(*(position[name] for name in names))),
+        ca.SX(column("E{}0{}", location)),
+        ca.SX(column("E{}{}", motion)),
+    )
+    return Pose(*parts[:2]), Pose(*parts[2:])
+
+
+@lru_cache(maxsize=64)
+def _chain(structure: Structure, axes: tuple[_Joint, ...]) -> Any:
+    """The chain of a structure as a function of positions, location errors and error motions (LETTERS of each axis): it is
+    put together once, and where an error is zero, calling it leaves nothing of that error in the expression."""
+    n = len(axes)
+    q, location, motion = ca.SX.sym("q", n), ca.SX.sym("location", 6 * n), ca.SX.sym("motion", 6 * n)
+    places = [(axis.name, letter) for axis in axes for letter in LETTERS]
+    locations = {f"E{letter}0{name}": location[i] for i, (name, letter) in enumerate(places)}
+    motions = {f"E{letter}{name}": motion[i] for i, (name, letter) in enumerate(places)}
+    by_name = {axis.name: (axis, q[i]) for i, axis in enumerate(axes)}
+    parts = []
+    for names in (tuple(reversed(structure.workpiece)), structure.tool):
         pose = Pose.identity()
         for name in names:
-            axis = machine.axes[name]
-            pose = pose @ axis_pose(axis, machine.structure.carries(name), position[name], location, motion)
-        poses.append(pose)
-    return poses[0], poses[1]
+            axis, position = by_name[name]
+            pose = pose @ axis_pose(axis, structure.carries(name), position, locations, motions)
+        parts += [ca.densify(pose.rotation), ca.densify(pose.translation)]
+    return ca.Function("chain", [q, location, motion], parts)
 
 
 def ball_in_workpiece(

@@ -69,13 +69,14 @@ class RowFunction:
         block = min(BLOCK, 1 << max(0, n - 1).bit_length())
         key = ("slopes" if slopes else "value", block)
         if key not in self._mapped:
-            self._mapped[key] = base.map(base.name() + f"_{block}", "serial", block, [1, 2, 3], [])
-        mapped = self._mapped[key]
-        buffer, trigger = mapped.buffer()
-        fixed = [np.ascontiguousarray(a, dtype=float) for a in (shared, own, constants)]
+            self._mapped[key] = base.map(
+                block
+            )  # nothing reduced: an input held for all rows would cost a graph of copies
+        buffer, trigger = self._mapped[key].buffer()
         rows = np.empty((block, inputs.shape[1]))
+        given = [rows, *(np.tile(np.asarray(a, dtype=float), (block, 1)) for a in (shared, own, constants))]
         outputs = [np.empty((block, width, ny)) for width in widths]
-        for i, array in enumerate([rows, *fixed]):
+        for i, array in enumerate(given):
             buffer.set_arg(i, array.data)
         for i, array in enumerate(outputs):
             buffer.set_res(i, array.data)
@@ -98,25 +99,25 @@ def assemble(
     signals: list[Signal] = [Position(name) for name in machine.axis_names]
     wanted = [s for i in instruments for s in i.signals(run, machine)] + [s for e in effects for s in e.signals()]
     signals += [signal for signal in dict.fromkeys(wanted) if signal not in signals]
-    scale = {p.name: p.scale for p in parameters}
     prefix = f"setup.{run.id}."
     own = tuple("setup." + p.name.removeprefix(prefix) for p in parameters if p.run == run.id)
     shared = tuple(p.name for p in parameters if p.run is None)
-    own_scale = [scale[prefix + name.removeprefix("setup.")] for name in own]
     constants: dict[str, float] = {}
     for instrument in instruments:
         constants |= instrument.constants(run, machine)
 
     z = ca.SX.sym("inputs", 2 + len(signals))
     p, s, k = ca.SX.sym("shared", len(shared)), ca.SX.sym("own", len(own)), ca.SX.sym("constants", len(constants))
-    values = {name: scale[name] * p[i] for i, name in enumerate(shared)}
-    values |= {name: own_scale[i] * s[i] for i, name in enumerate(own)}
-    inputs = {signal: z[2 + i] for i, signal in enumerate(signals)}
+    scales = [q.scale for mine in (None, run.id) for q in parameters if q.run == mine]
+    scaled = ca.vertcat(p, s) * ca.DM(np.reshape(scales, (-1, 1)))
+    values = dict(zip((*shared, *own), ca.vertsplit(scaled), strict=True))
+    clock, time, *given = ca.vertsplit(z)
+    inputs = dict(zip(signals, given, strict=True))
     row = Row(
         machine,
         {name: inputs[Position(name)] for name in machine.axis_names},
-        z[0], z[1], inputs, values,
-        {name: k[i] for i, name in enumerate(constants)},
+        clock, time, inputs, values,
+        dict(zip(constants, ca.vertsplit(k), strict=True)),
     )  # fmt: skip
     row.columns, row.sensed = columns, sensed_columns(run, machine)
     row.sources = tuple(i.name for i in instruments for _ in i.columns(run, machine))
@@ -134,10 +135,10 @@ def assemble(
         readings = first_order(readings, errors)
     moving = _moving(signals, effects)
     arguments = [z, p, s, k]
-    value = ca.Function("row", arguments, [readings], {"cse": True})
+    value = ca.Function("row", arguments, [readings])
     slopes = [ca.densify(ca.jacobian(readings, x)) for x in (p, s)]
     slopes.append(ca.densify(ca.jacobian(readings, z[list(moving)])) if moving else ca.SX(len(columns), 0))
-    function = ca.Function("row_slopes", arguments, [readings, *slopes], {"cse": True})
+    function = ca.Function("row_slopes", arguments, [readings, *slopes])
     return RowFunction(columns, tuple(signals), shared, own, tuple(constants), moving, value, function)
 
 
@@ -159,9 +160,9 @@ def apply_errors(row: Row, effects: Sequence[Effect]) -> None:
             row.location[term.name] = row.parameter(term.name)
             continue
         basis = basis_of(term, machine)
-        functions = basis.values(*(row.axis[name] for name in term.over))
-        for name, function in zip(basis.names, functions, strict=True):
-            row.add_motion(term.name, row.parameter(f"{term.name}.{name}") * function)
+        functions = ca.vertcat(*basis.values(*(row.axis[name] for name in term.over)))
+        amplitudes = ca.vertcat(*(row.parameter(f"{term.name}.{name}") for name in basis.names))
+        row.add_motion(term.name, ca.dot(amplitudes, functions))
     for effect in effects:
         if effect.stage == "structure":
             effect.apply(row)
