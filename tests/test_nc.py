@@ -87,13 +87,16 @@ def test_tool_centre_control_is_switched_by_the_users_text() -> None:
     machine, run = RUNS[0]
     post = Post(tool_centre_on="TRAORI", tool_centre_off="TRAFOOF", reversed_axes=("C",))
     lines = program(machine, run, "siemens", post).splitlines()
-    assert lines.index("TRAORI") < lines.index("TRAFOOF")
+    on, off = lines.index("TRAORI"), [i for i, line in enumerate(lines) if line == "TRAFOOF"]
+    first_rapid = next(i for i, line in enumerate(lines) if line.startswith("G0"))
+    assert off[0] < first_rapid < on < off[1]  # whatever the control was left in, the first words are those of the axes
     x, y, z = run.table_ball
-    inside = [line for line in lines[lines.index("TRAORI") : lines.index("TRAFOOF")] if line.startswith("G1")][:-1]
+    inside = [line for line in lines[on : off[1]] if line.startswith("G1")][:-1]
     assert all(line.startswith(f"G1 X{x:.5f} Y{y:.5f} Z{z:.5f}") for line in inside)
     plain = [step for step in program_steps(machine, run) if step.row == 2][-1]
     turned = [step for step in program_steps(machine, run, post) if step.row == 2][-1]
     assert turned.positions["C"] == -plain.positions["C"] != 0.0
+    assert len(inside) == run.rows  # the control follows the ball itself: one block a pose
 
 
 def test_retract_where_the_way_is_blocked_and_names_that_are_no_address() -> None:

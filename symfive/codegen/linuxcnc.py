@@ -26,6 +26,8 @@ def linuxcnc_files(subject: Subject, prefix: str) -> dict[str, str]:
         f"# HAL lines for {prefix}kins, made by symfive. Values: um and urad; 0 switches an error off.",
         f"loadrt {prefix}kins",
         f"# net tool-length motion.tooloffset.z => {prefix}kins.tool-offset",
+        "# net kinematics motion.analog-out-03 => motion.switchkins-type",
+        "# M68 E3 Q0: words are the tool centre point; M68 E3 Q1: the axes' positions; M66 E0 L0 after each.",
         *(f"setp {prefix}kins.{pin} {number(v)}" for pin, v in zip(pins, subject.values, strict=True)),
     ]
     return {
@@ -71,12 +73,14 @@ def _assignments(subject: Subject, letters: list[str], macro: str) -> dict[str, 
     def factor(letter: str) -> str:
         return f" * {macro}_DEGREE" if letter in "ABC" else ""
 
+    own = [f"joints[{letters.index(c)}]" if c in letters else "0.0" for c in WORLD]
     lines = {
         "from_joints": [f"q[{place[c]}] = joints[{j}]{factor(c)};" for j, c in enumerate(letters)],
-        "to_world": [f"world[{i}] = {f'joints[{letters.index(c)}]' if c in letters else '0.0'};"
-                     for i, c in enumerate(WORLD) if c not in "XYZ"],
+        "to_world": [f"world[{i}] = {own[i]};" for i, c in enumerate(WORLD) if c not in "XYZ"],
         "from_world": [f"q[{place[c]}] = world[{WORLD.index(c)}]{factor(c)};" for c in letters],
         "to_joints": [f"    joints[{j}] = {f'q[{place[c]}]' if c in 'XYZ' else f'world[{WORLD.index(c)}]'};"
                       for j, c in enumerate(letters)],
+        "axes_to_world": [f"world[{i}] = {own[i]};" for i in range(len(WORLD))],
+        "world_to_axes": [f"joints[{j}] = world[{WORLD.index(c)}];" for j, c in enumerate(letters)],
     }  # fmt: skip
     return {key: "\n".join(f"    {line}" for line in found) for key, found in lines.items()}

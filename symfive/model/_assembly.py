@@ -22,7 +22,7 @@ from symfive.parameters import Parameter
 __all__ = ["RowFunction", "apply_errors", "assemble", "machine_parameters", "sensed_columns"]
 
 Array = NDArray[np.float64]
-BLOCK = 4096
+BLOCK = 64
 
 
 def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:

@@ -86,8 +86,7 @@ class _Writer:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
         found.append(Step(kind="stop", text="spindle clear above the table, spindle stopped and locked, then start"))
         lifted = self._retracted(0)
-        found.append(self._rapid(lifted))
-        found += [*self._centred(True), *self._creep(0)]
+        found += [*self._centred(False), self._rapid(lifted), *self._centred(True), *self._creep(0)]
         found.append(Step(kind="stop", text=f"seat the {ball}, zero the instrument, then start"))
         self.seated = True
         found += self._recording() if run.dynamic else self._poses()
@@ -124,10 +123,7 @@ class _Writer:
         while blocks < MOST_BLOCKS:
             share = np.arange(1, 2 * blocks + 1) / (2.0 * blocks)
             commands, places = self._between(row, share)
-            whole = np.stack([np.concatenate([[self.run.commands[n][row - 1]], commands[n]]) for n in self.names])
-            straight = 0.5 * (whole[:, :-1:2] + whole[:, 2::2])
-            middle = {n: straight[i] for i, n in enumerate(self.names)}
-            if self._error(middle, places[::2]) <= allowed:
+            if self._error(self._middles(row, commands, places), places[::2]) <= allowed:
                 break
             blocks *= 2
         steps = [
@@ -151,9 +147,18 @@ class _Writer:
             places, self.run.tool_ball, fixed, f"the way to row {row + 1} of run {self.run.id}"
         ), places
 
-    def _error(self, commands: dict[str, Array], places: Array) -> float:
+    def _middles(self, row: int, commands: Mapping[str, Array], places: Array) -> Array:
+        """Where the ball is in the middle of each straight block: straight is what the words of the program say, the ball's
+        place where the control follows it, the positions of the axes elsewhere."""
+        if self.centred:
+            way = np.concatenate([self.places[row - 1 : row], places])
+            return np.asarray(0.5 * (way[:-1:2] + way[2::2]))
+        whole = np.stack([np.concatenate([[self.run.commands[n][row - 1]], commands[n]]) for n in self.names])
+        straight = 0.5 * (whole[:, :-1:2] + whole[:, 2::2])
+        return self.nominal.ball({n: straight[i] for i, n in enumerate(self.names)}, self.run.tool_ball)
+
+    def _error(self, there: Array, places: Array) -> float:
         """How far a straight block's middle leaves the nest, or by how much it changes the bar's length."""
-        there = self.nominal.ball(commands, self.run.tool_ball)
         if "ball_bar" in self.run.instrument:
             table = np.asarray(self.run.table_ball)
             return float(np.abs(np.linalg.norm(there - table, axis=1) - np.linalg.norm(places - table, axis=1)).max())

@@ -3,7 +3,8 @@
  * Made by symfive $version; change the model, not this file. model sha256 $digest
  *
  * World x, y, z: the controlled point in the workpiece frame, with the tool length that LinuxCNC adds along z; every other
- * world coordinate is its axis' own position. Joints in the order $joints.
+ * world coordinate is its axis' own position. Joints in the order $joints. ${prefix}_world_of_axes and ${prefix}_axes_of_world are
+ * the other kind of programming: every world coordinate is its axis' own position.
  */
 #include "${prefix}.c"
 
@@ -15,6 +16,8 @@ int ${prefix}_world(const double joints[${PREFIX}_JOINTS], double tool_offset, c
              double world[${PREFIX}_WORLD]);
 int ${prefix}_joints(const double world[${PREFIX}_WORLD], double tool_offset, const double p[${PREFIX}_P_SIZE],
               double joints[${PREFIX}_JOINTS]);
+void ${prefix}_world_of_axes(const double joints[${PREFIX}_JOINTS], double world[${PREFIX}_WORLD]);
+void ${prefix}_axes_of_world(const double world[${PREFIX}_WORLD], double joints[${PREFIX}_JOINTS]);
 
 int ${prefix}_world(const double joints[${PREFIX}_JOINTS], double tool_offset, const double p[${PREFIX}_P_SIZE],
              double world[${PREFIX}_WORLD])
@@ -47,4 +50,14 @@ $from_world
 $to_joints
     }
     return status;
+}
+
+void ${prefix}_world_of_axes(const double joints[${PREFIX}_JOINTS], double world[${PREFIX}_WORLD])
+{
+$axes_to_world
+}
+
+void ${prefix}_axes_of_world(const double world[${PREFIX}_WORLD], double joints[${PREFIX}_JOINTS])
+{
+$world_to_axes
 }
