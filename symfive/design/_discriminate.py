@@ -24,7 +24,7 @@ from symfive.errors import InputError
 from symfive.model import Model
 from symfive.threads import one_thread
 
-__all__ = ["Discrimination", "Separation", "discriminate"]
+__all__ = ["Discrimination", "Separation", "discriminate", "in_common"]
 
 Array = NDArray[np.float64]
 ITERATIONS = 4
@@ -103,6 +103,19 @@ def discriminate(
     ordered = tuple(sorted(table, key=lambda s: -s.sigmas))
     chosen = Campaign(machine=machine, runs=tests[best], name="next test")
     return Discrimination(chosen, table[best].sigmas, before, ordered)
+
+
+def in_common(parts: Sequence[Discrimination], candidates: Sequence[Candidate]) -> Discrimination:
+    """The candidate that separates one explanation from all of several rivals: the best by the smallest separation.
+
+    `parts` one discrimination per rival, all over the same `candidates`.
+    """
+    each = [{row.name: row for row in part.table} for part in parts]
+    least = [min((rows[name] for rows in each), key=lambda r: r.sigmas) for name in each[0]]
+    table = tuple(sorted(least, key=lambda s: -s.sigmas))
+    tests = {" + ".join(run.id for run in _runs(c)): _runs(c) for c in candidates}
+    chosen = Campaign(machine=parts[0].test.machine, runs=tests[table[0].name], name="next test")
+    return Discrimination(chosen, table[0].sigmas, min(part.before for part in parts), table)
 
 
 def _later(run: Run, number: int, end: float) -> Run:

@@ -116,6 +116,7 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
     for axis in reversing_axes(campaign):
         yield make_effect("backlash", axis)
         yield make_effect("friction", axis)
+        yield make_effect("reversal_spike", axis)
         for letter in LETTERS:
             if letter != _own_letter(campaign, axis):  # sideways: along its own motion it would be backlash
                 yield make_effect("lateral_play", component=f"E{letter}{axis}")

@@ -1,14 +1,15 @@
-"""The next test: of all that the user could record with the same instrument, the one that parts two rivals best."""
+"""The next test: of all that the user could record with the same instrument, the one that parts rivals best."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 
 from symfive.campaign import Campaign, Run
-from symfive.design import Discrimination, discriminate
+from symfive.design import Discrimination, discriminate, in_common
 from symfive.diagnose._catalogue import moving_axes
 from symfive.effects import Effect
 from symfive.errors import InputError
@@ -25,21 +26,25 @@ FACTOR = 2.0
 def next_test(
     campaign: Campaign,
     first: Effect,
-    second: Effect,
-    *,
+    *rivals: Effect,
     held: tuple[Effect, ...] = (),
-    values: dict[str, float] | None = None,
+    values: Mapping[str, float] | None = None,
+    rival_values: Sequence[Mapping[str, float]] = (),
 ) -> Discrimination | None:
-    """Which further test separates two explanations, by how many σ; None where no test can be varied.
+    """Which further test separates an explanation from its rivals, by how many σ; None where no test can be varied.
 
-    `held` effects are in both models; `values` parameters at which the first is true (default: of typical size).
+    `held` effects are in all models; `values` parameters at which the first is true and `rival_values` those at which each
+    rival is (default: of typical size). Of several rivals the one that is separated least counts.
     """
     tests = list(possible_tests(campaign))
-    if not tests:
+    if not tests or not rivals:
         return None
     plan = replace(campaign, runs=tuple(run.with_readings({}) for run in campaign.runs))
-    a, b = Model(plan, (*held, first)), Model(plan, (*held, second))
-    return discriminate(a, b, tests, values_a=values)
+    own = Model(plan, (*held, first))
+    parts = []
+    for rival, theirs in zip_longest(rivals, rival_values):
+        parts.append(discriminate(own, Model(plan, (*held, rival)), tests, values_a=values, values_b=theirs))
+    return in_common(parts, tests)
 
 
 def possible_tests(campaign: Campaign) -> Iterator[Run]:

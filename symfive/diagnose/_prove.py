@@ -24,6 +24,7 @@ __all__ = ["prove", "with_next_test"]
 Array = NDArray[np.float64]
 FOLDS = 4
 OPEN = 0.05
+RIVALS = 3
 
 
 @one_thread
@@ -104,21 +105,28 @@ def with_next_test(found: Naming, finding: Finding) -> Finding:
     member = next(m for m in found.members if m.effect.key == finding.effect.key)
     names = {(r.effect, r.axis) for r in finding.rivals if r.confidence > OPEN}
     open_ = [
-        t.effect
+        t
         for t in member.trials
         if t.effect.key != finding.effect.key
         and t.effect.id != "unknown"
         and (t.effect.key in finding.alias or (t.effect.vocabulary, axis_of(t.effect)) in names)
-    ]
+    ][:RIVALS]
     if not open_:
         return finding
     held = tuple(e for e in found.after.model.added if finding.effect.key not in (e.key, getattr(e, "of", "")))
-    values = {
-        p.name: float(v) for p, v in zip(found.after.parameters, found.after.values, strict=True) if p.run is None
-    }
-    test = next_test(found.after.model.campaign, finding.effect, open_[0], held=held, values=values)
+    shared = {p.name for p in found.after.parameters if p.run is None}
+    values = {n: v for n, v in zip(found.after.model.index, found.after.values.tolist(), strict=True) if n in shared}
+    others = [{n: v for n, v in t.values.items() if not n.startswith("setup.")} for t in open_]
+    test = next_test(
+        found.after.model.campaign,
+        finding.effect,
+        *(t.effect for t in open_),
+        held=held,
+        values=values,
+        rival_values=others,
+    )
     if test is None:
         return finding
-    folder = f"plans/separate-{finding.effect.key}-from-{open_[0].key}" if test.useful else None
-    extra = f" To tell it from {open_[0].key}: {test.says}."
+    folder = f"plans/separate-{finding.effect.key}-from-{open_[0].effect.key}" if test.useful else None
+    extra = f" To tell it from {' and '.join(t.effect.key for t in open_)}: {test.says}."
     return replace(finding, test=test, next_test=folder, says=finding.says + extra)

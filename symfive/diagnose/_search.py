@@ -29,6 +29,8 @@ __all__ = ["Member", "Naming", "Trial", "lacking", "name_effects"]
 Array = NDArray[np.float64]
 MAX_EFFECTS = 5
 TRIALS = 4
+TRIAL_STEPS = 12
+"""A refit that has not settled by then is weighed as it stands."""
 PASSES = 2
 OPEN = 10.0
 """Rivals within this log evidence of a member are tried in all their shapes."""
@@ -293,7 +295,7 @@ def _try(state: _State, result: Identification, base: float, score: Score) -> Tr
     problem = result.problem(model)
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
-            values, _ = gauss_newton(problem, model.vector(start), 1e-2)
+            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
             evidence = evidence_of(problem, values, _amplitudes(campaign, score.effect)) - base
     except np.linalg.LinAlgError:
         return None
@@ -336,7 +338,7 @@ def _shaped(result: Identification, trial: Trial) -> Identification:
             model = Model(campaign, (*result.model.added, prepared))
             start = {n: v for n, v in trial.values.items() if n in model.index}
             problem = plain.problem(model)
-            values, _ = gauss_newton(problem, model.vector(start), 1e-2)
+            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
             evidence = evidence_of(problem, values)
         except (ValueError, np.linalg.LinAlgError):
             continue

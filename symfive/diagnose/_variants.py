@@ -13,6 +13,7 @@ __all__ = ["variants"]
 SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "backlash": ({"shape": "pre_sliding"}, {"shape": "wind_up"}),
     "friction": ({"shape": "stribeck"},),
+    "reversal_spike": ({"shape": "pulse"},),
     "lateral_play": ({"shape": "pre_sliding"},),
     "thermal_drift": ({"shape": "mixture"}, {"shape": "linear"}),
     "setup_shift": ({"shape": "creep"},),

@@ -70,8 +70,8 @@ def identify(
     progress(f"{model.campaign.rows} rows, {int(movable.sum())} parameters")
     values, converged = solve(problem, values, noise=noise, progress=progress)
     notes = []
-    at_bound = [p.name for p, v in zip(model.parameters, values, strict=True) if v in (p.lower, p.upper)]
-    if solver == "ipopt" or loss != "square" or at_bound:
+    at_bound = any(v in (p.lower, p.upper) for p, v in zip(model.parameters, values, strict=True))
+    if solver == "ipopt" or loss != "square" or (at_bound and not converged):
         progress("refining with IPOPT")
         values, converged, note = solve_with_ipopt(problem, values, loss)
         notes += [note] if note else []

@@ -17,52 +17,77 @@ MAX_STEPS = 40
 MAX_NOISE_ROUNDS = 5
 STEP_TOLERANCE = 1e-6
 """A step is small when no parameter moves by more than this share of its posterior 1σ (1e-3 before the last round)."""
+FIRST_DAMPING = 1e-3
+PATIENCE, STALLED = 8, 1.0
+"""Where this many steps together lower -2 log posterior by less than this, the rest of the way is not worth it: readings that
+stick and slip have a cost with kinks, in which every step is cut short."""
 COST_TOLERANCE = 1e-4
 """Or when -2 log posterior falls by no more than this: it says nothing about any parameter."""
 
 
-def gauss_newton(problem: Problem, values: Array, tolerance: float) -> tuple[Array, bool]:
-    """Iterate to the maximum for the present noise. Returns the values and whether it converged.
+def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int = MAX_STEPS) -> tuple[Array, bool]:
+    """Iterate to the maximum for the present noise, at most `steps` times. Returns the values and whether it converged.
 
-    A step that does not lower the cost is shortened by Levenberg's damping; bounds stop a step at the bound.
+    A step that does not lower the cost is shortened by Levenberg's damping, which follows how well the cost was foretold
+    (H. B. Nielsen 1999); a parameter that would leave its bounds stays at the bound.
     """
     model = problem.model
     precision = problem.prior_precision
     lower = np.array([p.lower for p in model.parameters])
     upper = np.array([p.upper for p in model.parameters])
     free = np.flatnonzero(problem.free)
-    damping, last = 0.0, np.inf
+    damping, growth, last = 0.0, 2.0, np.inf
     best = values.copy()
-    matrix, gradient = np.zeros((0, 0)), np.zeros(0)
-    for _ in range(MAX_STEPS):
+    matrix, gradient, expected = np.zeros((0, 0)), np.zeros(0), 0.0
+    history: list[float] = []
+    for _ in range(steps):
         with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make a drive unstable
             information = problem.information(problem.blocks(values))
         departure = values - model.prior_mean
         total = information.square + float(np.sum((departure**2 * precision)[free]))
-        if not total <= last * (1 + 1e-12) + 1e-9:
-            damping = max(10.0 * damping, 1e-3)
+        history.append(min(total, last))
+        if len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < STALLED:
+            return best, False
+        accepted = total <= last * (1 + 1e-12) + 1e-9
+        if not accepted:
+            damping, growth = max(growth * damping, FIRST_DAMPING), 2.0 * growth
             if damping > 1e9 or not matrix.size:
                 return best, False
-            values = np.clip(best + _step(matrix, gradient, damping, free), lower, upper)
-            continue
-        settled = last - total < max(COST_TOLERANCE, 1e-12 * total) and damping == 0.0
-        best, last = values.copy(), total
-        matrix = information.matrix + np.diag(precision)
-        gradient = information.gradient - departure * precision
-        damping = damping / 10.0 if damping > 1e-6 else 0.0
-        step = _step(matrix, gradient, damping, free)
-        sigma = np.sqrt(np.diag(np.linalg.inv(matrix[np.ix_(free, free)])))
-        small = float(np.max(np.abs(step[free]) / sigma, initial=0.0)) < tolerance
-        values = np.clip(values + step, lower, upper)
-        if small or settled:
+        else:
+            settled = last - total < max(COST_TOLERANCE, 1e-12 * total) and damping == 0.0
+            if damping > 0.0:
+                ratio = (last - total) / max(expected, 1e-300)
+                damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(ratio, 1.0) - 1.0) ** 3)
+                damping, growth = (damping if damping > 0.1 * FIRST_DAMPING else 0.0), 2.0
+            best, last = values.copy(), total
+            matrix = information.matrix + np.diag(precision)
+            gradient = information.gradient - departure * precision
+            sigma = np.sqrt(np.diag(np.linalg.inv(matrix[np.ix_(free, free)])))
+        step = _step(matrix, gradient, damping, free, lower - best, upper - best)
+        expected = 2.0 * float(gradient @ step) - float(step @ matrix @ step)
+        values = best + step
+        if accepted and (settled or float(np.max(np.abs(step[free]) / sigma, initial=0.0)) < tolerance):
             return values, True
     return best, False
 
 
-def _step(matrix: Array, gradient: Array, damping: float, free: NDArray[np.int64]) -> Array:
+def _step(
+    matrix: Array, gradient: Array, damping: float, free: NDArray[np.int64], lowest: Array, highest: Array
+) -> Array:
+    """The damped step of the free parameters. Those that it would take beyond `lowest` or `highest` go there, and the others
+    make the best of it."""
     step = np.zeros(len(gradient))
-    part = matrix[np.ix_(free, free)]
-    step[free] = np.linalg.solve(part + damping * np.diag(np.diag(part)), gradient[free])
+    inner = free
+    while inner.size:
+        pull = gradient[inner] - matrix[inner] @ np.where(np.isin(np.arange(len(step)), inner), 0.0, step)
+        part = matrix[np.ix_(inner, inner)]
+        step[inner] = np.linalg.solve(part + damping * np.diag(np.diag(part)), pull)
+        bounded = np.clip(step, lowest, highest)
+        beyond = bounded[inner] != step[inner]
+        step[inner[beyond]] = bounded[inner[beyond]]
+        if not beyond.any():
+            break
+        inner = inner[~beyond]
     return step
 
 

@@ -1,0 +1,178 @@
+"""The paper's figures, drawn anew from our readings, and what it does not show: both methods over a thousand machines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.design import Assessment
+from symfive.identify import Identification
+from symfive.kinematics import basis_of
+
+from . import equations as paper
+from .claims import LAYOUTS, SCALE_MM
+from .estimators import six_motions
+from .machine import angle, readings_of
+from .machines import Fate
+
+__all__ = ["ball_bar", "conditioning", "fates", "plans", "plate_yaw", "save", "six_error_motions"]
+
+Array = NDArray[np.float64]
+BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#8a949e"
+
+
+def _figure(rows: int, columns: int, width: float, height: float, title: str) -> tuple[Figure, NDArray[np.object_]]:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    figure.suptitle(title, fontsize=11)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax in axes.ravel():
+        ax.grid(True, color="#e1e5e9", linewidth=0.6)
+        ax.tick_params(which="both", labelsize=8)
+        for side in ("top", "right"):
+            ax.spines[side].set_visible(False)
+    return figure, axes
+
+
+def _pointwise(campaign: Campaign, axis: str) -> tuple[Array, Array]:
+    """Positions of an axis (N,) mm and its six error motions by (10) (N, 6) µm and µrad."""
+    readings = {run.id: np.stack(list(run.readings.values()), axis=1)[None] for run in campaign.runs}
+    nominal = readings_of(campaign, {}, 1)
+    found = six_motions(campaign, axis, {run: y - nominal[run] for run, y in readings.items()})[0]
+    name = next(run.id for run in campaign.runs if run.id.startswith(f"{axis.lower()}-line1"))
+    return campaign.run(name).commands[axis], found * np.array([1e3] * 3 + [1e6] * 3)
+
+
+def _curve(result: Identification, name: str, q: Array) -> tuple[Array, Array, Array]:
+    """An identified error motion at positions (N,), its functions (N, k) and its 1σ (N,)."""
+    basis = basis_of(result.model.machine.errors[name], result.model.machine)
+    where = [result.model.index[f"{name}.{n}"] for n in basis.names]
+    matrix = basis.matrix(q)
+    free = _without_line(matrix, q, name)
+    std = np.sqrt(np.einsum("ij,jk,ik->i", free, result.covariance[np.ix_(where, where)], free))
+    return free @ result.values[where], free, std
+
+
+def _without_line(values: Array, q: Array, name: str) -> Array:
+    """Less the constant, which is a zero, and for straightness less the least-squares line, which is squareness."""
+    straight = name[1] in "XYZ" and name[1] != name[2]
+    columns = np.column_stack([np.ones_like(q), q] if straight else [np.ones_like(q)])
+    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+
+
+def six_error_motions(
+    campaign: Campaign, result: Identification, truth: Mapping[str, float], axis: str = "X"
+) -> Figure:
+    """Six error motions of an axis: true, by (10) point by point, and by the joint estimate with ±1σ."""
+    figure, axes = _figure(
+        2, 3, 11.0, 5.6, f"Error motions of {axis} from three lines; straightness about its own line"
+    )
+    q, pointwise = _pointwise(campaign, axis)
+    for k, ax in enumerate(axes.ravel()):
+        name = f"E{'XYZABC'[k]}{axis}"
+        value, functions, std = _curve(result, name, q)
+        basis = basis_of(result.model.machine.errors[name], result.model.machine)
+        true = functions @ np.array([truth[f"{name}.{n}"] for n in basis.names])
+        ax.plot(q, _without_line(pointwise[:, k], q, name), ".", color=ORANGE, ms=4, label="(10)")
+        ax.fill_between(q, value - std, value + std, color=BLUE, alpha=0.2, lw=0)
+        ax.plot(q, value, color=BLUE, label="joint, ±1σ")
+        ax.plot(q, true, "--", color="#3c4650", label="true")
+        ax.set_title(f"{name} / {'µm' if k < 3 else 'µrad'}", loc="left", fontsize=9)
+    for ax in axes[1]:
+        ax.set_xlabel(f"{axis} / mm", fontsize=8)
+    axes[0, 0].legend(fontsize=7.5, frameon=False)
+    return figure
+
+
+def ball_bar(campaign: Campaign) -> Figure:
+    """Readings of the five ball-bar tests with the harmonics that (11)-(15) fit to them."""
+    figure, axes = _figure(1, 5, 13.5, 3.2, "Ball bar: readings and the harmonics of (11)–(15)")
+    titles = {"b-y": "(11) bar along Y", "b-x": "(12) along X", "b-z": "(13) along Z", "c-low": "(14) C, low ball",
+              "c-high": "(15) C, high ball"}  # fmt: skip
+    for ax, (name, title) in zip(axes.ravel(), titles.items(), strict=True):
+        run = campaign.run(name)
+        q = angle(run, "B") if name.startswith("b") else angle(run, "C") % (2.0 * np.pi)
+        order = np.argsort(q)
+        basis, reading = paper.b_basis(q), run.readings["dL_um"]
+        fit = basis @ np.linalg.lstsq(basis, reading, rcond=None)[0]
+        ax.plot(np.degrees(q), reading, ".", ms=2.5, color=ORANGE)
+        ax.plot(np.degrees(q)[order], fit[order], color=BLUE)
+        ax.set_title(title, loc="left", fontsize=9)
+        ax.set_xlabel(f"{'b' if name.startswith('b') else 'c'} of the table / °", fontsize=8)
+    axes[0, 0].set_ylabel("reading / µm", fontsize=8)
+    return figure
+
+
+def conditioning() -> Figure:
+    """Condition number of (10) along the line for three layouts, and of {1, cos b, sin b} over the range of B."""
+    figure, axes = _figure(1, 2, 10.0, 3.6, "How well the paper's equations are conditioned")
+    x = np.linspace(-300.0, 300.0, 121)
+    weights = np.array([1.0] * 3 + [1.0 / SCALE_MM] * 3)
+    for (spacing, layout), colour in zip(LAYOUTS.items(), (BLUE, ORANGE, GREEN), strict=True):
+        condition = [np.linalg.cond(paper.lines_matrix(at, layout) * weights) for at in x]
+        words = f"lines {spacing:g} mm apart" if spacing > 10.0 else f"z2 - z1 = {spacing:g} mm"
+        axes[0, 0].semilogy(x, condition, color=colour, label=words)
+    axes[0, 0].set_xlabel("x_j / mm", fontsize=8)
+    axes[0, 0].set_ylabel("condition of (10), angles at 200 mm", fontsize=8)
+    axes[0, 0].legend(fontsize=8, frameon=False)
+    ends = np.arange(10.0, 111.0, 2.5)
+    axes[0, 1].semilogy(
+        ends, [np.linalg.cond(paper.b_basis(np.radians(np.linspace(-end, end, 181)))) for end in ends], color=BLUE
+    )
+    axes[0, 1].set_xlabel("B turns from - to + / °", fontsize=8)
+    axes[0, 1].set_ylabel("condition of {1, cos b, sin b}", fontsize=8)
+    return figure
+
+
+def fates(found: Fate) -> Figure:
+    """1σ of both methods over many machines, every parameter, and what was known before."""
+    names = list(found.spread)
+    title = f"{found.count} machines, noise ±2 µm, set-ups off: 1σ of the error of each estimate"
+    figure, axes = _figure(1, 1, 14.0, 4.4, title)
+    ax, x = axes[0, 0], np.arange(len(names))
+    ax.semilogy(x, [found.prior[n] for n in names], "_", color=GREY, ms=9, label="known before (prior)")
+    ax.semilogy(x, [found.spread[n][0] for n in names], "o", ms=4, color=ORANGE, label="the paper's sequence")
+    ax.semilogy(x, [found.flat[n] for n in names], "+", ms=5, color=GREEN, label="joint, priors 100 times as wide")
+    ax.semilogy(x, [found.spread[n][1] for n in names], "x", ms=5, color=BLUE, label="joint")
+    ax.set_xticks(x, names, rotation=90, fontsize=6.5)
+    ax.set_ylabel("µm or µrad", fontsize=8)
+    ax.legend(fontsize=8, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1)
+    return figure
+
+
+def plate_yaw(campaign: Campaign, result: Identification, yaw_urad: float) -> Figure:
+    """Roll of an axis that does not roll, one plate having yaw: by (10), and by the joint estimate."""
+    figure, axes = _figure(1, 1, 6.5, 3.8, f"X does not roll; one plate stands {yaw_urad:g} µrad askew")
+    ax = axes[0, 0]
+    q, pointwise = _pointwise(campaign, "X")
+    value, _, std = _curve(result, "EAX", q)
+    ax.plot(q, pointwise[:, 3] - pointwise[:, 3].mean(), ".", color=ORANGE, label="EAX by (10)")
+    ax.fill_between(q, value - std, value + std, color=BLUE, alpha=0.2, lw=0)
+    ax.plot(q, value, color=BLUE, label="joint, the plate's orientation unknown, ±1σ")
+    ax.axhline(0.0, ls="--", color="#3c4650", lw=1.0, label="true")
+    ax.set_xlabel("X / mm", fontsize=8)
+    ax.set_ylabel("roll / µrad", fontsize=8)
+    ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def plans(tests: Assessment, plan: Assessment, words: tuple[str, str]) -> Figure:
+    """Expected 1σ of the eight location errors: the paper's five tests and the optimised plan."""
+    figure, axes = _figure(1, 1, 7.5, 3.8, "Ball bar, set-ups known to 10 µm: expected 1σ")
+    ax, x = axes[0, 0], np.arange(len(paper.LOCATION))
+    for found, marker, colour, label in ((tests, "o", ORANGE, words[0]), (plan, "x", BLUE, words[1])):
+        ax.semilogy(x, [found.sigma[n] for n in paper.LOCATION], marker, color=colour, label=label)
+    ax.set_xticks(x, paper.LOCATION, fontsize=8)
+    ax.set_ylabel("µm or µrad", fontsize=8)
+    ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def save(figure: Figure, folder: Path, name: str) -> None:
+    """One PNG."""
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / f"{name}.png", dpi=110)

@@ -1,0 +1,205 @@
+"""The example of Wang & Li 2016: claims come out as their table says, both methods do what is said of them."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from examples.wang_li_2016 import claims, equations, figures, machine, machines, plates, story  # noqa: E402
+from examples.wang_li_2016.estimators import SLOPES, Joint, Sequence  # noqa: E402
+from symfive.campaign import read_campaign, write_campaign  # noqa: E402
+from symfive.model import Model  # noqa: E402
+from symfive.procedures import campaign_of  # noqa: E402
+
+WRONG = {"P1-2b", "P1-2d", "P1-3b", "P1-4a", "P1-5d", "P1-5g", "P1-9b"}
+REPRODUCED = {
+    *(f"P1-1{letter}" for letter in "abcdefghijklmno"), "P1-2a", "P1-2c", "P1-3a", "P1-4b", "P1-5a", "P1-5b", "P1-5c", "P1-5e",
+    "P1-5f", "P1-6", *(f"P1-7{letter}" for letter in "abcdefghi"), "P1-8a", "P1-8b", "P1-8c", "P1-9a",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def again():
+    return claims.repeated()
+
+
+@pytest.fixture(scope="module")
+def found(again):
+    return {claim.id: claim for claim in claims.all_claims(again)}
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return machine.whole_campaign(machine.paper_machine())
+
+
+@pytest.fixture(scope="module")
+def fate(campaign):
+    return machines.compare(campaign, count=300)
+
+
+@pytest.fixture(scope="module")
+def one():
+    return story.one_machine(pitch=20.0, b_step=10.0)
+
+
+@pytest.fixture(scope="module")
+def askew():
+    return plates.yawed(pitch=20.0)
+
+
+def test_every_claim_is_in_the_table_once(found):
+    assert set(found) == REPRODUCED | WRONG
+
+
+@pytest.mark.parametrize("name", sorted(REPRODUCED))
+def test_a_claim_is_reproduced_within_its_limits(found, name):
+    claim = found[name]
+    assert claim.low <= claim.value <= claim.high
+    assert not math.isnan(claim.value)
+    assert claim.verdict == "reproduced"
+
+
+@pytest.mark.parametrize("name", sorted(WRONG))
+def test_a_claim_is_wrong_and_the_reason_is_given(found, name):
+    claim = found[name]
+    assert claim.verdict == "wrong"
+    assert len(claim.note) > 20
+
+
+def test_the_printed_chain_has_no_squareness_and_the_corrected_one_has(found):
+    assert found["P1-4a"].value == 0.0
+    assert equations.squareness_seen(2e-4, printed=False) == pytest.approx(2e-4)
+
+
+def test_the_wrong_lever_and_the_literal_equation_cost_micrometres(found):
+    assert found["P1-3b"].value > 4.0
+    assert found["P1-5d"].value > 5.0
+
+
+def test_both_methods_are_unbiased_where_nothing_is_askew(again):
+    for name, value in machine.ASSUMED.items():
+        for estimate in (again.sequence, again.joint):
+            error = estimate[name].mean() - value
+            assert abs(error) < 4.0 * estimate[name].std() / np.sqrt(len(estimate[name])) + 0.06, name
+        assert again.joint[name].std() <= 1.03 * again.sequence[name].std()
+        assert again.joint[name].std() == pytest.approx(again.stated[name], rel=0.05)
+
+
+def test_the_plant_and_symfive_read_alike(campaign):
+    model = Model(campaign)
+    values = machine.draw(model.parameters, 2, seed=5)
+    named = {p.name: values[:, i] for i, p in enumerate(model.parameters)}
+    readings, predicted = machine.readings_of(campaign, named, 2), model.predict(values[1])
+    for run in campaign.runs:
+        np.testing.assert_allclose(readings[run.id][1], predicted[run.id], atol=1e-7)
+
+
+def test_without_noise_and_set_up_errors_the_sequence_finds_what_is_there(campaign):
+    """Error motions of C leak into its location errors, which (14), (15) take to be the only ones: they are tried apart."""
+    model = Model(campaign)
+    values = machine.draw(model.parameters, 3, seed=6, truth=dict.fromkeys(SLOPES, 0.0))
+    seen = {p.name: values[:, i] for i, p in enumerate(model.parameters) if not p.name.startswith(("setup.", "ECC"))}
+    motions = {name for name in seen if name[2:].startswith("C.")}
+    location = {"EX0C", "EY0C", "EA0C", "EB0C"}
+    for out, judged in ((set(), set(seen) - location), (motions, location)):
+        truth = {name: value for name, value in seen.items() if name not in out}
+        estimate = Sequence(campaign).estimate(machine.readings_of(campaign, truth, 3))
+        assert set(estimate) == set(seen) - set(SLOPES)
+        for name in judged - set(SLOPES):
+            np.testing.assert_allclose(estimate[name], truth[name], atol=0.5, err_msg=name)  # products of errors
+
+
+def test_one_step_is_the_identification_of_symfive(one):
+    """The matrix that serves a thousand machines and `identify` agree on one."""
+    readings = {run.id: np.stack(list(run.readings.values()), axis=1)[None] for run in one.campaign.runs}
+    joint = Joint.of(one.campaign)
+    at_once = joint.estimate(readings)
+    for name in ("EC0X", "EA0B", "EX0C", "EAC.cos2", "EXX.P1", "EAX.P1"):
+        assert at_once[name][0] == pytest.approx(one.joint[name], abs=0.05 * one.joint.uncertainty(name))
+        assert joint.sigma[name] == pytest.approx(one.joint.uncertainty(name), rel=1e-2)
+
+
+def test_over_many_machines_the_joint_estimate_is_better_and_honest(fate):
+    assert len(fate.spread) == 79
+    assert all(fate.gain(name) > 1.0 for name in fate.spread)
+    assert fate.gain("EAX.P1") > 4.0  # plate yaw read as roll
+    assert fate.gain("EA0C") > 5.0  # the tool ball off the axis at two heights
+    assert fate.honest < 0.15
+    assert all(fate.flat[name] < 1.1 * fate.spread[name][0] for name in fate.spread)  # not for what the priors say
+    for name, (sequence, joint) in fate.bias.items():
+        spread = fate.spread[name]
+        assert abs(sequence) < 4.0 * spread[0] / np.sqrt(fate.count), name
+        assert abs(joint) < 4.0 * spread[1] / np.sqrt(fate.count), name
+
+
+def test_a_plain_slope_is_not_the_squareness(campaign):
+    raw = machines.raw_slopes(campaign, count=50)
+    assert raw["EB0Z"] > 10.0
+    assert raw["EC0X"] > 8.0
+
+
+def test_an_askew_plate_reads_as_roll_and_is_found(askew):
+    assert askew.false_roll == pytest.approx(
+        plates.YAW_URAD * 400.0 / 100.0, rel=0.01
+    )  # travel over distance of the lines
+    assert askew.diagnosis.mismatch
+    assert not askew.clean.mismatch
+    assert any("EAX.P1" in words and "setup.x-line2-xy.plate.c" in words for words in askew.says)
+    assert abs(askew.known["EAX.P1"]) < 2.0 * askew.known.uncertainty("EAX.P1")
+
+
+def test_the_tests_of_the_paper_are_a_plan(tmp_path):
+    whole = machine.paper_machine()
+    plan = campaign_of(whole, (*machine.grid_tests(whole), *machine.bar_tests(whole, motions=True)))
+    write_campaign(plan, tmp_path / "plan")
+    assert read_campaign(tmp_path / "plan").rows == plan.rows
+    assert not plan.measured
+
+
+def test_moving_x_gives_y_no_lever():
+    """The reason why a line for Y needs the reading head on a holder: X stands on Y."""
+    whole = machine.paper_machine()
+    runs = {run.id: run for run in machine.grid_tests(whole) if run.id.startswith("y-line")}
+    assert runs["y-line2-yz"].tool_ball[0] == 100.0
+    assert np.ptp(runs["y-line2-yz"].commands["X"]) == 0.0
+    placed = replace(runs["y-line2-yz"], tool_ball=(0.0, 0.0, -150.0))
+    moved = {**placed.commands, "X": np.full(placed.rows, 100.0)}
+    errors = {"EBY.P1": np.array([100.0])}
+    for run, lever in ((runs["y-line2-yz"], 100.0), (replace(placed, commands=moved), 0.0)):
+        one = campaign_of(whole, [run])
+        change = machine.readings_of(one, errors, 1)[run.id] - machine.readings_of(one, {}, 1)[run.id]
+        slope = np.ptp(change[0, :, 1])
+        assert slope == pytest.approx(1e-3 * lever * 100.0 * 400.0 / 250.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_the_plan_needs_fewer_readings():
+    gain = story.gain_of_a_plan()
+    assert gain.plan.campaign.rows < 0.2 * gain.tests.rows
+    assert len(gain.plan.campaign.runs) == 2
+    assert all(ratio > 0.6 for ratio in gain.ratio.values())
+    assert min(gain.ratio[n] for n in ("EX0C", "EA0C", "EB0C")) > 10.0
+
+
+def test_one_machine_and_its_figures(one, fate, askew, tmp_path):
+    inside = [abs(one.joint[n] - one.truth[n]) < 3.0 * one.joint.uncertainty(n) for n in fate.spread]
+    assert np.mean(inside) > 0.97
+    drawn = {
+        "motions": figures.six_error_motions(one.campaign, one.joint, one.truth),
+        "bar": figures.ball_bar(one.campaign),
+        "conditioning": figures.conditioning(),
+        "machines": figures.fates(fate),
+        "yaw": figures.plate_yaw(askew.known.model.campaign, askew.known, plates.YAW_URAD),
+    }
+    for name, figure in drawn.items():
+        figures.save(figure, tmp_path, name)
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
