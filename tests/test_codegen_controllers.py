@@ -70,6 +70,16 @@ class Kinematics:
         assert self._c.sf_joints(_pointer(world), ctypes.c_double(tool), _pointer(p), _pointer(found)) == 0
         return found
 
+    def world_of_axes(self, joints: np.ndarray) -> np.ndarray:
+        found = np.empty(9)
+        self._c.sf_world_of_axes(_pointer(joints), _pointer(found))
+        return found
+
+    def axes_of_world(self, world: np.ndarray) -> np.ndarray:
+        found = np.empty(len(self.axes))
+        self._c.sf_axes_of_world(_pointer(world), _pointer(found))
+        return found
+
 
 def _pointer(array: np.ndarray) -> object:
     return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
@@ -108,6 +118,17 @@ def test_signs_and_tool_length_are_those_of_linuxcnc(kinematics) -> None:
     table = kinematics["table-bc"]
     world = kinematics["table-bc"].world(np.array([100.0, 0.0, 0.0, 0.0, 90.0]), 150.0, 0.0 * table.p)
     assert world[[0, 1, 2, 4, 5]] == pytest.approx([0.0, 100.0, 0.0, 0.0, 90.0], abs=1e-12)
+
+
+def test_words_can_be_positions_of_the_axes(kinematics) -> None:
+    """The other kind of programming, whatever the errors: every world coordinate is its axis' own position."""
+    for kins in kinematics.values():
+        joints = np.arange(1.0, len(kins.axes) + 1.0)
+        world = kins.world_of_axes(joints)
+        named = dict(zip(WORLD, world, strict=True))
+        assert [named[axis.name] for axis in kins.axes] == joints.tolist()
+        assert np.count_nonzero(world) == len(joints)
+        assert kins.axes_of_world(world).tolist() == joints.tolist()
 
 
 def test_every_error_has_a_pin_of_its_own(tmp_path) -> None:

@@ -106,7 +106,12 @@ def test_r_test_grid_is_the_shared_one():
 
 def test_static_ball_bar_is_the_shared_one():
     shared = read_campaign(SHARED / "static-ball-bar-two-heights" / "fit")
-    runs = static_ball_bar(shared.machine, table_balls=[r.table_ball for r in shared.runs], tool_ball=(0, 0, -150))
+    runs = static_ball_bar(
+        shared.machine,
+        direction=(1.0, 0.0, 0.0),
+        table_balls=[r.table_ball for r in shared.runs],
+        tool_ball=(0, 0, -150),
+    )
     for ours, theirs in zip(runs, shared.runs, strict=True):
         assert ours.length == theirs.length == 100.0
         for name in shared.machine.axes:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from examples.claims import Claim
 from symfive.campaign import Campaign
 from symfive.identify import identify_by_position
 from symfive.machine import ErrorTerm
@@ -40,7 +41,6 @@ from .steps import (
     map_of,
     mapped_jointly,
 )
-from .table import Claim
 
 __all__ = [
     "Leak",

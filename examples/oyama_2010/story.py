@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from examples.claims import write_claims
 from symfive.diagnose import Diagnosis
 from symfive.files import write_json
 
@@ -50,7 +51,6 @@ from .steps import (
     swallowed,
     third_harmonics,
 )
-from .table import write_claims
 
 __all__ = ["Check", "Drifting", "check_compensation", "main", "map_a_drifting_machine"]
 
@@ -161,7 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         claims = all_claims(instrument, campaign, found, hidden, Path(scratch))
     write_claims(claims, folder, TITLE)
     print(f"4 Claims: {sum(c.holds for c in claims)} reproduced, {sum(not c.holds for c in claims)} shown wrong")
-    print("\n".join(f"  {c.id} {c.statement}: {c.value:.4g} {c.unit}: {c.note}" for c in claims if not c.holds))
+    print("\n".join(f"  {c.id} {c.statement}: {c.ours:.4g} {c.unit}: {c.note}" for c in claims if not c.holds))
 
     check = check_compensation(found, hidden, folder / "recordings" / "between")
     print(f"5 Compensation, {len(check.b_deg)} poses between those of the map, in another place")

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from examples.oyama_2010.table import Claim
+from examples.claims import Claim
 from symfive.kinematics import chain_poses
 from symfive.machine import Machine
 from symfive.procedures import campaign_of

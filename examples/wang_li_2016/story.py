@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from examples.oyama_2010.table import write_claims
+from examples.claims import write_claims
 from symfive.campaign import Campaign, write_campaign
 from symfive.design import Assessment, Plan, assess, plan
 from symfive.files import write_json
@@ -152,7 +152,7 @@ def main(arguments: Arguments[str] | None = None) -> int:
     claims = all_claims(again)
     write_claims(claims, folder, TITLE)
     print(f"3 Claims: {sum(c.holds for c in claims)} reproduced, {sum(not c.holds for c in claims)} shown wrong")
-    print("\n".join(f"  {c.id} {c.statement}: {c.value:.4g} {c.unit}: {c.note}" for c in claims if not c.holds))
+    print("\n".join(f"  {c.id} {c.statement}: {c.ours:.4g} {c.unit}: {c.note}" for c in claims if not c.holds))
 
     campaign = whole_campaign(machine)
     fate, raw = compare(campaign), raw_slopes(campaign)

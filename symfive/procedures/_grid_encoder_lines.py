@@ -46,8 +46,8 @@ def grid_encoder_lines(
     is read in the planes dv and dw, line 2 in dv, line 3 in dw (the paper's six readings; `every_reading`:
     both on each). `offsets` (v, w) of the lines, mm: they must not lie on one straight line and the first two
     must differ in w, or the roll is lost (paper 1, det of (10)). For an axis that carries the workpiece they
-    are places on the table, reached by the other axes; for one that carries the tool they are offsets of the
-    reading head on the tool, since its rotations act on that lever. `reach` lowest and highest position of
+    are places on the table, reached by the other axes; for one that carries the tool, and along an axis that this one
+    itself carries, they are offsets of the reading head on the tool, since its rotations act on that lever. `reach` lowest and highest position of
     the axis, by default ±200 mm about the line's place (an upright axis: from there upward). `centre` mm in
     the workpiece frame. Raises `InputError` where a pose cannot be reached.
     """
@@ -66,6 +66,7 @@ def grid_encoder_lines(
     unit = np.eye(3)
     at_rest = nominal.commands(hold or {}, 1)
     on_table = machine.structure.carries(axis) == "workpiece"
+    on_tool = np.array([not on_table or _carried(machine, axis, i) for i in range(3)], dtype=float)
     usual = np.asarray(tool_ball_of(machine, tool_ball))
     middle = nominal.follow(start[None], usual, hold or {}, "line of the grid encoder")[axis][0]
     targets = _targets(moved, reach, float(middle), upright=d == 2, pitch=pitch)
@@ -73,7 +74,7 @@ def grid_encoder_lines(
     runs = []
     for number, (offset, seconds) in enumerate(zip(offsets, planes, strict=True), start=1):
         lever = offset[0] * unit[v] + offset[1] * unit[w]
-        ball = usual if on_table else usual + lever
+        ball = usual + on_tool * lever
         line = start + nominal.seen_from_workpiece(at_rest, lever)[0]
         rest = nominal.follow(line[None], ball, hold or {}, "line of the grid encoder")
         fixed = {name: float(values[0]) for name, values in rest.items() if name != axis}
@@ -89,6 +90,13 @@ def grid_encoder_lines(
             )  # fmt: skip
             runs.append(checked(machine, run, place="the offsets, the reach or the tool length"))
     return one_after_another(runs)
+
+
+def _carried(machine: Machine, axis: str, component: int) -> bool:
+    """Whether an axis along x, y or z (0, 1, 2) stands on this one: moving it gives this one's carriage no lever."""
+    outward = tuple(reversed(machine.structure.workpiece))
+    further = outward[outward.index(axis) + 1 :]
+    return any(not machine.axes[n].rotary and abs(machine.axes[n].direction[component]) > 0.5 for n in further)
 
 
 def _targets(axis: Axis, reach: tuple[float, float] | None, middle: float, *, upright: bool, pitch: float) -> Array:

@@ -31,7 +31,7 @@ def static_ball_bar(
     machine: Machine,
     *,
     poses: Mapping[str, Sequence[float] | NDArray[np.float64]] | None = None,
-    direction: Sequence[float] | Sequence[Sequence[float]] = (1.0, 0.0, 0.0),
+    direction: Sequence[float] | Sequence[Sequence[float]] | None = None,
     table_balls: Sequence[Sequence[float]] | None = None,
     length: float | None = None,
     seconds_per_pose: float | None = None,
@@ -43,9 +43,9 @@ def static_ball_bar(
 
     `poses` axis → positions in degree, one per row (`serpentine` makes them from a grid); by default one turn
     of the table (or of the head) in steps of 15°. `direction` of the bar from the table ball to the tool ball
-    in the machine frame, one for all poses or one each. `table_balls` mm in the workpiece frame, by default
-    two heights on the z axis (paper 1, (14)-(15)); `length` mm. Raises `InputError` where a pose cannot be
-    reached.
+    in the machine frame, one for all poses or one each; by default the bar turns with the workpiece, against its x.
+    `table_balls` mm in the workpiece frame, by default at two heights, one bar's length from the z axis, on which the tool
+    ball then stands still (Wang & Li 2016, (14)-(15)); `length` mm. Raises `InputError` where a pose cannot be reached.
     """
     if poses is None:
         name = turning_axis(machine, None)
@@ -55,17 +55,19 @@ def static_ball_bar(
     if len(sizes) != 1 or 0 in sizes:
         raise InputError("the poses differ in number from axis to axis", remedy="give every axis one position per row")
     rows = sizes.pop()
-    directions = np.broadcast_to(np.asarray(direction, dtype=float), (rows, 3))
-    norms = np.linalg.norm(directions, axis=1)
-    if not np.all(norms > 1e-9):
-        raise InputError("a direction of the bar has no length", remedy="give a vector such as (1, 0, 0)")
-    if table_balls is None:
-        table_balls = [(0.0, 0.0, height) for height in heights(machine)]
     size = bar_length(machine, length)
+    if table_balls is None:
+        table_balls = [(size, 0.0, height) for height in heights(machine)]
     ball = tool_ball_of(machine, tool_ball)
     pace = machine.workspace.seconds_per_pose if seconds_per_pose is None else seconds_per_pose
     nominal = Nominal(machine)
-    bar = nominal.seen_from_workpiece(nominal.commands(fixed, rows), size * directions / norms[:, None])
+    bar = np.tile((-size, 0.0, 0.0), (rows, 1))
+    if direction is not None:
+        directions = np.broadcast_to(np.asarray(direction, dtype=float), (rows, 3))
+        norms = np.linalg.norm(directions, axis=1)
+        if not np.all(norms > 1e-9):
+            raise InputError("a direction of the bar has no length", remedy="give a vector such as (1, 0, 0)")
+        bar = nominal.seen_from_workpiece(nominal.commands(fixed, rows), size * directions / norms[:, None])
     runs = []
     for number, table_ball in enumerate(map(vector, table_balls), start=1):
         run = Run(

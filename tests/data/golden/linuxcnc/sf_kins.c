@@ -3,7 +3,8 @@
  * Made by symfive 0.1.0; change the model, not this file. model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
  *
  * World x, y, z: the controlled point in the workpiece frame, with the tool length that LinuxCNC adds along z; every other
- * world coordinate is its axis' own position. Joints in the order X Y Z B C.
+ * world coordinate is its axis' own position. Joints in the order X Y Z B C. sf_world_of_axes and sf_axes_of_world are
+ * the other kind of programming: every world coordinate is its axis' own position.
  */
 #include "sf.c"
 
@@ -15,6 +16,8 @@ int sf_world(const double joints[SF_JOINTS], double tool_offset, const double p[
              double world[SF_WORLD]);
 int sf_joints(const double world[SF_WORLD], double tool_offset, const double p[SF_P_SIZE],
               double joints[SF_JOINTS]);
+void sf_world_of_axes(const double joints[SF_JOINTS], double world[SF_WORLD]);
+void sf_axes_of_world(const double world[SF_WORLD], double joints[SF_JOINTS]);
 
 int sf_world(const double joints[SF_JOINTS], double tool_offset, const double p[SF_P_SIZE],
              double world[SF_WORLD])
@@ -64,4 +67,26 @@ int sf_joints(const double world[SF_WORLD], double tool_offset, const double p[S
         joints[4] = world[5];
     }
     return status;
+}
+
+void sf_world_of_axes(const double joints[SF_JOINTS], double world[SF_WORLD])
+{
+    world[0] = joints[0];
+    world[1] = joints[1];
+    world[2] = joints[2];
+    world[3] = 0.0;
+    world[4] = joints[3];
+    world[5] = joints[4];
+    world[6] = 0.0;
+    world[7] = 0.0;
+    world[8] = 0.0;
+}
+
+void sf_axes_of_world(const double world[SF_WORLD], double joints[SF_JOINTS])
+{
+    joints[0] = world[0];
+    joints[1] = world[1];
+    joints[2] = world[2];
+    joints[3] = world[4];
+    joints[4] = world[5];
 }

@@ -7,6 +7,9 @@ A pin per parameter (um, urad as in sf.h) begins with its identified value; all 
 Pin tool-offset is the tool length: net it to motion.tooloffset.z. Positive rotary commands turn after ISO 841, which is
 opposite to the stock trunnion kinematics without conventional-directions.
 
+Where motion.switchkins-type is 0, x y z of a program are the tool centre point in the workpiece frame; where it is 1, they
+are the axes' own positions. Change a tool length (G43) while it is 1: a tilted tool's point would jump otherwise.
+
 The function check works through both directions once a cycle, for tests: check-world-0 to check-world-5 (x y z a b c) to
 check-joint-0 ... and back to check-back-0 ...; check-status is 0 where the inverse was found.
 """;
@@ -28,6 +31,7 @@ struct pins {
     hal_float_t *p[SF_P_SIZE];
 };
 static struct pins *pins = 0;
+static int programmed_axes = 0; /* 0: words are the tool centre point, 1: words are positions of the axes */
 
 static void read_pins(double p[SF_P_SIZE], double *tool_offset)
 {
@@ -73,10 +77,26 @@ EXTRA_SETUP()
     return result;
 }
 
-KINS_NOT_SWITCHABLE
+EXPORT_SYMBOL(kinematicsSwitchable);
+EXPORT_SYMBOL(kinematicsSwitch);
 EXPORT_SYMBOL(kinematicsType);
 EXPORT_SYMBOL(kinematicsForward);
 EXPORT_SYMBOL(kinematicsInverse);
+
+int kinematicsSwitchable(void)
+{
+    return 1;
+}
+
+int kinematicsSwitch(int type)
+{
+    const int known = (type == 0) || (type == 1);
+
+    if (known) {
+        programmed_axes = type;
+    }
+    return known ? 0 : -1;
+}
 
 KINEMATICS_TYPE kinematicsType(void)
 {
@@ -89,12 +109,16 @@ int kinematicsForward(const double *joints, EmcPose *pose, const KINEMATICS_FORW
     double p[SF_P_SIZE];
     double tool_offset;
     double world[SF_WORLD];
-    int status;
+    int status = SF_OK;
 
     (void)fflags;
     (void)iflags;
-    read_pins(p, &tool_offset);
-    status = sf_world(joints, tool_offset, p, world);
+    if (programmed_axes != 0) {
+        sf_world_of_axes(joints, world);
+    } else {
+        read_pins(p, &tool_offset);
+        status = sf_world(joints, tool_offset, p, world);
+    }
     pose->tran.x = world[0];
     pose->tran.y = world[1];
     pose->tran.z = world[2];
@@ -114,11 +138,17 @@ int kinematicsInverse(const EmcPose *pose, double *joints, const KINEMATICS_INVE
                                      pose->u, pose->v, pose->w };
     double p[SF_P_SIZE];
     double tool_offset;
+    int status = SF_OK;
 
     (void)iflags;
     (void)fflags;
-    read_pins(p, &tool_offset);
-    return (sf_joints(world, tool_offset, p, joints) == SF_OK) ? 0 : -1;
+    if (programmed_axes != 0) {
+        sf_axes_of_world(world, joints);
+    } else {
+        read_pins(p, &tool_offset);
+        status = sf_joints(world, tool_offset, p, joints);
+    }
+    return (status == SF_OK) ? 0 : -1;
 }
 
 FUNCTION(check)
