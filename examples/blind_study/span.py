@@ -32,6 +32,9 @@ SAME = 1.0
 """An explanation that leaves less than this SNR of an effect cannot be told from it."""
 APART = 3.0
 """One that leaves more than this can be."""
+UNSEEN = 1e-2
+"""A family of which 1 µm, µrad or ppm changes less than this, in σ over all readings, explains nothing (it would need
+a ten-thousand times as much): what is left of it is the plant's second order."""
 
 
 def readings(state: RunState, run: Mapping[str, Any]) -> Array:
@@ -186,7 +189,7 @@ def _left(span: Span, family: Sequence[Spec], target: Array) -> tuple[float, int
     columns = np.stack([span.orthogonal(span.change(member)) for member in family], axis=1)
     norms = np.linalg.norm(columns, axis=0)
     columns = columns[:, norms > 1e-9 * max(float(norms.max()), 1e-30)]
-    if columns.size == 0 or float(norms.max()) < 1e-6:
+    if columns.size == 0 or float(norms.max()) < UNSEEN:
         return float(np.linalg.norm(target)), 0
     left, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     rank = int(np.sum(sizes > 1e-3 * sizes[0]))

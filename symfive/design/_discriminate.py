@@ -31,6 +31,8 @@ ITERATIONS = 4
 PAUSE_S = 60.0
 USELESS = 1.05
 """A test that raises the separation by less than this factor is as good as none."""
+APART = 3.0
+"""σ from which two explanations are told apart."""
 Candidate = Campaign | Run | Sequence[Run]
 
 
@@ -49,12 +51,14 @@ class Separation:
 @dataclass(frozen=True)
 class Discrimination:
     """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
-    the `table` of all candidates, best first."""
+    the `table` of all candidates, best first. Of several rivals `each` with its separation by the best test; `separation` and
+    `before` are the smallest of those that it tells apart."""
 
     test: Campaign
     separation: float
     before: float
     table: tuple[Separation, ...]
+    each: tuple[tuple[str, float], ...] = ()
 
     @property
     def useful(self) -> bool:
@@ -66,8 +70,15 @@ class Discrimination:
         """The result in one sentence."""
         if not self.useful:
             return f"none of the {len(self.table)} tests tells the two apart: at most {self.separation:.1f}σ"
-        best = self.table[0]
-        return f"{best.name} separates the two by {best.sigmas:.1f}σ (so far {self.before:.1f}σ)"
+        name = self.table[0].name
+        if len(self.each) < 2:
+            return f"{name} separates the two by {self.separation:.1f}σ (so far {self.before:.1f}σ)"
+        apart = [f"{rival} by {sigmas:.1f}σ" for rival, sigmas in self.each if sigmas >= APART]
+        alike = [rival for rival, sigmas in self.each if sigmas < APART]
+        if not apart:
+            return f"{name} separates them by {self.separation:.1f}σ (so far {self.before:.1f}σ)"
+        rest = f"; no test here tells it from {' or '.join(alike)}" if alike else ""
+        return f"{name} separates it from {' and '.join(apart)} (so far {self.before:.1f}σ){rest}"
 
 
 @one_thread
@@ -105,17 +116,33 @@ def discriminate(
     return Discrimination(chosen, table[best].sigmas, before, ordered)
 
 
-def in_common(parts: Sequence[Discrimination], candidates: Sequence[Candidate]) -> Discrimination:
-    """The candidate that separates one explanation from all of several rivals: the best by the smallest separation.
+def in_common(parts: Mapping[str, Discrimination], candidates: Sequence[Candidate]) -> Discrimination:
+    """The candidate that separates one explanation from several rivals: from as many as can be told apart at all, and of
+    those from the nearest by most.
 
-    `parts` one discrimination per rival, all over the same `candidates`.
+    `parts` a discrimination for every rival by name, all over the same `candidates`.
     """
-    each = [{row.name: row for row in part.table} for part in parts]
-    least = [min((rows[name] for rows in each), key=lambda r: r.sigmas) for name in each[0]]
-    table = tuple(sorted(least, key=lambda s: -s.sigmas))
+    each = {rival: {row.name: row for row in part.table} for rival, part in parts.items()}
+
+    def nearest(name: str) -> tuple[int, Separation]:
+        rows = [table[name] for table in each.values()]
+        apart = [row for row in rows if row.sigmas >= APART]
+        return len(apart), min(apart or rows, key=lambda r: r.sigmas)
+
+    names = list(next(iter(each.values())))
+    ranked = sorted(names, key=lambda n: (nearest(n)[0], nearest(n)[1].sigmas), reverse=True)
+    best = ranked[0]
     tests = {" + ".join(run.id for run in _runs(c)): _runs(c) for c in candidates}
-    chosen = Campaign(machine=parts[0].test.machine, runs=tests[table[0].name], name="next test")
-    return Discrimination(chosen, table[0].sigmas, min(part.before for part in parts), table)
+    machine = next(iter(parts.values())).test.machine
+    rivals = tuple((rival, table[best].sigmas) for rival, table in each.items())
+    told = [rival for rival, sigmas in rivals if sigmas >= APART] or list(parts)
+    return Discrimination(
+        Campaign(machine=machine, runs=tests[best], name="next test"),
+        nearest(best)[1].sigmas,
+        min(parts[rival].before for rival in told),
+        tuple(nearest(n)[1] for n in ranked),
+        rivals,
+    )
 
 
 def _later(run: Run, number: int, end: float) -> Run:

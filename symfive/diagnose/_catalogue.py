@@ -127,6 +127,7 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
             yield make_effect("scale_error", axis)
         else:
             yield from _sags(axis)
+            yield make_effect("eccentric_mass", axis)
         yield from _motions(campaign, axis)
     for axis in machine.axis_names:
         for letter in LETTERS:
@@ -135,7 +136,10 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
     for axis in sorted({str(r.options.get("axis")) for r in campaign.runs if "drive_force" in r.instrument}):
         yield make_effect("force_friction", axis)
     yield make_effect("latency")
+    yield make_effect("sensor_low_pass")
     yield make_effect("thermal_drift")
+    if any(machine.axes[axis].rotary for axis in machine.structure.tool):  # else it is a drift along z
+        yield make_effect("spindle_growth")
     if any("ball_bar" in run.instrument for run in campaign.runs):
         yield make_effect("bar_temperature")
     probes = [i for run in campaign.runs for i in instruments_of(run) if not i.on_control]

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.diagnose._remainder import remainder
-from symfive.inference import Information, Problem
+from symfive.identify import Identification
+from symfive.inference import Information, Problem, whiten
 from symfive.model import Model
 
-__all__ = ["Groups", "evidence_of", "marginal"]
+__all__ = ["Groups", "evidence_of", "evidence_with_noise", "marginal"]
 
 Array = NDArray[np.float64]
 SCALINGS = 4
@@ -38,6 +39,30 @@ def evidence_of(problem: Problem, values: Array, sized: Groups = ()) -> float:
 def marginal(problem: Problem, wide: Model, values: Array) -> float:
     """Log evidence of the problem's model with what `wide` adds to it, linear in that."""
     return _Linear.of(problem, wide, values).evidence()
+
+
+def evidence_with_noise(result: Identification, without: Identification) -> float:
+    """Log marginal likelihood of a fit under its own noise over that of another fit under its own, both over the readings
+    that neither takes for outliers: what the one calls an effect, the other may call slow noise."""
+    problems = [result.problem(), without.problem()]
+    left_out = {run: mask | problems[1].left_out[run] for run, mask in problems[0].left_out.items()}
+    found = []
+    for problem, fit in zip(problems, (result, without), strict=True):
+        problem.left_out = left_out
+        blocks = problem.blocks(fit.values)
+        information = problem.information(blocks)
+        precision = problem.prior_precision
+        departure = fit.values - problem.model.prior_mean
+        pull = information.gradient - precision * departure
+        curvature = information.matrix + np.diag(precision)
+        cost = information.square + float(departure**2 @ precision) - float(pull @ np.linalg.solve(curvature, pull))
+        spread = float(np.linalg.slogdet(curvature)[1]) - float(np.sum(np.log(precision)))
+        logs = 0.0
+        for key, block in blocks.items():
+            _, one = whiten(np.zeros((len(block.residual), 1)), problem.noises[key], block.interval)
+            logs += one * block.residual.shape[1]
+        found.append(-0.5 * (cost + spread + logs))
+    return found[0] - found[1]
 
 
 @dataclass(frozen=True)

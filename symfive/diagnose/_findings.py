@@ -17,7 +17,7 @@ from symfive.identify import Identification, identify
 from symfive.model import Model
 from symfive.threads import one_thread
 
-__all__ = ["amend", "findings_of", "moved"]
+__all__ = ["amend", "doubted", "findings_of", "moved"]
 
 Array = NDArray[np.float64]
 ALIAS_EVIDENCE = 3.0
@@ -35,6 +35,25 @@ def amend(fit: Identification, *effects: Effect) -> Identification:
     return identify(
         model, start=start, noise="repeats"
     )  # from declared noise: what was found had swallowed the effects
+
+
+def doubted(naming: Naming) -> Identification:
+    """The final fit, its covariance with what is not known of the names: Σ w Δ Δᵀ over all that could stand in a member's
+    place, Δ what it would do to the other parameters, w its probability (J. A. Hoeting et al. 1999, (2))."""
+    after = naming.after
+    covariance = after.covariance.copy()
+    for member in naming.members:
+        own = next((t for t in member.trials if t.effect.key == member.effect.key), None)
+        if own is None:
+            continue
+        weights = np.exp([np.clip(t.evidence - own.evidence, -700.0, 30.0) for t in member.trials])
+        for trial, weight in zip(member.trials, weights / weights.sum(), strict=True):
+            here = [
+                trial.values.get(p.name, v) - own.values.get(p.name, v)
+                for p, v in zip(after.parameters, after.values, strict=True)
+            ]
+            covariance += weight * np.outer(here, here)
+    return replace(after, covariance=covariance)
 
 
 def findings_of(naming: Naming) -> tuple[Finding, ...]:

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.diagnose._catalogue import catalogue
+from symfive.diagnose._channels import probes
 from symfive.diagnose._detect import Detection, detect
 from symfive.diagnose._places import Interval, axis_of, coordinate_of, direction_of, intervals_of, link_of
 from symfive.diagnose._remainder import remainder
-from symfive.diagnose._scan import probes, scan
+from symfive.diagnose._scan import scan
 from symfive.diagnose._scores import Board, Score, score_catalogue
 from symfive.diagnose._unknown import unknowns
 from symfive.effects import Effect

@@ -14,11 +14,12 @@ from symfive.diagnose._catalogue import moving_axes
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.model import Model
-from symfive.procedures import r_test_grid
+from symfive.procedures import planar_circle, r_test_grid
 
 __all__ = ["next_test", "possible_tests"]
 
 SHIFT_MM = 150.0
+RUN_UP_DEG = 15.0
 LIFT_MM = 100.0
 FACTOR = 2.0
 
@@ -34,16 +35,17 @@ def next_test(
     """Which further test separates an explanation from its rivals, by how many σ; None where no test can be varied.
 
     `held` effects are in all models; `values` parameters at which the first is true and `rival_values` those at which each
-    rival is (default: of typical size). Of several rivals the one that is separated least counts.
+    rival is (default: of typical size). Of several rivals as many as can be told apart at all count.
     """
     tests = list(possible_tests(campaign))
     if not tests or not rivals:
         return None
     plan = replace(campaign, runs=tuple(run.with_readings({}) for run in campaign.runs))
     own = Model(plan, (*held, first))
-    parts = []
+    parts = {}
     for rival, theirs in zip_longest(rivals, rival_values):
-        parts.append(discriminate(own, Model(plan, (*held, rival)), tests, values_a=values, values_b=theirs))
+        model = Model(plan, (*held, rival))
+        parts[rival.key] = discriminate(own, model, tests, values_a=values, values_b=theirs)
     return in_common(parts, tests)
 
 
@@ -73,6 +75,7 @@ def _dynamic(campaign: Campaign, run: Run) -> Iterator[Run]:
     yield _named(run, "reversed", replace(run, commands=back))
     if _planar(campaign, run):
         yield from _places(campaign, run)
+        yield from _planes(campaign, run)
 
 
 def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
@@ -89,6 +92,41 @@ def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
                     yield _named(run, name, noise)
             except InputError:
                 continue
+        longer = (run.tool_ball[0], run.tool_ball[1], run.tool_ball[2] - LIFT_MM)
+        try:
+            for grid in r_test_grid(campaign.machine, nests=(run.table_ball,), tool_ball=longer):
+                noise = replace(grid, noise_um=run.noise_um, setup_sigma_um=run.setup_sigma_um)
+                yield _named(run, "longer-tool", noise)
+        except InputError:
+            return
+
+
+def _planes(campaign: Campaign, run: Run) -> Iterator[Run]:
+    """The half circle above the centre in the upright planes, at the same feed: it takes the place of a circle in XY."""
+    turned = {c: np.ptp(run.commands[n]) for n, a in campaign.machine.axes.items() for c in _along(a.direction)}
+    moving = {c for c, travel in turned.items() if travel > 0.0}
+    steps = np.diff([run.commands[n] for n, a in campaign.machine.axes.items() if not a.rotary])
+    feed = 60.0 * float(np.median(np.linalg.norm(steps, axis=0) / np.diff(run.time)))
+    radius = run.length if run.length is not None else 0.5 * max(turned.values())
+    for plane, start in (("YZ", 0.0), ("ZX", -90.0)):
+        if moving == {c.lower() for c in plane}:
+            continue
+        try:
+            arcs = planar_circle(
+                campaign.machine, plane=plane, instrument=run.instrument[0], radius=radius, feed=feed, direction="ccw",
+                centre=run.table_ball, start_deg=start + RUN_UP_DEG, sweep_deg=180.0 - 2.0 * RUN_UP_DEG, run_up_deg=RUN_UP_DEG,
+                tool_ball=run.tool_ball, rate_hz=1.0 / float(np.median(np.diff(run.time))), noise_um=run.noise(run.instrument[0]),
+                setup_sigma_um=run.setup_sigma_um,
+            )  # fmt: skip
+        except InputError:
+            continue
+        for arc in arcs:
+            yield _named(run, f"in-{plane}", arc)
+
+
+def _along(direction: Sequence[float]) -> Iterator[str]:
+    """The coordinate along which an axis moves."""
+    yield from (c for c, d in zip("xyz", direction, strict=True) if abs(d) > 0.99)
 
 
 def _planar(campaign: Campaign, run: Run) -> bool:

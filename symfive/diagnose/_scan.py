@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign, Run
-from symfive.diagnose._catalogue import AxisOffset, ToolShift, moving_axes
+from symfive.campaign import Run
+from symfive.diagnose._channels import Channels, Finding, interval, peaks
 from symfive.diagnose._scores import Board
-from symfive.effects import Effect, make_effect
+from symfive.diagnose._transients import bursts, resonances
+from symfive.effects import make_effect
 from symfive.errors import InputError
-from symfive.inference import Problem, whiten
 
-__all__ = ["Finding", "probes", "scan"]
+__all__ = ["scan"]
 
 Array = NDArray[np.float64]
 PEAKS = 2
@@ -29,102 +28,17 @@ PER_CYCLE = 4
 """Steps in which a frequency is looked for, per change of one cycle over the campaign."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A peak of a scan: the exact effect, and how many independent places were looked at."""
-
-    effect: Effect
-    looks: int
-
-
-def probes(campaign: Campaign) -> list[Effect]:
-    """The channels: the tool's three directions and every moving axis."""
-    return [ToolShift(), *(AxisOffset(axis=name) for name in moving_axes(campaign))]
-
-
 def scan(board: Board) -> list[Finding]:
     """Peaks of all families for the residual of the board's fit."""
-    channels = _Channels(board)
+    channels = Channels(board)
     found: list[Finding] = []
-    for family in (_periods, _tones, _shifts, _steps):
+    for family in (_periods, _tones, _shifts, _steps, resonances, bursts):
         for finding in family(channels):
             try:
                 found.append(Finding(finding.effect.prepare(board.model.campaign), finding.looks))
             except InputError:
                 continue
     return found
-
-
-class _Channels:
-    """Per run: the channels' columns, and the residual whitened twice."""
-
-    def __init__(self, board: Board) -> None:
-        self.board = board
-        self.problem = Problem.of(board.result.model)
-        self.campaign = board.model.campaign
-        self.axes = moving_axes(self.campaign)
-        self.twice: dict[str, Array] = {}
-        self.power: dict[str, Array] = {}
-        for run in self.campaign.runs:
-            residual = np.asarray(board.result.residuals[run.id])
-            for outlier in board.result.outliers:
-                if outlier.run == run.id:
-                    names = [c.name for c in board.result.model.columns(run)]
-                    residual = residual.copy()
-                    residual[outlier.row, names.index(outlier.column)] = 0.0
-            self.twice[run.id] = self._white(run, self._white(run, residual)[::-1])[::-1]
-            self.power[run.id] = np.sum(self._white(run, board.tangents[run.id]) ** 2, axis=1)
-
-    def _white(self, run: Run, table: Array) -> Array:
-        """Each instrument's columns (N, ny, …) whitened by its own noise; columns that are not fitted are zero."""
-        white = np.zeros_like(table)
-        for name, part in self.problem.parts(run):
-            white[:, part] = whiten(table[:, part], self.board.result.noises[run.id, name], _interval(run))[0]
-        return white
-
-    def answer(self, run: Run, index: int) -> Array:
-        """g·ρ summed over the columns (N,), for the channel at `index`."""
-        return np.asarray(np.einsum("nc,nc->n", self.board.tangents[run.id][:, :, index], self.twice[run.id]))
-
-    def step_scores(self, run: Run, rows: NDArray[np.int64]) -> Array:
-        """Score of a shift of the artefact on the table from each of `rows` on, orthogonal to what the run fits itself."""
-        model = self.board.result.model
-        line = model.linearise(run, self.board.result.values)
-        names = [model.parameters[c].name.removeprefix(f"setup.{run.id}.") for c in line.columns]
-        artefact = [i for i, name in enumerate(names) if name.startswith(("table_ball.", "zero."))]
-        if not artefact:
-            return np.zeros(len(rows))
-        size = line.jacobian.shape[0] * line.jacobian.shape[1]
-
-        def white(table: Array) -> Array:
-            return self._white(run, table).reshape(size, -1)
-
-        fitted = white(line.jacobian)
-        residual = white(np.asarray(self.board.result.residuals[run.id])[:, :, None])[:, 0]
-        sigma = self.board.result.model.prior_sigma[line.columns]
-        normal = fitted.T @ fitted + np.diag(sigma**-2.0)
-        steps = np.arange(run.rows)[:, None] >= rows[None, :]
-        tangents = line.jacobian[:, :, artefact]
-        count = len(artefact)
-        columns = white(np.einsum("ncd,nk->nckd", tangents, steps).reshape(*tangents.shape[:2], -1))
-        cross = fitted.T @ columns
-        solved = np.linalg.solve(normal, np.column_stack([cross, fitted.T @ residual]))
-        answer = (columns.T @ residual - cross.T @ solved[:, -1]).reshape(len(rows), count)
-        scores = np.zeros(len(rows))
-        for k in range(len(rows)):
-            part = slice(count * k, count * (k + 1))
-            h = columns[:, part].T @ columns[:, part] - cross[:, part].T @ solved[:, part]
-            # tangents are per µm; a prior of 10 µm keeps unseen directions out
-            scores[k] = answer[k] @ np.linalg.solve(h + 1e-2 * np.eye(count), answer[k])
-        return scores
-
-    def axis_index(self, axis: str) -> int:
-        """Where an axis' channel stands."""
-        return 3 + self.axes.index(axis)
-
-
-def _interval(run: Run) -> float:
-    return float(np.median(np.diff(run.time))) if run.rows > 1 else 1.0
 
 
 def _spectrum(coordinate: Array, answer: Array, origin: float, step: float, count: int) -> Array:
@@ -142,19 +56,13 @@ def _spectrum(coordinate: Array, answer: Array, origin: float, step: float, coun
     return np.asarray(spectrum / np.sinc(np.arange(len(spectrum)) / count) ** 2)
 
 
-def _peaks(score: Array, count: int = PEAKS) -> list[int]:
-    """Highest local maxima."""
-    inner = np.flatnonzero((score >= np.roll(score, 1)) & (score >= np.roll(score, -1)))
-    return [int(i) for i in inner[np.argsort(-score[inner])][:count]]
-
-
 def _grid(reach: float, shortest: float) -> tuple[float, int]:
     """Step and length of a grid that resolves the shortest period eightfold, padded to twice the reach."""
     step = shortest / 8.0
     return step, int(2 ** np.ceil(np.log2(2.0 * reach / step + 2.0)))
 
 
-def _periods(channels: _Channels) -> Iterator[Finding]:
+def _periods(channels: Channels) -> Iterator[Finding]:
     """Periodic transmission error: a tone in an axis' own coordinate, the same in all runs."""
     campaign = channels.campaign
     for axis in channels.axes:
@@ -175,7 +83,7 @@ def _periods(channels: _Channels) -> Iterator[Finding]:
         inverse = np.arange(len(total)) / (count * step)
         seen = (inverse >= 1.0 / reach) & (inverse <= 1.0 / shortest)
         score = np.where(seen, np.abs(total) ** 2 / max(power, 1e-300), 0.0)
-        for peak in _peaks(score):
+        for peak in peaks(score, PEAKS):
             if score[peak] > 0.0:
                 period = 1.0 / float(inverse[peak])
                 sigma = 0.5 * period**2 * float(inverse[1])
@@ -184,13 +92,13 @@ def _periods(channels: _Channels) -> Iterator[Finding]:
                 )
 
 
-def _tones(channels: _Channels) -> Iterator[Finding]:
+def _tones(channels: Channels) -> Iterator[Finding]:
     """Vibration: a tone in time; its phase is not kept from run to run, so the runs' powers are added."""
     runs = [run for run in channels.campaign.runs if run.dynamic]
     if not runs:
         return
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
-    shortest = max(2.0 * _interval(run) for run in runs)
+    shortest = max(2.0 * interval(run) for run in runs)
     if longest < 8.0 * shortest:
         return
     step, count = _grid(longest, shortest)
@@ -205,7 +113,7 @@ def _tones(channels: _Channels) -> Iterator[Finding]:
     seen = (frequency >= 4.0 / longest) & (frequency <= 0.98 / shortest)
     number = sum(effect.id == "vibration" for effect in channels.board.result.model.effects) + 1
     tag = f"tone{number}" if number > 1 else ""  # a beat is two tones
-    for peak in _peaks(np.where(seen, score, 0.0), 1):
+    for peak in peaks(np.where(seen, score, 0.0), 1):
         rough = float(frequency[peak])
         exact, kept, tried = _in_phase(channels, runs, rough, 1.0 / longest)
         if kept > 0.5 * score[peak]:
@@ -216,7 +124,7 @@ def _tones(channels: _Channels) -> Iterator[Finding]:
         yield Finding(effect, int(seen.sum()) // 2 + tried)
 
 
-def _in_phase(channels: _Channels, runs: Sequence[Run], rough: float, reach: float) -> tuple[float, float, int]:
+def _in_phase(channels: Channels, runs: Sequence[Run], rough: float, reach: float) -> tuple[float, float, int]:
     """Best frequency within `reach` of a rough one for a tone that keeps its phase from run to run, its score, and how many
     were tried: over a campaign of length T they differ by a fraction of 1/T."""
     clocks = [run.start_s + np.asarray(run.time) for run in runs]
@@ -241,7 +149,7 @@ def _in_phase(channels: _Channels, runs: Sequence[Run], rough: float, reach: flo
 PLACES = 150
 
 
-def _shifts(channels: _Channels) -> Iterator[Finding]:
+def _shifts(channels: Channels) -> Iterator[Finding]:
     """Set-up shift: the tool against the ball by a constant from one instant of one run on."""
     best: tuple[float, Finding] | None = None
     for run in channels.campaign.runs:
@@ -264,7 +172,7 @@ def _shifts(channels: _Channels) -> Iterator[Finding]:
         yield best[1]
 
 
-def _steps(channels: _Channels) -> Iterator[Finding]:
+def _steps(channels: Channels) -> Iterator[Finding]:
     """A step of an axis' positioning error at one place."""
     campaign = channels.campaign
     for axis in channels.axes:

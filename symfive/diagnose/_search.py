@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection
-from symfive.diagnose._evidence import Groups, evidence_of, marginal
+from symfive.diagnose._evidence import Groups, evidence_of, evidence_with_noise, marginal
 from symfive.diagnose._locate import Location, Survey, locate, survey
-from symfive.diagnose._places import axis_of
+from symfive.diagnose._places import axis_of, coordinate_of
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scores import Score
 from symfive.diagnose._variants import variants
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.identify import Identification, identify
-from symfive.inference import gauss_newton
+from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 from symfive.threads import one_thread
 
@@ -32,24 +32,31 @@ TRIALS = 4
 TRIAL_STEPS = 12
 """A refit that has not settled by then is weighed as it stands."""
 PASSES = 2
+WIDENINGS = 3
+START_SCALES = (0.3, 1.0, 3.0)
+START_STEPS = 3
+SLOW = 0.1
+"""Noise whose correlation lasts longer than this part of a run may be something that drifts."""
+SLOW_NOISE = 0.05
+"""The share of instruments whose own noise is that slow and larger than declared."""
 OPEN = 10.0
 """Rivals within this log evidence of a member are tried in all their shapes."""
 DECISIVE = 5.0
 """Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
-"""An effect counts only if what it takes off the residual has at least this rms in units of the declared noise: less
-changes the residual's rms by under 1 % (0.15²/2)."""
+"""An effect counts only if its readings about their mean have at least this rms in units of the declared noise: less
+changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
 
 
 @dataclass(frozen=True)
 class Trial:
     """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, and its
-    `gain`, the mean square that it takes off the residual over that of the declared noise."""
+    `size`, the mean square of its readings about their mean over that of the declared noise."""
 
     effect: Effect
     evidence: float
     values: Mapping[str, float]
-    gain: float
+    size: float
     looks: int = 1
 
 
@@ -121,6 +128,7 @@ def name_effects(
         if not _contest(state):
             break
         _forward(state, None)
+    _prune(state, state.members)
     return Naming(before, state.after, tuple(state.members), location)
 
 
@@ -134,13 +142,51 @@ def _forward(state: _State, seen: Survey | None) -> None:
         best = _best(state, seen or survey(state.after, state.exclude))
         seen = None
         if best is None:
-            state.after = _with_families(state.after)
-            return
+            slow = _slow(state)
+            if slow is None:
+                state.after = _with_families(state.after)
+                return
+            state.after, log_p = slow
+            state.members.append(Member(_newest(state.after), log_p))
+            state.progress(f"found {_newest(state.after).key}, taken for slow noise before")
+            continue
         trial, log_p = best
         state.after = _shaped(state.after, trial)
         state.members.append(Member(_newest(state.after), log_p, trial.looks))
         state.progress(f"found {trial.effect.key}")
-        _prune(state)
+        _prune(state, state.members[:-1])
+
+
+def _slow(state: _State) -> tuple[Identification, float] | None:
+    """An effect over time that was taken for noise: where the noise is larger than declared and changes as slowly as the runs
+    last, the best of these effects with the noise found anew, if its odds against slow noise are high enough; with their log.
+
+    No score under that noise would find it: the noise's own parameters have swallowed it. By Markov's inequality slow
+    noise gives odds above K at a rate below 1/K, and few instruments have any.
+    """
+    campaign = state.campaign
+    lasting = {run.id: float(run.time[-1] - run.time[0]) for run in campaign.runs}
+    noises = state.after.noises
+    if not any(n.coloured > n.declared and n.time_constant > SLOW * lasting[run] for (run, _), n in noises.items()):
+        return None
+    white = replace(state.after, noises={k: replace(n, coloured=0.0) for k, n in noises.items()})
+    scores = [
+        s for s in survey(white, state.exclude, scanning=False).scores if coordinate_of(s.effect) in ("time", "t")
+    ]
+    trials = []
+    candidates = _best_of([s for s in scores if s.effect.key not in state.dropped])
+    names = max(1, sum(s.effect.id != "unknown" for s in candidates))
+    for score in candidates:
+        state.progress(f"slow noise or {score.effect.key}")
+        model = Model(campaign, (*white.model.added, score.effect))
+        start = {p.name: float(v) for p, v in zip(white.parameters, white.values, strict=True)} | _start(model, score)
+        fit = _widened(_identify(model, start, white))
+        odds = evidence_with_noise(fit, state.after) - float(np.log(names))
+        trials.append((odds - (DECISIVE if score.effect.id == "unknown" else 0.0), fit))
+    best = max(trials, key=lambda t: t[0], default=None)
+    if best is None or best[0] < float(np.log(SLOW_NOISE / state.level)):
+        return None
+    return best[1], min(float(np.log(SLOW_NOISE)) - best[0], 0.0)
 
 
 def _simplify(state: _State, first: Survey) -> None:
@@ -210,8 +256,9 @@ def _best_of(scores: Sequence[Score]) -> list[Score]:
     """Those that promise most, by what they take off the cost and by what they take off for their freedom."""
     named = [s for s in scores if s.effect.id != "unknown"]
     by_drop, by_chance = sorted(named, key=lambda s: -s.drop)[:TRIALS], sorted(named, key=lambda s: s.log_p)[:TRIALS]
-    nameless = sorted((s for s in scores if s.effect.id == "unknown"), key=lambda s: -s.drop)[:2]
-    return [*{s.effect.key: s for s in (*by_chance, *by_drop)}.values(), *nameless]
+    nameless = [s for s in scores if s.effect.id == "unknown"]
+    terms = [*sorted(nameless, key=lambda s: -s.drop)[:2], *sorted(nameless, key=lambda s: s.log_p)[:1]]
+    return list({s.effect.key: s for s in (*by_chance, *by_drop, *terms)}.values())
 
 
 def _best_shape(state: _State, without: Identification, base: float, trial: Trial) -> Trial:
@@ -261,7 +308,7 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     for s in _best_of(significant):
         state.progress(f"trying {s.effect.key}")
         trial = _try(state, state.after, base, s)
-        if trial is not None and trial.gain > MATERIAL**2:
+        if trial is not None and trial.size > MATERIAL**2:
             trials.append(trial)
     if not trials:
         return None
@@ -270,16 +317,18 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     return best, min(log_p, 0.0)
 
 
-def _gain(result: Identification, model: Model, values: Array) -> float:
-    """Fall of the residual's mean square, in units of the declared noise, over all that was read."""
-    before = after = count = 0.0
-    for run in model.campaign.runs:
+def _size(result: Identification, model: Model, effect: Effect, values: Array) -> float:
+    """Mean square of an effect's readings about their mean in each run, in units of the declared noise."""
+    idle = values.copy()
+    for p in effect.parameters(model.campaign):
+        idle[model.index[p.name]] = p.mean
+    total = count = 0.0
+    for run in filter(effect.applies, model.campaign.runs):
         floor = np.array([n.declared for (r, _), n in result.noises.items() if r == run.id]).mean()
-        residual = (model.readings(run) - model.predict_run(run, values)) / floor
-        before += float(np.sum((result.residuals[run.id] / floor) ** 2))
-        after += float(np.sum(residual**2))
-        count += residual.size
-    return (before - after) / max(count, 1.0)
+        moved = (model.predict_run(run, values) - model.predict_run(run, idle)) / floor
+        total += float(np.sum((moved - moved.mean(axis=0)) ** 2))
+        count += moved.size
+    return total / max(count, 1.0)
 
 
 def _try(state: _State, result: Identification, base: float, score: Score) -> Trial | None:
@@ -303,11 +352,11 @@ def _try(state: _State, result: Identification, base: float, score: Score) -> Tr
         return None
     named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
     if score.effect.id == "unknown":
-        evidence -= DECISIVE  # a name is given up only for decisive evidence
+        evidence -= DECISIVE + float(np.log(score.looks))  # a name is given up only for decisive evidence
     else:
         evidence -= float(np.log(score.looks))
         evidence -= float(np.log(max(state.forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
-    return Trial(score.effect, evidence, named, _gain(result, model, values), score.looks)
+    return Trial(score.effect, evidence, named, _size(result, model, score.effect, values), score.looks)
 
 
 def _start(model: Model, score: Score) -> dict[str, float]:
@@ -336,8 +385,8 @@ def _shaped(result: Identification, trial: Trial) -> Identification:
         try:
             prepared = other.prepare(campaign)
             model = Model(campaign, (*result.model.added, prepared))
-            start = {n: v for n, v in trial.values.items() if n in model.index}
             problem = plain.problem(model)
+            start = _best_start(problem, prepared, {n: v for n, v in trial.values.items() if n in model.index})
             values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
             evidence = evidence_of(problem, values)
         except (ValueError, np.linalg.LinAlgError):
@@ -346,7 +395,38 @@ def _shaped(result: Identification, trial: Trial) -> Identification:
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):
             named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
             best, best_evidence = _identify(model, named, plain), evidence
-    return best
+    return _widened(best)
+
+
+def _widened(result: Identification) -> Identification:
+    """The fit with the newest effect's prior no narrower than twice what came out: an effect far larger than usual is not
+    pulled back, and nothing else has to make up for it."""
+    for _ in range(WIDENINGS):
+        newest = _newest(result)
+        parameters = [p for p in newest.parameters(result.model.campaign) if p.mean == 0.0]
+        most = max((abs(result[p.name]) / p.sigma for p in parameters), default=0.0)
+        if most <= 1.0 or newest.id == "unknown":
+            return result
+        wider = replace(newest, spread=2.0 * most * newest.spread)
+        model = Model(result.model.campaign, [wider if e.key == newest.key else e for e in result.model.added])
+        start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+        result = _identify(model, start, result)
+    return result
+
+
+def _best_start(problem: Problem, effect: Effect, start: Mapping[str, float]) -> Mapping[str, float]:
+    """From which of several short times the fit goes down fastest: far from the right one a spike has no slope towards it."""
+    model = problem.model
+    times = [p for p in effect.parameters(model.campaign) if p.unit == "ms" and p.mean > 0.0 and p.name not in start]
+    if not times:
+        return start
+    found = []
+    for scale in START_SCALES:
+        near = {**start, **{p.name: max(scale * p.mean, p.lower) for p in times}}
+        values, _ = gauss_newton(problem, model.vector(near), 1e-2, START_STEPS)
+        square = problem.information(problem.blocks(values)).square
+        found.append((square, {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}))
+    return min(found, key=lambda f: f[0])[1]
 
 
 def _with_families(result: Identification) -> Identification:
@@ -365,9 +445,9 @@ def _with_families(result: Identification) -> Identification:
     return result
 
 
-def _prune(state: _State) -> None:
-    """Drop an earlier effect that the later ones have made needless."""
-    for member in state.members[:-1]:
+def _prune(state: _State, members: Sequence[Member]) -> None:
+    """Drop effects that others have made needless."""
+    for member in tuple(members):
         without = lacking(state.after, member.effect)
         full = evidence_of(state.after.problem(), state.after.values)
         if full - evidence_of(without.problem(), without.values) < 3.0:

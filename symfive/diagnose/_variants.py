@@ -20,6 +20,7 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
     "sensor_error": ({"shape": "gain"},),
+    "unknown": ({"order": 16}, {"order": 32}),
     "gravity_sag": (
         {"parts": ("sin",)}, {"parts": ("one_minus_cos",)}, {"parts": ("sin", "sin_cubed")},
         {"parts": ("sin", "one_minus_cos", "sin_cubed")},
@@ -29,7 +30,10 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
 
 
 def variants(effect: Effect) -> Iterator[Effect]:
-    """The other shapes of an effect."""
+    """The other shapes of an effect; of a term without a name, finer ones along its only coordinate."""
+    order = getattr(effect, "order", 0)
     for options in SHAPES.get(effect.id, ()):
+        if effect.id == "unknown" and not (isinstance(order, int) and order < options["order"]):
+            continue
         if all(getattr(effect, name) != value for name, value in options.items()):
             yield replace(effect, **options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -34,7 +34,7 @@ class Effect:
     `id` is its name, `reported_as` the word of the vocabulary (docs/conventions.md, section 7) for it where
     that is another one, `stage` one of `STAGES`, `axis` the axis it belongs to (None: no axis). Further
     fields of a subclass say which of several forms is meant (a component, a run, a shape); `tag` tells two
-    effects of one kind and axis apart.
+    effects of one kind and axis apart. `spread` multiplies the prior 1σ of its amplitudes.
 
     At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
     usual size.
@@ -49,6 +49,7 @@ class Effect:
     dynamic_only: ClassVar[bool] = False
     axis: str | None = None
     tag: str = ""
+    spread: float = field(default=1.0, compare=False)
 
     @property
     def key(self) -> str:
@@ -138,8 +139,9 @@ class Effect:
         return row.parameter(f"{self.key}.{name}")
 
     def own(self, name: str, unit: str, sigma: float, **more: Any) -> Parameter:
-        """A parameter of this effect."""
-        return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=sigma, kind="effect", **more)
+        """A parameter of this effect; one whose prior mean is 0 is an amplitude."""
+        scale = self.spread if more.get("mean", 0.0) == 0.0 else 1.0
+        return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=scale * sigma, kind="effect", **more)
 
     def its_axis(self, campaign: Campaign) -> Axis:
         """The axis it belongs to."""

@@ -156,7 +156,11 @@ class FamilyShape(Effect):
 
     def _friction(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         def late(tau: float) -> Callable[[Row], Any]:
-            return lambda row: self._sign(row) * ca.exp(-row.signal(ReversalTime(self._turning)) / tau)
+            def fading(row: Row) -> Any:
+                since = row.signal(ReversalTime(self._turning))
+                return ca.sign(since) * ca.exp(-ca.fabs(since) / tau)
+
+            return fading
 
         yield from self._after_distance()
         if self.timed:

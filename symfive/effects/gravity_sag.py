@@ -31,11 +31,11 @@ class GravitySag(Effect):
     tilted body.
 
     With Rᵀ the rotation into the body that `axis` carries, Δg = Rᵀĝ - ĝ. Δg_h is its part along the
-    horizontal across the axis, Δg_v its part against ĝ across the axis: for a horizontal axis that no other
-    one carries exactly sin q and 1 - cos q, for an inclined one less by the sine of its angle to gravity, and
-    with tilting axes in front of it their turning too. A vertical axis behind a tilting one has no such
+    horizontal across the axis, Δg_v its part against ĝ across the axis, both over the sine of the axis' angle to
+    gravity: for an axis that no other one carries exactly sin q and 1 - cos q, with tilting axes in front of it
+    their turning too. A vertical axis behind a tilting one has no such
     directions: there Δg is taken along its x and y. `component` is an error motion of this or another axis
-    (`EZB`; µm or µrad at a full 1 g of change), `parts` which of the two are fitted, `down` gravity in the
+    (`EZB`; µm or µrad at sin q = 1), `parts` which of the two are fitted, `down` gravity in the
     machine frame. A further part `sin_cubed`, Δg_h³, is a structure that stiffens (or yields) under load, to first order.
     Typical 2–20 µm, 5–50 µrad, growing with the load.
     """
@@ -87,7 +87,7 @@ class GravitySag(Effect):
                 row.add_motion(self.component, self.parameter(row, part) * size)
 
     def _directions(self, machine: Machine) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Unit vectors in the body along which Δg is sin q and 1 - cos q for a horizontal axis."""
+        """Vectors in the body whose products with Δg are sin q and 1 - cos q."""
         axis = machine.axes[str(self.axis)]
         direction, down = np.asarray(axis.direction), np.asarray(self.down) / np.linalg.norm(self.down)
         across = np.cross(direction, down)
@@ -99,7 +99,7 @@ class GravitySag(Effect):
             return first, np.cross(direction, first)
         sign = 1.0 if machine.structure.carries(axis.name) == "workpiece" else -1.0
         upright = direction * (direction @ down) - down
-        return sign * across / size, upright / np.linalg.norm(upright)
+        return sign * across / size**2, upright / size**2
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`amplitude` is that of sin (or of the only part), `amplitude_one_minus_cos` the other one."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 import casadi as ca
 
 from symfive.effects._base import Effect
-from symfive.motion import Direction, ReversalTime
+from symfive.motion import ReversalAhead, ReversalTime
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -24,7 +24,8 @@ class ReversalSpike(Effect):
     """A short deviation of the axis after each reversal, t the time since it, s the new direction.
 
     `shape`: `lag`, q → q - height·s·(t/τ)·exp(1 - t/τ): it hangs back, most at τ = `duration_ms`; `pulse`, q
-    → q + height·s·exp(-((t - delay)/width)²): the pulse of a friction compensation that comes too late.
+    → q - height·s·exp(-((t - delay)/width)²), which may begin before the axis turns: with height < 0 the pulse of a
+    friction compensation that comes too late.
     Inside the loop friction makes such a spike by itself (`friction`); this one is only its shape. Typical
     1–15 µm, 20–200 ms.
     """
@@ -54,14 +55,17 @@ class ReversalSpike(Effect):
         )
 
     def signals(self) -> tuple[Signal, ...]:
-        return (Direction(str(self.axis)), ReversalTime(str(self.axis)))
+        since = ReversalTime(str(self.axis))
+        return (since,) if self.shape == "lag" else (since, ReversalAhead(str(self.axis)))
 
     def apply(self, row: Row) -> None:
-        direction, time = (row.signal(signal) for signal in self.signals())
-        height = self.parameter(row, "height") * direction
+        height, axis = self.parameter(row, "height"), str(self.axis)
+        since = row.signal(ReversalTime(axis))
         if self.shape == "lag":
-            part = time / self.parameter(row, "duration_ms")
-            row.axis[str(self.axis)] -= height * part * ca.exp(1.0 - part)
-        else:
-            late = (time - self.parameter(row, "delay_ms")) / self.parameter(row, "width_ms")
-            row.axis[str(self.axis)] += height * ca.exp(-(late**2))
+            part = ca.fabs(since) / self.parameter(row, "duration_ms")
+            row.axis[axis] -= height * ca.sign(since) * part * ca.exp(1.0 - part)
+            return
+        delay, width = self.parameter(row, "delay_ms"), self.parameter(row, "width_ms")
+        until = row.signal(ReversalAhead(axis))
+        for sign, time in ((ca.sign(since), ca.fabs(since)), (ca.sign(until), -ca.fabs(until))):
+            row.axis[axis] -= height * sign * ca.exp(-(((time - delay) / width) ** 2))

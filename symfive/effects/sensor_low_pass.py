@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
+NEGLIGIBLE = 1e-18
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,16 +42,15 @@ class SensorLowPass(Effect):
         self, run: Run, columns: tuple[int, ...], readings: Array, values: Values
     ) -> tuple[Array, dict[str, Array]]:
         name = f"{self.key}.time_constant_ms"
-        step, ours = np.diff(run.time), list(columns)
-        weights, slopes = _hold(step, values[name])
-        filtered = readings.copy()
-        moved = np.zeros(readings.shape[:2])
-        old, slope = readings[0, ours], np.zeros(len(ours))
-        for k, ((keep, new, last), (d_keep, d_new, d_last)) in enumerate(zip(weights, slopes, strict=True), start=1):
-            fresh, former = readings[k, ours], readings[k - 1, ours]
-            slope = keep * slope + d_keep * old[:, 0] + d_new * fresh[:, 0] + d_last * former[:, 0]
-            old = keep * old + new * fresh + last * former
-            filtered[k, ours], moved[k, ours] = old, slope
+        ours = list(columns)
+        weights, slopes = _hold(np.diff(run.time), values[name])
+        given = readings[:, ours]
+        filtered, moved = readings.copy(), np.zeros(readings.shape[:2])
+        filtered[1:, ours] = _weighed(weights[:, 1:], given[1:], given[:-1])
+        filtered[:, ours] = _followed(weights[:, 0], filtered[:, ours])
+        d_keep, rest = slopes[:, :1], _weighed(slopes[:, 1:], given[1:, :, 0], given[:-1, :, 0])
+        moved[1:, ours] = d_keep * filtered[:-1, ours, 0] + rest
+        moved[:, ours] = _followed(weights[:, 0], moved[:, ours])
         return filtered, {name: moved}
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
@@ -62,6 +62,25 @@ class SensorLowPass(Effect):
             cutoff, std = propagate(lambda x: 1e3 / (2.0 * math.pi * x), (tau.name,), values, covariance)
             found["cutoff_hz"] = Quantity(float(cutoff[0]), float(std[0]), "Hz")
         return found
+
+
+def _weighed(weights: Array, fresh: Array, former: Array) -> Array:
+    """Two tables (N, …) weighed by the columns of `weights` (N, 2)."""
+    spread = weights.reshape(*weights.shape, *(1,) * (fresh.ndim - 1))
+    return np.asarray(spread[:, 0] * fresh + spread[:, 1] * former)
+
+
+def _followed(keep: Array, forcing: Array) -> Array:
+    """s with s[k] = keep[k - 1]·s[k - 1] + forcing[k] and s[0] = forcing[0] (N, …), by recursive doubling."""
+    state = forcing.copy()
+    power = np.append(0.0, keep).reshape(-1, *(1,) * (forcing.ndim - 1))
+    reach = 1
+    while reach < len(state) and np.abs(power).max() > NEGLIGIBLE:
+        state[reach:] = state[reach:] + power[reach:] * state[:-reach]
+        power[reach:] = power[reach:] * power[:-reach]
+        power[:reach] = 0.0
+        reach *= 2
+    return state
 
 
 def _hold(step: Array, tau: float) -> tuple[Array, Array]:

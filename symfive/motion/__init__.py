@@ -12,6 +12,7 @@ from symfive.motion._signals import (
     Position,
     PreSliding,
     Resonance,
+    ReversalAhead,
     ReversalDistance,
     ReversalTime,
     Signal,
@@ -20,6 +21,6 @@ from symfive.motion._signals import (
 
 __all__ = [
     "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding",
-    "Resonance", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity", "drive_response",
-    "linear_recurrence", "moved_response",
+    "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
+    "drive_response", "linear_recurrence", "moved_response",
 ]  # fmt: skip

@@ -70,6 +70,9 @@ class Velocity(_OfAxis):
         return motion.axis(self.axis).velocity
 
 
+LONG_AGO_S = 1e6
+
+
 class Acceleration(_OfAxis):
     """Acceleration behind the drive, mm/s² or rad/s²."""
 
@@ -132,16 +135,45 @@ class ReversalDistance(_OfAxis):
         return Series(np.where(origin < 0, far, np.abs(position - position[np.maximum(origin, 0)])), steps=True)
 
 
+def _reversals(time: Array, positions: Array) -> list[tuple[float, float]]:
+    """Instants at which an axis turns round, and the direction from then on: the vertex of the parabola through the three rows
+    about it, or the end of a rest."""
+    direction = _approach(positions)
+    found = []
+    for k in np.flatnonzero(np.diff(direction) != 0.0):
+        at = float(time[k])
+        if k > 0 and positions[k - 1] != positions[k]:
+            before = (positions[k] - positions[k - 1]) / (time[k] - time[k - 1])
+            after = (positions[k + 1] - positions[k]) / (time[k + 1] - time[k])
+            middle = 0.5 * (time[k - 1] + time[k]), 0.5 * (time[k] + time[k + 1])
+            at = float(middle[0] + before / (before - after) * (middle[1] - middle[0]))
+        found.append((at, float(direction[k + 1])))
+    return found
+
+
 class ReversalTime(_OfAxis):
-    """Time since the last reversal, s; before the first one it counts as long ago."""
+    """Time since the last reversal, s, with the sign of the motion since then; before the first one it counts as long ago.
+
+    A reversal is placed between the rows, where the axis stands still.
+    """
 
     def series(self, motion: RunMotion) -> Series:
-        direction = _approach(motion.axis(self.axis).position.value)
-        turned = np.flatnonzero(np.diff(direction) != 0.0)
-        since = np.full(len(direction), 1e6)
-        for k in turned:
-            since[k:] = motion.run.time[k:] - motion.run.time[k]
+        since = np.full(motion.run.rows, LONG_AGO_S)
+        for at, direction in _reversals(motion.run.time, motion.axis(self.axis).position.value):
+            after = motion.run.time >= at
+            since[after] = direction * np.maximum(motion.run.time[after] - at, 1e-9)
         return Series(since, steps=True)
+
+
+class ReversalAhead(_OfAxis):
+    """Time until the next reversal, s, with the sign of the motion after it; after the last one it counts as far ahead."""
+
+    def series(self, motion: RunMotion) -> Series:
+        until = np.full(motion.run.rows, LONG_AGO_S)
+        for at, direction in reversed(_reversals(motion.run.time, motion.axis(self.axis).position.value)):
+            before = motion.run.time < at
+            until[before] = direction * (at - motion.run.time[before])
+        return Series(until, steps=True)
 
 
 @dataclass(frozen=True)

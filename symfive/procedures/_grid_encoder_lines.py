@@ -47,9 +47,9 @@ def grid_encoder_lines(
     both on each). `offsets` (v, w) of the lines, mm: they must not lie on one straight line and the first two
     must differ in w, or the roll is lost (paper 1, det of (10)). For an axis that carries the workpiece they
     are places on the table, reached by the other axes; for one that carries the tool, and along an axis that this one
-    itself carries, they are offsets of the reading head on the tool, since its rotations act on that lever. `reach` lowest and highest position of
-    the axis, by default ±200 mm about the line's place (an upright axis: from there upward). `centre` mm in
-    the workpiece frame. Raises `InputError` where a pose cannot be reached.
+    itself carries, they are offsets of the reading head on the tool, since its rotations act on that lever. `reach`
+    lowest and highest position of the axis, by default ±200 mm about the line's place (an upright axis: from there
+    upward). `centre` mm in the workpiece frame. Raises `InputError` where a pose cannot be reached.
     """
     if axis not in machine.axes or machine.axes[axis].rotary:
         raise InputError(f"the machine has no linear axis {axis}", remedy="name a linear axis")

@@ -174,6 +174,12 @@ def reversal_pulse(state: RunState, spec: Spec) -> None:
     """
     name = spec["axis"]
     sign = state.approach(name)
+    position = state.x[name].copy()
     for k in np.flatnonzero(np.diff(sign) != 0.0):
-        u = (state.t - state.t[k] - 1e-3 * float(spec["delay_ms"])) / (1e-3 * float(spec["width_ms"]))
+        start = state.t[k]
+        if 0 < k < len(position) - 1:  # between the rows: the vertex of the parabola through three of them
+            before, after = np.diff(position[k - 1 : k + 2]) / np.diff(state.t[k - 1 : k + 2])
+            if before != after and before != 0.0:
+                start = 0.5 * (state.t[k - 1] + state.t[k]) + 0.5 * (state.t[k + 1] - state.t[k - 1]) * before / (before - after)
+        u = (state.t - start - 1e-3 * float(spec["delay_ms"])) / (1e-3 * float(spec["width_ms"]))
         state.x[name] = state.x[name] + sign[k + 1] * float(spec["amplitude"]) * state.small(name) * np.exp(-(u**2))

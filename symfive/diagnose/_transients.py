@@ -1,0 +1,104 @@
+"""Scans for what happens at instants: a structure that rings after the axis has accelerated, a burst in one run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.diagnose._channels import Channels, Finding, peaks
+from symfive.effects import make_effect
+from symfive.motion import Acceleration, Resonance, RunMotion
+
+__all__ = ["bursts", "resonances"]
+
+Array = NDArray[np.float64]
+LOWEST_HZ, HIGHEST_HZ, SPACING, DAMPING = 5.0, 120.0, 1.15, 0.05
+"""A mode of this damping is found from a frequency 10 % away."""
+SHORTEST = 8
+"""Rows of the shortest burst."""
+LONGEST = 4
+"""The longest one is a run's length over this."""
+FINEST, ROWS_PER_INTERVAL = 60, 4
+SHARE = 0.5
+CLEAR = 4.0
+"""σ by which a stretch stands out."""
+
+
+def resonances(channels: Channels) -> Iterator[Finding]:
+    """A mode excited by an axis: what it does beyond bending in proportion to the acceleration.
+
+    That part is an inertial compliance; only the ringing tells a frequency.
+    """
+    runs = [run for run in channels.campaign.runs if run.dynamic]
+    if not runs:
+        return
+    count = int(np.log(HIGHEST_HZ / LOWEST_HZ) / np.log(SPACING)) + 1
+    frequencies = LOWEST_HZ * SPACING ** np.arange(count)
+    for axis in channels.axes:
+        answer, power = np.zeros((count, 3)), np.zeros((count, 3))
+        for run in runs:
+            if np.ptp(run.commands[axis]) == 0.0:
+                continue
+            values = {"frequency": 0.0, "damping": DAMPING}
+            motion = RunMotion(run, channels.campaign.machine, {}, values)
+            acceleration = Acceleration(axis).series(motion).value
+            for k, frequency in enumerate(frequencies):
+                values["frequency"] = float(frequency)
+                swing = Resonance(axis, "frequency", "damping").series(motion).value
+                ringing = swing + acceleration / (2.0 * np.pi * frequency) ** 2
+                answer[k] += [ringing @ channels.answer(run, i) for i in range(3)]
+                power[k] += ringing**2 @ channels.power[run.id][:, :3]
+        score = np.sum(answer**2 / np.maximum(power, 1e-300), axis=1)
+        for peak in peaks(score, 1):
+            if score[peak] > 0.0:
+                yield Finding(make_effect("structural_resonance", axis, frequency_hz=float(frequencies[peak])), count)
+
+
+def bursts(channels: Channels) -> Iterator[Finding]:
+    """A stretch of one run that holds most of what is too large in all runs together, whatever its shape: a term without a
+    name. What comes back at every reversal or place is no burst."""
+    best: tuple[float, Run, int, int] | None = None
+    tried, total = 0, 0.0
+    for run in channels.campaign.runs:
+        excess, unit = _excess(channels, run)
+        total += max(float(excess[-1]), 0.0)
+        length = SHORTEST
+        while length <= run.rows // LONGEST:
+            starts = np.arange(0, run.rows - length + 1, length // 4)
+            score = (excess[starts + length] - excess[starts]) / (unit * np.sqrt(length))
+            tried += len(starts)
+            k = int(np.argmax(score))
+            if best is None or score[k] > best[0]:
+                best = float(score[k]), run, int(starts[k]), int(starts[k]) + length
+            length *= 2
+    if best is None or best[0] < CLEAR:
+        return
+    _, run, first, last = best
+    excess, unit = _excess(channels, run)
+    piece = max(SHORTEST // 2, (last - first) // 4)
+    clear = CLEAR * unit * np.sqrt(piece)
+    while first > 0 and excess[first] - excess[max(first - piece, 0)] > clear:
+        first = max(first - piece, 0)
+    while last < run.rows and excess[min(last + piece, run.rows)] - excess[last] > clear:
+        last = min(last + piece, run.rows)
+    if excess[last] - excess[first] < SHARE * total:
+        return
+    clock = run.start_s + run.time
+    span = ((float(clock[first]), float(clock[last - 1])),)
+    order = int(np.clip((last - first) // ROWS_PER_INTERVAL, 4, FINEST))
+    for place in ("structure", "reading"):
+        options: dict[str, Any] = {"order": order, "place": place, "only_within": True, "tag": f"burst-{place}"}
+        yield Finding(make_effect("unknown", over=("t",), span=span, **options), tried)
+
+
+def _excess(channels: Channels, run: Run) -> tuple[Array, float]:
+    """Running sum (N + 1,) of the residual's square over its usual size, less 1, and the 1σ that noise gives one row."""
+    energy, columns = channels.energy(run)
+    usual = float(np.mean(np.minimum(energy, np.quantile(energy, 0.9)))) if columns else 0.0
+    if usual <= 0.0:
+        return np.zeros(run.rows + 1), 1.0
+    return np.append(0.0, np.cumsum(energy / usual - 1.0)), float(np.sqrt(2.0 / columns))
