@@ -147,6 +147,7 @@ def _in_phase(channels: Channels, runs: Sequence[Run], rough: float, reach: floa
 
 
 PLACES = 150
+MOST_STEPS, NARROW = 200, 0.1
 
 
 def _shifts(channels: Channels) -> Iterator[Finding]:
@@ -181,13 +182,21 @@ def _steps(channels: Channels) -> Iterator[Finding]:
         answer = np.concatenate([channels.answer(run, index) for run in campaign.runs])
         power = np.concatenate([channels.power[run.id][:, index] for run in campaign.runs])
         order = np.argsort(where, kind="stable")
-        places = np.unique(np.quantile(where, np.linspace(0.05, 0.95, 200)))
-        if len(places) < 5 or power.sum() <= 0.0:
+        ranked = where[order]
+        between = 1 + np.flatnonzero(
+            np.diff(ranked) > 1e-9 * max(float(np.ptp(ranked)), 1e-30)
+        )  # first row after a step
+        inner = between[(between >= 0.05 * len(ranked)) & (between <= 0.95 * len(ranked))]
+        inner = (
+            inner[np.unique(np.linspace(0, len(inner) - 1, min(len(inner), MOST_STEPS)).astype(int))]
+            if len(inner)
+            else inner
+        )
+        if len(inner) < 5 or power.sum() <= 0.0:
             continue
-        after = np.cumsum(answer[order][::-1])[::-1]
-        left = np.cumsum(power[order][::-1])[::-1]
-        share = left / power.sum()
-        score = after**2 / np.maximum(left * (1.0 - share), 1e-300)
-        index_of = np.searchsorted(where[order], places)
-        at = int(index_of[np.argmax(score[np.minimum(index_of, len(score) - 1)])])
-        yield Finding(make_effect("table_step", axis, at=float(where[order][min(at, len(order) - 1)])), len(places))
+        after = np.cumsum(answer[order][::-1])[::-1][inner]
+        left = np.cumsum(power[order][::-1])[::-1][inner]
+        score = after**2 / np.maximum(left * (1.0 - left / power.sum()), 1e-300)
+        first = int(inner[np.argmax(score)])
+        at, ramp = float(ranked[first - 1]), max(float(ranked[first] - ranked[first - 1]), NARROW)
+        yield Finding(make_effect("table_step", axis, at=at, ramp=ramp), len(inner))

@@ -7,17 +7,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import cont2discrete, lfilter
+from scipy.stats import chi2
 
 from symfive.campaign import Run
 from symfive.diagnose._channels import Channels, Finding, peaks
 from symfive.effects import make_effect
-from symfive.motion import Acceleration, Resonance, RunMotion
+from symfive.motion import RunMotion
 
 __all__ = ["bursts", "resonances"]
 
 Array = NDArray[np.float64]
-LOWEST_HZ, HIGHEST_HZ, SPACING, DAMPING = 5.0, 120.0, 1.15, 0.05
-"""A mode of this damping is found from a frequency 10 % away."""
+FINE_S = 2e-3
+LOWEST_HZ, HIGHEST_HZ, SPACING, DAMPING = 5.0, 120.0, 1.08, 0.05
+"""The ringing of a mode keeps in step with one whose frequency is off by its damping."""
+PEAKS = 2
 SHORTEST = 8
 """Rows of the shortest burst."""
 LONGEST = 4
@@ -43,17 +47,17 @@ def resonances(channels: Channels) -> Iterator[Finding]:
         for run in runs:
             if np.ptp(run.commands[axis]) == 0.0:
                 continue
-            values = {"frequency": 0.0, "damping": DAMPING}
-            motion = RunMotion(run, channels.campaign.machine, {}, values)
-            acceleration = Acceleration(axis).series(motion).value
-            for k, frequency in enumerate(frequencies):
-                values["frequency"] = float(frequency)
-                swing = Resonance(axis, "frequency", "damping").series(motion).value
-                ringing = swing + acceleration / (2.0 * np.pi * frequency) ** 2
+            motion = RunMotion(run, channels.campaign.machine, {}, {})
+            acceleration, rows, step = motion.fine_acceleration(axis, FINE_S)
+            for k, omega in enumerate(2.0 * np.pi * frequencies):
+                mode = ([-1.0], [1.0, 2.0 * DAMPING * omega, omega**2])
+                numerator, denominator, _ = cont2discrete(mode, step, method="foh")
+                swing = lfilter(numerator.ravel(), denominator, acceleration.value)
+                ringing = (swing + acceleration.value / omega**2)[rows]
                 answer[k] += [ringing @ channels.answer(run, i) for i in range(3)]
                 power[k] += ringing**2 @ channels.power[run.id][:, :3]
         score = np.sum(answer**2 / np.maximum(power, 1e-300), axis=1)
-        for peak in peaks(score, 1):
+        for peak in peaks(score, PEAKS):
             if score[peak] > 0.0:
                 yield Finding(make_effect("structural_resonance", axis, frequency_hz=float(frequencies[peak])), count)
 
@@ -85,20 +89,21 @@ def bursts(channels: Channels) -> Iterator[Finding]:
         first = max(first - piece, 0)
     while last < run.rows and excess[min(last + piece, run.rows)] - excess[last] > clear:
         last = min(last + piece, run.rows)
+    first, last = (0 if first < piece else first), (run.rows if run.rows - last < piece else last)
     if excess[last] - excess[first] < SHARE * total:
         return
     clock = run.start_s + run.time
     span = ((float(clock[first]), float(clock[last - 1])),)
     order = int(np.clip((last - first) // ROWS_PER_INTERVAL, 4, FINEST))
-    for place in ("structure", "reading"):
-        options: dict[str, Any] = {"order": order, "place": place, "only_within": True, "tag": f"burst-{place}"}
-        yield Finding(make_effect("unknown", over=("t",), span=span, **options), tried)
+    place = "reading" if len(channels.board.result.model.columns(run)) == 1 else "structure"
+    options: dict[str, Any] = {"order": order, "place": place, "only_within": True, "tag": "burst"}
+    yield Finding(make_effect("unknown", over=("t",), span=span, **options), tried)
 
 
 def _excess(channels: Channels, run: Run) -> tuple[Array, float]:
     """Running sum (N + 1,) of the residual's square over its usual size, less 1, and the 1σ that noise gives one row."""
     energy, columns = channels.energy(run)
-    usual = float(np.mean(np.minimum(energy, np.quantile(energy, 0.9)))) if columns else 0.0
+    usual = columns * float(np.median(energy) / chi2.median(columns)) if columns else 0.0
     if usual <= 0.0:
         return np.zeros(run.rows + 1), 1.0
     return np.append(0.0, np.cumsum(energy / usual - 1.0)), float(np.sqrt(2.0 / columns))

@@ -57,11 +57,12 @@ class TableStep(Effect):
         row.axis[str(self.axis)] += self.parameter(row, "height") * form
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`component` is the error motion along or about the axis itself."""
+        """`component` is the error motion along or about the axis itself, `at` the middle of the ramp."""
         axis = self.its_axis(campaign)
         main = max(range(3), key=lambda i: abs(axis.direction[i]))
         component = f"E{('ABC' if axis.rotary else 'XYZ')[main]}{axis.name}"
-        place = Quantity(self.at, self.ramp / math.sqrt(12.0), axis.unit)
+        middle = self.at + (0.5 * self.ramp if self.shape == "step" else 0.0)
+        place = Quantity(middle, self.ramp / math.sqrt(12.0), axis.unit)
         return {
             "component": Quantity(component),
             "at": place,
