@@ -77,7 +77,7 @@ def paper_2(machine: Machine) -> Iterable[Run]:
 def paper_3(machine: Machine) -> Iterable[Run]:
     """Tsutsumi et al. 2007: X_T/r = 0.9 and 1.1, r = 50 mm, 1000 mm/min, both directions."""
     for x_t in (45.0, 55.0):
-        yield from synchronous_circle(machine, x_t=x_t, radius=50.0, feed=1000.0, rate_hz=20.0)
+        yield from synchronous_circle(machine, x_t=x_t, radius=50.0, feed=1000.0, rate_hz=100.0)
 
 
 OWN: dict[str, tuple[str, Callable[[Machine], Iterable[Run]]]] = {

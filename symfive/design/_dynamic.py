@@ -47,7 +47,8 @@ RATE_HZ = 50.0
 DRAWS = 4
 TO_RUN = {"ratio": 1e-4, "radius": 1e-3, "feed": 1.0, "height": 1.0, "x": 1.0, "y": 1.0, "z": 1.0}
 """To what a refined value is rounded, mm and mm/min."""
-SLOWER = 0.98
+BACK = (1.0, 0.99, 0.97, 0.9, 0.7, 0.4)
+"""Shares of the way from the listed circle to the refined one: the first that the axes can follow is taken."""
 LEAST_GAIN = 1e-6
 
 
@@ -129,7 +130,7 @@ def plan_circles(
     best, notes = chosen, []
     if refine:
         wanted = tuple(free or FREE[family])
-        bounds = _bounds(machine, [circle.shape for circle in circles], wanted)
+        bounds = _bounds(machine, shapes, wanted)
         try:
             objective = CircleObjective(machine, effects, chosen, wanted, bounds, goal, rate_hz)
         except InputError as error:
@@ -250,23 +251,16 @@ def _kept(
 ) -> list[Circle]:  # fmt: skip
     """The refined circles as they would be run, where they are better than those they came from."""
     found = []
-    for shape in shapes:
-        rounded = {name: round(value / TO_RUN[name]) * TO_RUN[name] for name, value in shape.values.items()}
-        for _ in range(5):
+    for shape, circle in zip(shapes, chosen, strict=True):
+        start = circle.shape.values
+        for share in BACK:
+            values = {name: start[name] + share * (value - start[name]) for name, value in shape.values.items()}
+            rounded = replace(shape, values={n: round(v / TO_RUN[n]) * TO_RUN[n] for n, v in values.items()})
             try:
-                found.append(
-                    measured(
-                        machine,
-                        effects,
-                        replace(shape, values=rounded),
-                        noise_um=noise_um,
-                        rate_hz=rate_hz,
-                        draws=draws,
-                    )
-                )
+                found.append(measured(machine, effects, rounded, noise_um=noise_um, rate_hz=rate_hz, draws=draws))
                 break
             except InputError:
-                rounded["feed"] = math.floor(SLOWER * rounded["feed"])
+                continue
         else:
             return chosen
     return found if goal.value(found) < goal.value(chosen) - LEAST_GAIN else chosen

@@ -21,12 +21,21 @@ __all__ = ["check_counts", "interest_of", "refuse_unseen", "task_of", "with_bars
 SEEN = 0.5
 """A parameter is seen by a plan where the posterior variance is below this share of its prior's."""
 LEAST = {"points": 2, "returns": 0}
+MOST = {"points": 10_000, "starts": 10_000}
+BALL_MM = 12.7
+"""Diameter of the balls of the usual ball bars (half an inch)."""
 
 
 def with_bars(machine: Machine, lengths: Sequence[float]) -> Machine:
     """The machine with the bars that the user owns in place of its file's."""
     if not lengths:
         return machine
+    for length in lengths:
+        if not length > BALL_MM:
+            raise InputError(
+                f"a bar of {length:g} mm cannot be: the balls at its ends touch at {BALL_MM} mm",
+                remedy="give its length in mm",
+            )
     return replace(machine, workspace=replace(machine.workspace, bar_lengths=tuple(float(v) for v in lengths)))
 
 
@@ -36,6 +45,8 @@ def check_counts(machine: Machine, counts: Mapping[str, int | None]) -> None:
         least = LEAST.get(name, 1)
         if value is not None and value < least:
             raise InputError(f"{name} = {value} is too few", remedy=f"give at least {least}")
+        if value is not None and value > MOST.get(name, value):
+            raise InputError(f"{name} = {value} is too many", remedy=f"give at most {MOST[name]}")
     if machine.workspace.table_radius is None:
         raise InputError(
             "the machine file has no workspace", remedy="add [workspace] with table_radius and ball_height"

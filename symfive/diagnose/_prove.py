@@ -23,7 +23,8 @@ __all__ = ["prove", "with_next_test"]
 
 Array = NDArray[np.float64]
 FOLDS = 4
-OPEN = 0.05
+OPEN, CONSIDERED = 0.05, 0.01
+"""A name less probable than 1 - OPEN asks for a test against every rival more probable than CONSIDERED."""
 RIVALS = 3
 
 
@@ -103,7 +104,8 @@ def _part(
 def with_next_test(found: Naming, finding: Finding) -> Finding:
     """The finding with the test that parts it from what still could stand in its place."""
     member = next(m for m in found.members if m.effect.key == finding.effect.key)
-    names = {(r.effect, r.axis) for r in finding.rivals if r.confidence > OPEN}
+    unsure = finding.confidence < 1.0 - OPEN
+    names = {(r.effect, r.axis) for r in finding.rivals if unsure and r.confidence > CONSIDERED}
     open_ = [
         t
         for t in member.trials

@@ -21,6 +21,10 @@ __all__ = ["SHARE", "remainder"]
 
 SHARE = 0.3
 """Prior 1σ of one coefficient as a share of the effect's size on its channel."""
+URAD_PER_UM = 10.0
+"""Of a rotary axis read at 100 mm."""
+NOTHING = 1e-3
+"""µm or µrad: an effect this small has no shape of its own."""
 
 _FAMILY = {
     "backlash": ("reversal", "axis"), "counterbalance": ("reversal", "axis"), "friction": ("friction", "axis"),
@@ -29,6 +33,18 @@ _FAMILY = {
     "gravity_sag": ("hysteresis", "component"), "error_motion": ("smooth", "component"), "thermal_drift": ("time", "tool"),
     "spindle_growth": ("time", "tool"), "setup_shift": ("time", "tool"),
 }  # fmt: skip
+
+
+def _swing(model: Model, values: NDArray[np.float64], effect: Effect) -> float:
+    """The largest change that an effect makes to a reading about its mean, µm: its size where its parameters are gains."""
+    idle = values.copy()
+    for p in effect.parameters(model.campaign):
+        idle[model.index[p.name]] = p.mean
+    changes = [
+        model.predict_run(run, values) - model.predict_run(run, idle)
+        for run in filter(effect.applies, model.campaign.runs)
+    ]
+    return max((float(np.abs(c - c.mean(axis=0)).max()) for c in changes), default=0.0)
 
 
 def remainder(model: Model, values: NDArray[np.float64], held: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -42,9 +58,13 @@ def remainder(model: Model, values: NDArray[np.float64], held: Sequence[Effect])
         component = getattr(effect, "component", None)
         axis = effect.axis or (component[2:] if isinstance(component, str) else None)
         size = effect.extent(model.campaign, lambda name: float(values[model.index[name]]))
-        default = 20.0 if axis is not None and model.machine.axes[axis].rotary and channel == "axis" else 3.0
+        if size == 0.0:
+            turning = axis is not None and model.machine.axes[axis].rotary and channel == "axis"
+            size = _swing(model, values, effect) * (URAD_PER_UM if turning else 1.0)
+        if size < NOTHING:
+            continue
         shape = FamilyShape(
-            of=effect.key, axis=axis, family=family, size=SHARE * size if size > 0.0 else default,
+            of=effect.key, axis=axis, family=family, size=SHARE * size,
             channel=str(component) if channel == "component" else channel, period=getattr(effect, "period", 0.0),
         )  # fmt: skip
         try:

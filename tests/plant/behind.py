@@ -180,6 +180,8 @@ def reversal_pulse(state: RunState, spec: Spec) -> None:
         if 0 < k < len(position) - 1:  # between the rows: the vertex of the parabola through three of them
             before, after = np.diff(position[k - 1 : k + 2]) / np.diff(state.t[k - 1 : k + 2])
             if before != after and before != 0.0:
-                start = 0.5 * (state.t[k - 1] + state.t[k]) + 0.5 * (state.t[k + 1] - state.t[k - 1]) * before / (before - after)
+                start = 0.5 * (state.t[k - 1] + state.t[k]) + 0.5 * (state.t[k + 1] - state.t[k - 1]) * before / (
+                    before - after
+                )
         u = (state.t - start - 1e-3 * float(spec["delay_ms"])) / (1e-3 * float(spec["width_ms"]))
         state.x[name] = state.x[name] + sign[k + 1] * float(spec["amplitude"]) * state.small(name) * np.exp(-(u**2))

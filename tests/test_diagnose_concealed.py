@@ -1,0 +1,204 @@
+"""Effects that hide: in the prior, in slow noise, between rows, in one stretch of one run, behind a rival."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import plant
+import pytest
+
+from symfive.campaign import Campaign, read_campaign
+from symfive.diagnose import Diagnosis, diagnose, name_effects
+from symfive.diagnose._findings import doubted
+from symfive.diagnose._search import Trial
+from symfive.machine import preset
+from symfive.motion import RunMotion
+from symfive.motion._signals import ReversalAhead, ReversalTime
+from symfive.procedures import planar_circle
+
+POSES = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
+
+
+def _measured(
+    folder: Path,
+    machine: dict,
+    runs: list[dict],
+    effects: list[dict],
+    seed: int = 5,
+    options: plant.NoiseOptions | None = None,
+) -> Campaign:
+    more = {} if options is None else {"noise_options": options}
+    plant.write_campaign(folder, machine, runs, {}, None, effects, seed=seed, **more)
+    return read_campaign(folder)
+
+
+def _grids(machine: dict) -> list[dict]:
+    return [
+        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=POSES, start_s=0.0),
+        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=POSES, start_s=1500.0),
+    ]
+
+
+def _circles(machine: dict, feeds: tuple[float, ...], **more: float) -> list[dict]:
+    return [
+        plant.planar_circle(machine, f"xy-f{f:g}-{'ccw' if d > 0 else 'cw'}", feed=f, direction=d, **more)
+        for f in feeds
+        for d in (1, -1)
+    ]
+
+
+def _names(found: Diagnosis) -> list[tuple[str, str | None]]:
+    return [(f.name, f.axis) for f in found.findings]
+
+
+def test_a_sag_far_larger_than_usual_is_not_pulled_back_by_its_prior(tmp_path):
+    """120 µm where 10 are usual: nothing else makes up for what a prior would hold back."""
+    machine = plant.static_table()
+    sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 120.0, "form": "one_minus_cos"}
+    found = diagnose(_measured(tmp_path / "c", machine, _grids(machine), [sag]))
+    assert _names(found) == [("gravity_sag", "B")]
+    finding = found.findings[0]
+    assert finding.parameters["amplitude"].value == pytest.approx(120.0, abs=1.0)
+    assert finding.shape_differs == 0.0 and found.fit.chi2_dof_after < 1.1
+
+
+def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
+    """Three bars at rest: noise that wanders as slowly as a run lasts would explain the drift, too."""
+    machine = plant.static_table()
+    runs = [
+        plant.static_ball_bar(
+            machine, f"bar-{word}", table_ball=ball, direction=way, poses=np.vstack([POSES, POSES[::-1]]), start_s=1500.0 * i,
+            axes=("B", "C"), noise_um=0.3, length=100.0,
+        )
+        for i, (word, way, ball) in enumerate((
+            ("x", (1.0, 0.0, 0.0), (0.0, 0.0, 140.0)), ("y", (0.0, 1.0, 0.0), (80.0, 0.0, 60.0)),
+            ("z", (0.0, 0.0, 1.0), (60.0, 50.0, 40.0)),
+        ))
+    ]  # fmt: skip
+    drift = {
+        "effect": "thermal_drift", "axis": None, "amplitude": 14.0, "direction": [-0.55, 0.63, 0.55], "time_constant_s": 900.0,
+    }  # fmt: skip
+    quiet = plant.NoiseOptions(coloured_um=0.2, correlation_s=50.0)
+    assert _names(diagnose(_measured(tmp_path / "c", machine, runs, [drift], options=quiet))) == [
+        ("thermal_drift", None)
+    ]
+    assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
+
+
+def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):
+    machine = plant.planar_table()
+    runs = _circles(machine, (1000.0, 2500.0), start_s=None)
+    for i, run in enumerate(runs):
+        run["start_s"] = 100.0 * i
+    shock = {
+        "effect": "shock", "t_s": 107.0, "frequency_hz": 0.8, "decay_s": 3.0, "direction": [0.6, 0.8, 0.0], "amplitude": 8.0,
+    }  # fmt: skip
+    found = diagnose(_measured(tmp_path / "c", machine, runs, [shock]))
+    first = found.findings[0]
+    assert first.name == "unknown" and first.coordinate == "t" and first.runs == (runs[1]["id"],)
+    assert all(6.0 < i.begin_s < 25.0 for i in first.intervals)
+    assert found.fit.rms_after_um < 1.15 * 0.3
+
+
+def test_the_pulse_of_a_late_friction_compensation_is_read_between_the_rows(tmp_path):
+    """A pulse of 40 ms, read every 30 ms: where the axis turns between two rows decides its form."""
+    machine = plant.planar_table()
+    pulse = {"effect": "reversal_pulse", "axis": "Y", "delay_ms": 34.0, "width_ms": 40.0, "amplitude": 12.0}
+    found = diagnose(_measured(tmp_path / "c", machine, _circles(machine, (850.0, 2500.0), dt=0.03), [pulse]))
+    assert _names(found) == [("friction", "Y")]
+    said = found.findings[0].parameters
+    assert said["height"].value == pytest.approx(-12.0, rel=0.03)
+    assert said["delay_ms"].value == pytest.approx(34.0, abs=1.5) and said["width_ms"].value == pytest.approx(
+        40.0, abs=1.5
+    )
+    assert found.fit.chi2_dof_after < 1.1
+
+
+def test_a_reversal_is_placed_between_the_rows():
+    (run,) = planar_circle(preset("three-axis"), direction="ccw", feed=2000.0, rate_hz=20.0)
+    motion = RunMotion(run, preset("three-axis"), {}, {})
+    since, until = ReversalTime("X").series(motion).value, ReversalAhead("X").series(motion).value
+    x = motion.axis("X").position.value
+    turned = np.flatnonzero(np.diff(np.sign(since)) != 0.0)
+    assert len(turned) >= 2
+    for k in turned[1:]:
+        instant = run.time[k + 1] - abs(since[k + 1])
+        assert instant == pytest.approx(run.time[k] + abs(until[k]), abs=1e-9)
+        around = np.polyfit(run.time[k - 2 : k + 4] - instant, x[k - 2 : k + 4], 4)
+        assert abs(np.polyval(np.polyder(around), 0.0)) < 2e-3 * np.abs(np.gradient(x, run.time)).max()
+
+
+def test_a_ringing_structure_is_named_with_its_frequency_and_damping(tmp_path):
+    machine = plant.planar_table()
+    mode = {
+        "effect": "structural_resonance", "axis": "X", "frequency_hz": 12.0, "damping": 0.03, "participation": 1.0,
+        "direction": [0.8, 0.6, 0.0],
+    }  # fmt: skip
+    found = diagnose(_measured(tmp_path / "c", machine, _circles(machine, (1500.0, 4000.0)), [mode]))
+    assert _names(found) == [("structural_resonance", "X")]
+    said = found.findings[0].parameters
+    assert said["frequency_hz"].value == pytest.approx(12.0, abs=0.05)
+    assert said["damping"].value == pytest.approx(0.03, rel=0.1)
+
+
+def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_path):
+    machine = plant.static_table()
+    step = {"effect": "compensation_table_step", "axis": "Y", "at": -11.0, "ramp": 2.0, "step": 9.0}
+    found = diagnose(_measured(tmp_path / "c", machine, _grids(machine), [step]))
+    assert _names(found) == [("error_motion", "Y")]
+    place = found.findings[0].parameters["at"]
+    assert abs(place.value + 10.0) < 2.0 * place.std
+    assert found.findings[0].parameters["height"].value == pytest.approx(9.0, rel=0.05)
+
+
+def test_one_feed_cannot_tell_play_from_the_servo_and_the_second_feed_that_is_asked_for_can(tmp_path):
+    machine = plant.planar_table()
+    play = [{"effect": "backlash", "axis": "X", "width": 0.35}]
+    first = _measured(tmp_path / "c", machine, _circles(machine, (800.0,), dt=0.6, sweep_deg=420.0), play, seed=4)
+    found = diagnose(first, exclude=("lateral_play",))
+    finding = found.findings[0]
+    assert (finding.name, finding.axis) == ("backlash", "X") and finding.confidence < 0.95
+    assert {r.effect for r in finding.rivals if r.confidence > 0.01} == {"servo_mismatch"}
+    assert finding.test is not None and finding.test.useful
+    sigmas = {s.name.removeprefix("xy-f800-ccw-"): s.sigmas for s in finding.test.table}
+    assert sigmas["faster"] > 1.2 * sigmas["repeat"]
+    second = _measured(tmp_path / "d", machine, _circles(machine, (1600.0,), dt=0.3, sweep_deg=420.0), play, seed=7)
+    both = diagnose(first.joined(second), exclude=("lateral_play",))
+    assert _names(both)[0] == ("backlash", "X") and both.findings[0].confidence > 0.99
+
+
+def test_two_axes_whose_loops_differ_are_told_apart_in_another_plane(tmp_path):
+    """A circle of two axes reads only the difference of their loops."""
+    machine = plant.planar_table()
+    lag = [{"effect": "servo_mismatch", "axis": "X", "feedforward": 0.01}]
+    first = _measured(tmp_path / "c", machine, _circles(machine, (1000.0, 2500.0)), lag)
+    finding = diagnose(first).findings[0]
+    assert finding.name == "servo_mismatch" and finding.confidence < 0.9
+    assert {(r.effect, r.axis) for r in finding.rivals if r.confidence > 0.1} <= {("servo_mismatch", a) for a in "XY"}
+    assert finding.test is not None and finding.test.separation > 10.0 and "-in-" in finding.test.table[0].name
+    asked = finding.test.test.runs[0]
+    plane = finding.test.table[0].name[-2:]
+    run = plant.planar_circle(
+        machine, "asked", plane=plane, centre=asked.table_ball, feed=1000.0, start_deg=10.0 if plane == "YZ" else -80.0,
+        sweep_deg=150.0,
+    )  # fmt: skip
+    both = diagnose(first.joined(_measured(tmp_path / "d", machine, [run], lag, seed=8)))
+    assert _names(both) == [("servo_mismatch", "X")] and both.findings[0].confidence > 0.99
+
+
+def test_what_is_not_known_of_a_name_is_in_the_uncertainty_of_the_geometry(tmp_path):
+    machine = plant.static_table()
+    sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 9.0}
+    naming = name_effects(_measured(tmp_path / "c", machine, _grids(machine), [sag]))
+    (member,) = naming.members
+    own = member.trials[0]
+    other = Trial(
+        replace(own.effect, component="EXB"), own.evidence, {**own.values, "EX0B": own.values["EX0B"] + 30.0}, 1.0
+    )
+    unsure = replace(naming, members=(replace(member, trials=(own, other)),))
+    sure = replace(naming, members=(replace(member, trials=(own,)),))
+    assert doubted(sure).uncertainty("EX0B") == pytest.approx(naming.after.uncertainty("EX0B"))
+    expected = np.hypot(naming.after.uncertainty("EX0B"), 30.0 * np.sqrt(0.5))
+    assert doubted(unsure).uncertainty("EX0B") == pytest.approx(expected, rel=1e-6)
