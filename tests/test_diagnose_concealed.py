@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, name_effects
 from symfive.diagnose._findings import doubted
+from symfive.diagnose._scores import log_tail
 from symfive.diagnose._search import Trial
 from symfive.machine import preset
 from symfive.motion import RunMotion
@@ -141,6 +143,16 @@ def test_a_ringing_structure_is_named_with_its_frequency_and_damping(tmp_path):
     said = found.findings[0].parameters
     assert said["frequency_hz"].value == pytest.approx(12.0, abs=0.05)
     assert said["damping"].value == pytest.approx(0.03, rel=0.1)
+    json.dumps(found.to_data(), allow_nan=False)  # so strong that the p-value is no number of the machine
+
+
+def test_the_tail_of_chi_squared_is_a_number_however_far_out():
+    for dof in (0.5, 3.0, 40.0):
+        near = log_tail(1300.0, dof)
+        assert near == pytest.approx(log_tail(1300.0 + 1e-6, dof), abs=1e-5)
+        assert -5.1e4 < log_tail(1e5, dof) < -4.9e4
+        slope = (log_tail(3000.0, dof) - log_tail(1400.0, dof)) / 1600.0
+        assert slope == pytest.approx(-0.5, abs=0.02)
 
 
 def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_path):

@@ -23,6 +23,7 @@ from scipy.stats import chi2, f
 
 from symfive.campaign import Campaign
 from symfive.diagnose._groups import partitions
+from symfive.diagnose._scores import log_tail
 from symfive.identify import Identification, identify
 from symfive.inference import whiten
 from symfive.threads import one_thread
@@ -274,4 +275,4 @@ def _one(
         if k:
             pick[size + k - 1] = 1.0
         values[label] = (float(fit.values[i] + pick @ step), float(np.sqrt(pick @ covariance @ pick)))
-    return float(chi2.logsf(drop, dof)), values
+    return log_tail(drop, dof), values

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of
 from symfive.diagnose._result import Finding, RivalName
 from symfive.diagnose._search import Member, Naming, lacking
-from symfive.effects import Effect
+from symfive.effects import Effect, Quantity
 from symfive.identify import Identification, identify
 from symfive.model import Model
 from symfive.threads import one_thread
@@ -169,7 +169,7 @@ def _sentence(finding: Finding) -> str:
     effect = finding.effect
     where = f" of axis {finding.axis}" if finding.axis else ""
     sizes = []
-    for name, q in finding.parameters.items():
+    for name, q in _ranked(finding.parameters):
         if isinstance(q.value, float) and isinstance(q.std, float):
             sizes.append(f"{_plain(name, q.unit)} {q.value:.4g} ± {q.std:.2g} {_shown(q.unit)}".rstrip())
         elif isinstance(q.value, str):
@@ -192,8 +192,17 @@ def _sentence(finding: Finding) -> str:
     return text + "."
 
 
+def _ranked(parameters: Mapping[str, Quantity]) -> list[tuple[str, Quantity]]:
+    """In their own order, but what stands out of its uncertainty before what does not."""
+
+    def faint(q: Quantity) -> bool:
+        return isinstance(q.value, float) and isinstance(q.std, float) and abs(q.value) < 2.0 * q.std
+
+    return sorted(parameters.items(), key=lambda item: faint(item[1]))
+
+
 def _shown(unit: str | None) -> str:
-    return (unit or "").replace("um", "µm").replace("urad", "µrad").replace("^2", "²")
+    return "" if unit == "1" else (unit or "").replace("um", "µm").replace("urad", "µrad").replace("^2", "²")
 
 
 def _plain(name: str, unit: str | None) -> str:

@@ -189,7 +189,7 @@ class Diagnosis:
             ratio = float(np.sqrt(self.fit.chi2_dof_after))
             text = (
                 f"None of {len(self.observability)} effects that were looked for stands out of what the baseline leaves "
-                f"({self.fit.rms_after_um:.3g} µm rms)."
+                f"({self.fit.rms_after_um:.3g} {self.after.unit} rms)."
             )
             if ratio > 1.1:
                 return (
@@ -205,11 +205,12 @@ class Diagnosis:
         lines.append(self.letter)
         f = self.fit
         lines.append(
-            f"rms {f.rms_before_um:.3g} → {f.rms_after_um:.3g} µm, "
+            f"rms {f.rms_before_um:.3g} → {f.rms_after_um:.3g} {self.after.unit}, "
             f"chi²/dof {f.chi2_dof_before:.3g} → {f.chi2_dof_after:.3g}"
         )
         if f.heldout_rms_after_um is not None and f.heldout_rms_before_um is not None:
-            lines.append(f"left-out runs: rms {f.heldout_rms_before_um:.3g} → {f.heldout_rms_after_um:.3g} µm")
+            held = f"{f.heldout_rms_before_um:.3g} → {f.heldout_rms_after_um:.3g} {self.after.unit}"
+            lines.append(f"left-out runs: rms {held}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

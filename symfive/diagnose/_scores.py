@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
 from scipy.stats import chi2
 
 from symfive.effects import Effect
@@ -22,7 +23,7 @@ from symfive.identify import Identification
 from symfive.inference import whiten
 from symfive.model import Model
 
-__all__ = ["Board", "Score", "score_catalogue"]
+__all__ = ["Board", "Score", "log_tail", "score_catalogue"]
 
 Array = NDArray[np.float64]
 
@@ -78,7 +79,7 @@ class Board:
         energy = float(np.trace(full * np.outer(sigma, sigma)))
         left = float(np.trace(scaled_h))
         step = {p.name: float(x) for p, x in zip(parameters, solution * sigma, strict=True)}
-        log_p = float(chi2.logsf(drop, max(dof, 0.5)))
+        log_p = log_tail(drop, max(dof, 0.5))
         return Score(
             effect,
             drop,
@@ -103,6 +104,15 @@ class Board:
         h, _, _ = self.reduced(np.concatenate([one, two]))
         k = len(one)
         return _canonical(h[:k, :k], h[k:, k:], h[:k, k:])
+
+
+def log_tail(drop: float, dof: float) -> float:
+    """log P(χ² > drop); far out by its leading term (M. Abramowitz & I. Stegun 1964, 26.4.12), where it is below the least
+    number that is not 0."""
+    exact = float(chi2.logsf(drop, dof))
+    if np.isfinite(exact):
+        return exact
+    return float((0.5 * dof - 1.0) * np.log(0.5 * drop) - 0.5 * drop - gammaln(0.5 * dof))
 
 
 def _canonical(a: Array, b: Array, cross: Array) -> float:

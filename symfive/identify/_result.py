@@ -100,8 +100,14 @@ class Identification:
 
     @property
     def rms_um(self) -> float:
-        """Root mean square of all residuals, in µm where readings are in µm."""
+        """Root mean square of all residuals, in µm where readings are in µm, else in `unit`."""
         return self.rms.get("um", next(iter(self.rms.values()), 0.0))
+
+    @property
+    def unit(self) -> str:
+        """The unit of `rms_um`, as it is printed."""
+        units = list(self.rms)
+        return "µm" if "um" in units or not units else units[0].replace("urad", "µrad").replace("^2", "²")
 
     def error_motion(self, name: str, points: int = CURVE_POINTS) -> MotionCurve:
         """The identified error motion over the travel, with the 1σ of each point from the joint covariance."""
@@ -188,7 +194,9 @@ class Identification:
         width = max([len(name) for name, *_ in self.table()] + [9])
         lines = [f"{'parameter':<{width}} {'value':>12} {'std':>10} {'unit':<8}"]
         lines += [f"{name:<{width}} {v:12.4g} {s:10.3g} {unit:<8}" for name, v, s, unit, _ in self.table()]
-        lines.append(f"rms {self.rms_um:.3g}, chi²/dof {self.chi2_dof:.3f} to the declared noise, rank {self.rank}")
+        lines.append(
+            f"rms {self.rms_um:.3g} {self.unit}, chi²/dof {self.chi2_dof:.3f} to the declared noise, rank {self.rank}"
+        )
         lines += [c.words for c in self.confounded if self._concerns_machine(c)]
         return "\n".join(lines)
 

@@ -81,11 +81,12 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list
         headline = (
             f"{pieces} of physics had been left out: {names}." if count else "Something is left that has no name."
         )
+    unit = diagnosis.after.unit
     tiles = [
-        ("residual RMS before → after", f"{diagnosis.fit.rms_before_um:.3g} → {diagnosis.fit.rms_after_um:.3g} µm")
+        ("residual RMS before → after", f"{diagnosis.fit.rms_before_um:.3g} → {diagnosis.fit.rms_after_um:.3g} {unit}")
         if findings
-        else ("residual RMS", f"{diagnosis.fit.rms_after_um:.3g} µm"),
-        ("noise found (1σ of one reading)", f"{diagnosis.noise_um:.3g} µm"),
+        else ("residual RMS", f"{diagnosis.fit.rms_after_um:.3g} {unit}"),
+        ("noise found (1σ of one reading)", f"{diagnosis.noise_um:.3g} {unit}"),
         ("p-value of “nothing is missing”", _power(diagnosis.p_value)),
         ("false-alarm rate allowed", percent(diagnosis.false_alarms)),
         ("effects looked for", str(len(diagnosis.observability))),

@@ -21,13 +21,13 @@ MOST_GAPS = 500
 
 def fit_table(diagnosis: Diagnosis) -> str:
     """rms, χ²/dof and left-out runs, before and after, each against what noise alone would give."""
-    fit, noise = diagnosis.fit, diagnosis.noise_um
+    fit, noise, unit = diagnosis.fit, diagnosis.noise_um, diagnosis.after.unit
     before, after = diagnosis.before, diagnosis.after
     lines: list[tuple[str, float | None, float | None, str, str]] = [
-        ("residual RMS of all runs", fit.rms_before_um, fit.rms_after_um, "µm", f"{noise:.3g}"),
-        ("residual RMS of runs left out of the fit in turn", fit.heldout_rms_before_um, fit.heldout_rms_after_um, "µm",
+        ("residual RMS of all runs", fit.rms_before_um, fit.rms_after_um, unit, f"{noise:.3g}"),
+        ("residual RMS of runs left out of the fit in turn", fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit,
          f"{noise:.3g}"),
-        *((f"residual RMS, a whole {what} left out at a time", b, a, "µm", f"{noise:.3g}")
+        *((f"residual RMS, a whole {what} left out at a time", b, a, unit, f"{noise:.3g}")
           for what, (b, a) in fit.heldout_by.items()),
         ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", "1"),
         ("χ²/dof against the noise found", before.chi2_dof_whitened, after.chi2_dof_whitened, "", "1"),
@@ -35,7 +35,7 @@ def fit_table(diagnosis: Diagnosis) -> str:
         ("readings left out as outliers", len(before.outliers), len(after.outliers), "", ""),
     ]  # fmt: skip
     rows: list[list[str | Cell]] = [
-        [what, _number(old), _number(new), unit, aim] for what, old, new, unit, aim in lines if old is not None
+        [what, _number(old), _number(new), its, aim] for what, old, new, its, aim in lines if old is not None
     ]
     heads = ["quantity", "before", "after", "unit", "noise alone"]
     return table("What is left, against what noise alone would leave", heads, rows)
