@@ -254,6 +254,7 @@ def _one(
     own = np.array([parts[label][i, i] for label in labels[1:]])
     pull = np.array([parts[label][i, size] for label in labels[1:]])
     gradient = sum(part[:size, size] for part in parts.values())
+    gradient = gradient - (fit.values - fit.model.prior_mean) / fit.model.prior_sigma**2
     h = np.diag(own) - rows @ inverse @ rows.T
     s = pull - rows @ inverse @ gradient
     sigma = fit.parameters[i].sigma
@@ -265,7 +266,7 @@ def _one(
     if dof < 0.5:
         return None
     wide = np.block([[a, rows.T], [rows, np.diag(own + sigma**-2.0)]])
-    right = np.concatenate([gradient - (fit.values - fit.model.prior_mean) / fit.model.prior_sigma**2, pull])
+    right = np.concatenate([gradient, pull])
     covariance = np.linalg.inv(wide)
     step = covariance @ right
     values = {}

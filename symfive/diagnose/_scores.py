@@ -1,8 +1,9 @@
 """Score tests of the whole catalogue from exact tangents, orthogonal to everything that is fitted.
 
-With the whitened residual r, the Jacobian J of all fitted parameters (priors P) and the tangents G of one effect,
+With the whitened residual r, the Jacobian J of all fitted parameters (priors P, departure δ from their means) and the
+tangents G of one effect,
 
-    A = JᵀJ + P⁻¹,   H = GᵀG - GᵀJ A⁻¹ JᵀG,   s = Gᵀr - GᵀJ A⁻¹ Jᵀr,   Δ = sᵀ (H + Q⁻¹)⁻¹ s
+    A = JᵀJ + P⁻¹,   H = GᵀG - GᵀJ A⁻¹ JᵀG,   s = Gᵀr - GᵀJ A⁻¹ (Jᵀr - P⁻¹δ),   Δ = sᵀ (H + Q⁻¹)⁻¹ s
 
 is the drop of the cost if the effect joins (C. R. Rao 1948; orthogonalised: J. Neyman 1959), without a refit.
 H/GᵀG is the share of the effect that the campaign can see at all; what is missing is swallowed by J.
@@ -49,13 +50,15 @@ class Score:
 
 @dataclass
 class Board:
-    """The whitened system of one fit: Gram matrix of [fitted | shapes | candidates | residual], and who is where."""
+    """The whitened system of one fit: Gram matrix of [fitted | shapes | candidates | residual], and who is where; `gradient`
+    of the fitted ones and the shapes, their priors' pull included (0 at the fit but for shapes)."""
 
     result: Identification
     model: Model
     gram: Array
     base: NDArray[np.int64]
     prior: Array
+    gradient: Array
     effects: Sequence[Effect]
     tangents: dict[str, Array] = field(default_factory=dict)
     residual_index: int = -1
@@ -95,7 +98,7 @@ class Board:
         a = self.gram[np.ix_(self.base, self.base)] + np.diag(self.prior)
         cross = self.gram[np.ix_(self.base, columns)]
         full = self.gram[np.ix_(columns, columns)]
-        solved = np.linalg.solve(a, np.column_stack([cross, self.gram[self.base, self.residual_index]]))
+        solved = np.linalg.solve(a, np.column_stack([cross, self.gradient]))
         return full - cross.T @ solved[:, :-1], self.gram[columns, self.residual_index] - cross.T @ solved[:, -1], full
 
     def cosine(self, first: Effect, second: Effect) -> float:
@@ -159,4 +162,6 @@ def score_catalogue(
     shape_names = [p.name for shape in shapes for p in shape.parameters(fitted.campaign)]
     names = [*(p.name for p in fitted.parameters), *shape_names]
     base = np.array([model.index[name] for name in names], dtype=np.int64)
-    return Board(result, model, gram, base, model.prior_sigma[base] ** -2.0, effects, tangents, size)
+    prior = model.prior_sigma[base] ** -2.0
+    gradient = gram[base, size] - prior * (values - model.prior_mean)[base]
+    return Board(result, model, gram, base, prior, gradient, effects, tangents, size)

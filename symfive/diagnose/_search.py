@@ -16,7 +16,7 @@ from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, coordinate_of
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import variants
+from symfive.diagnose._variants import plain, variants
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.identify import Identification, identify
@@ -39,8 +39,8 @@ SLOW = 0.1
 """Noise whose correlation lasts longer than this part of a run may be something that drifts."""
 SLOW_NOISE = 0.05
 """The share of instruments whose own noise is that slow and larger than declared."""
-OPEN = 10.0
-"""Rivals within this log evidence of a member are tried in all their shapes."""
+OPEN, OPEN_SHARE = 10.0, 0.1
+"""Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
 DECISIVE = 5.0
 """Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
@@ -241,7 +241,9 @@ def _contest(state: _State) -> bool:
         own = _try(state, without, base, _own_score(state.after, member))
         if own is None:
             continue
-        found = [_best_shape(state, without, base, t) if t.evidence > own.evidence - OPEN else t for t in found]
+        simple = _plain_trial(state, without, base, member) or own
+        least = min(own.evidence, simple.evidence - max(OPEN, OPEN_SHARE * simple.evidence))
+        found = [_best_shape(state, without, base, t) if t.evidence > least else t for t in found]
         trials = sorted([own, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
         if trials[0].evidence > own.evidence + 1.0:
@@ -250,6 +252,16 @@ def _contest(state: _State) -> bool:
             state.progress(f"{trials[0].effect.key} takes the place of {member.effect.key}")
             swapped = True
     return swapped
+
+
+def _plain_trial(state: _State, without: Identification, base: float, member: Member) -> Trial | None:
+    """A member in its plain shape, to which its rivals in theirs compare."""
+    effect = plain(member.effect)
+    if effect == member.effect:
+        return None
+    effect = effect.prepare(without.model.campaign)
+    step = {p.name: 0.0 for p in effect.parameters(without.model.campaign)}
+    return _try(state, without, base, Score(effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step, member.looks))
 
 
 def _best_of(scores: Sequence[Score]) -> list[Score]:
@@ -313,6 +325,9 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     if not trials:
         return None
     best = max(trials, key=lambda t: t.evidence)
+    if best.effect.id == "unknown":  # no name is given up before its other shapes were tried
+        named = [t for t in trials if t.effect.id != "unknown"]
+        best = max([best, *(_best_shape(state, state.after, base, t) for t in named)], key=lambda t: t.evidence)
     log_p = next(s.log_p for s in significant if s.effect.key == best.effect.key) + float(np.log(seen.looks))
     return best, min(log_p, 0.0)
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 from symfive.effects import Effect
 
-__all__ = ["variants"]
+__all__ = ["plain", "variants"]
 
 SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "backlash": ({"shape": "pre_sliding"}, {"shape": "wind_up"}),
@@ -27,6 +27,13 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     ),
 }  # fmt: skip
 """Options that change an effect's shape and not what it is."""
+
+
+def plain(effect: Effect) -> Effect:
+    """The effect in the shape in which the catalogue holds it."""
+    names = {name for options in SHAPES.get(effect.id, ()) for name in options}
+    defaults: dict[str, Any] = {f.name: f.default for f in fields(effect) if f.name in names and effect.id != "unknown"}
+    return replace(effect, **defaults) if defaults else effect
 
 
 def variants(effect: Effect) -> Iterator[Effect]:

@@ -1,0 +1,331 @@
+"""The recordings: how each is handed to the diagnosis, which part is learnt from and which is held out, what is drawn.
+
+Nothing here knows an answer. `prepare` only takes physics out of the baseline, thins rows, or says which rows are one test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign, Run
+
+__all__ = ["RECORDINGS", "Part", "Recording", "cycles", "halves", "rows_of", "runs_with", "turns"]
+
+Rows = NDArray[np.bool_]
+CYCLES = 5
+STEP_DEG = 4.0
+
+
+@dataclass(frozen=True)
+class Part:
+    """A way to part a recording: `learn` says of each run which of its rows (N,) are fitted; the others are predicted."""
+
+    label: str
+    learn: Callable[[Run], Rows]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording. `unit` is that of the readings whose held-out rms is compared, `over` the coordinate of the figure (an
+    axis, `X velocity`, or `time`), `column` the reading drawn, `draw` which runs are drawn; `unseen` picks runs that no fit
+    sees at all, `exclude` takes effects out of the catalogue that these readings cannot have."""
+
+    name: str
+    machine: str
+    source: str
+    prepared: str
+    unit: str
+    over: str
+    column: str
+    parts: tuple[Part, ...]
+    prepare: Callable[[Campaign], Campaign] = lambda campaign: campaign
+    draw: Callable[[Run], bool] = lambda run: True
+    unseen: Callable[[Campaign], Campaign] | None = None
+    exclude: tuple[str, ...] = ()
+    published: Mapping[str, float] | None = None
+
+    @property
+    def converter(self) -> str:
+        """Which recording it is, or is a part of."""
+        return self.name.split(" ")[0]
+
+
+def rows_of(run: Run, rows: slice | Rows) -> Run:
+    """Some rows of a run."""
+    return replace(
+        run,
+        time=run.time[rows],
+        commands={name: values[rows] for name, values in run.commands.items()},
+        readings={name: values[rows] for name, values in run.readings.items()},
+    )
+
+
+def cycles(run: Run, count: int = CYCLES) -> list[Run]:
+    """The cycles of an ISO 230-2 test as runs of their own: they repeat each other, row by row."""
+    pieces = []
+    for k, rows in enumerate(np.array_split(np.arange(run.rows), count), start=1):
+        piece = rows_of(run, slice(rows[0], rows[-1] + 1))
+        begin = float(piece.time[0])
+        name = f"{run.id}-cycle-{k}"
+        pieces.append(replace(piece, id=name, file=f"{name}.csv", time=piece.time - begin, start_s=run.start_s + begin))
+    return pieces
+
+
+def halves() -> tuple[Part, Part]:
+    """The first half of the time of every run, and the second."""
+
+    def early(run: Run) -> Rows:
+        return np.asarray(run.time < 0.5 * (run.time[0] + run.time[-1]))
+
+    return Part("first half → second half", early), Part("second half → first half", lambda run: ~early(run))
+
+
+def runs_with(label: str, *marks: str) -> Part:
+    """Runs whose id holds one of the marks are fitted, the others predicted."""
+    return Part(label, lambda run: np.full(run.rows, any(mark in run.id for mark in marks)))
+
+
+def _without_friction(campaign: Campaign) -> Campaign:
+    """Mass and viscous friction are all that the baseline knows of the drive."""
+    bare = [replace(run, options={**run.options, "force_terms": ("mass", "viscous")}) for run in campaign.runs]
+    return replace(campaign, runs=tuple(bare))
+
+
+def _thinned(step: int) -> Callable[[Campaign], Campaign]:
+    def prepare(campaign: Campaign) -> Campaign:
+        runs = [rows_of(run, slice(None, None, step)) if run.rows > 500 else run for run in campaign.runs]
+        return replace(campaign, runs=tuple(runs))
+
+    return prepare
+
+
+def _iso230(campaign: Campaign) -> Campaign:
+    """The static tests, their cycles as runs."""
+    runs: list[Run] = []
+    for run in (run for run in campaign.runs if not run.dynamic):
+        runs += [run] if "encoder" in run.instrument else cycles(run)
+    return replace(campaign, runs=tuple(runs))
+
+
+def _scans(step: int) -> Callable[[Campaign], Campaign]:
+    def prepare(campaign: Campaign) -> Campaign:
+        scans = [rows_of(run, slice(None, None, step)) for run in campaign.runs if run.dynamic]
+        return replace(campaign, runs=tuple(scans))
+
+    return prepare
+
+
+def turns(run: Run, axis: str) -> list[Run]:
+    """The whole turns of an axis at constant speed as runs that repeat each other, rows every `STEP_DEG`.
+
+    Readings are interpolated linearly to the angles, times those of a uniform motion (ISO 230-7: what repeats from turn to
+    turn is synchronous, the rest is not).
+    """
+    angle = run.commands[axis]
+    if np.ptp(angle) < 360.0:
+        return []
+    order = np.argsort(angle, kind="stable")
+    speed = float(np.ptp(angle) / (run.time[-1] - run.time[0]))
+    grid = np.arange(0.0, 360.0, STEP_DEG)
+    first, last = np.ceil(angle.min() / 360.0), np.floor(angle.max() / 360.0)
+    pieces: list[Run] = []
+    for k in range(int(first), int(last)):
+        at = grid + 360.0 * k
+        name = f"{run.id}-turn-{len(pieces) + 1}"
+        pieces.append(
+            replace(
+                run, id=name, file=f"{name}.csv", time=grid / speed_of(speed), commands={axis: grid},
+                start_s=float(np.interp(at[0], angle[order], run.time[order])),
+                readings={n: np.interp(at, angle[order], v[order]) for n, v in run.readings.items()},
+            )
+        )  # fmt: skip
+    return pieces
+
+
+def speed_of(speed: float) -> float:
+    """Degree/s, rounded to what the drive was asked for: turns of several runs then repeat each other."""
+    return round(speed, 0)
+
+
+def _turns(campaign: Campaign) -> Campaign:
+    """Whole turns; of the standstill every eighth row; no coast-down."""
+    runs: list[Run] = []
+    for run in campaign.runs:
+        if "displacement" in run.instrument:
+            runs += turns(run, "C") or [rows_of(run, slice(None, None, 8))]
+    return replace(campaign, runs=tuple(runs))
+
+
+def _coast_down(campaign: Campaign) -> Campaign:
+    """The run with the drive off; all is per unit of inertia (1 kg m²)."""
+    return replace(campaign, runs=tuple(run for run in campaign.runs if "drive_force" in run.instrument))
+
+
+def _seen_from_outside(campaign: Campaign) -> Campaign:
+    """The resolver on the screw of a stepper that runs open loop tells no control anything: it reads what the axis did, as an
+    outer instrument. Every fourth row (25 Hz)."""
+    runs = []
+    for run in (rows_of(run, slice(None, None, 4)) for run in campaign.runs):
+        deviation = 1e3 * (run.readings["X_act_mm"] - run.commands["X"])
+        runs.append(
+            replace(
+                run, instrument=("laser",), readings={"X_dev_um": deviation - deviation.mean()}, noise_um=0.01,
+                options={"axis": "X"},
+            )
+        )  # fmt: skip
+    return replace(campaign, runs=tuple(runs))
+
+
+def _every(step: int) -> Part:
+    def learn(run: Run) -> Rows:
+        return np.asarray(np.arange(run.rows) % step == 0)
+
+    return Part("every other pose → those between", learn)
+
+
+ESS = "A. Sandström, anderssandstrom/ecmc_target_muts_logger"
+MUKCA = "G. Franzese, M. Spahn & M. Ramirez, platonics-delft/kinematics_calibration"
+ARM = "seven rotary axes, a ball at the flange set into sockets (same physics as an R-test)"
+AS_CONVERTED = "as converted"
+SEATED = (
+    "as converted, without sensor errors in the catalogue: the ball stays in its socket and every reading is zero by "
+    "construction, which no gain can change"
+)
+
+RECORDINGS: tuple[Recording, ...] = (
+    Recording(
+        name="emps",
+        machine="ball-screw axis under position control, encoder and drive force",
+        source="A. Janot, M. Gautier & M. Brunot 2019, through forgi86/sysid-neural-continuous",
+        prepared="the baseline knows mass and viscous friction only",
+        unit="N",
+        over="X velocity",
+        column="X_force_N",
+        parts=halves(),
+        prepare=_without_friction,
+        published={"coulomb": 20.39, "offset": -3.16},
+    ),
+    Recording(
+        name="ecmc-iso230",
+        machine="linear axis, ISO 230-2, 5 positions, 5 cycles, both directions",
+        source="paulscherrerinstitute/ecmccfg",
+        prepared="each of the five cycles is a run of its own, so that the cycles show the noise",
+        unit="um",
+        over="X",
+        column="X_dev_um",
+        parts=(runs_with("cycles 1, 2 → 3 to 5", "cycle-1", "cycle-2"), runs_with("cycles 4, 5 → 1 to 3", "cycle-4", "cycle-5")),
+        prepare=_iso230,
+    ),
+    Recording(
+        name="ess-xyz (stops)",
+        machine="linear axes X, Y, Z of a target drive unit, ISO 230-2",
+        source=ESS,
+        prepared="each cycle of the tests is a run of its own; the scans are not seen by any fit",
+        unit="um",
+        over="X",
+        column="X_dev_um",
+        parts=(runs_with("cycles 1, 2 → 3 to 5, stops of the raw log", "cycle-1", "cycle-2"),),
+        prepare=_iso230,
+        draw=lambda run: "cycle" in run.id and "_x_" in run.id,
+        unseen=_scans(8),
+    ),
+    Recording(
+        name="ess-xyz (scans)",
+        machine="X and Z of the same unit, laser against motor resolver in slow motion",
+        source=ESS,
+        prepared="of the scans every sixth row (0.6 s, 0.12 mm)",
+        unit="um",
+        over="X",
+        column="X_dev_um",
+        parts=halves(),
+        prepare=_scans(6),
+        draw=lambda run: "_x_" in run.id,
+        unseen=_iso230,
+    ),
+    Recording(
+        name="ess-rotary/wobbling (turns)",
+        machine="heavy rotary axis, three probes on the rim, one on the face",
+        source=ESS,
+        prepared="each whole turn is a run of its own, rows every 4°, so that the turns show the noise; and the standstill",
+        unit="um",
+        over="C",
+        column="s4_um",
+        parts=(
+            runs_with("test_03, standstill → test_04, 05", "test_03", "zero"),
+            runs_with("test_04, standstill → test_03, 05", "test_04", "zero"),
+        ),
+        prepare=_turns,
+        draw=lambda run: "turn" in run.id,
+    ),
+    Recording(
+        name="ess-rotary/wobbling (coast-down)",
+        machine="the same axis with the drive off, all per unit of inertia",
+        source=ESS,
+        prepared="the baseline knows viscous and Coulomb friction",
+        unit="Nm",
+        over="C velocity",
+        column="C_torque_Nm",
+        parts=halves(),
+        prepare=_coast_down,
+    ),
+    Recording(
+        name="ess-rotary/radial-load",
+        machine="the same axis at standstill, free and with 10 kN from three sides",
+        source=ESS,
+        prepared=AS_CONVERTED,
+        unit="um",
+        over="time",
+        column="s1_um",
+        parts=(runs_with("load on x- → on x+ and y+", "x_minus"), runs_with("load on x+ → on x- and y+", "x_plus")),
+    ),
+    Recording(
+        name="jjxray-slit",
+        machine="slit blade on stepper and lead screw, resolver on the screw",
+        source="A. Sandström, anderssandstrom/ecmc_bifrost_slits_sat",
+        prepared="the resolver counts as an outer instrument, since the stepper runs open loop; every fourth row (25 Hz)",
+        unit="um",
+        over="X",
+        column="X_dev_um",
+        parts=halves(),
+        prepare=_seen_from_outside,
+        draw=lambda run: bool(np.ptp(run.commands["X"]) > 0.0),
+    ),
+    Recording(
+        name="irb120-tracker",
+        machine="six rotary axes, 1000 poses, tracker on three tool and three base reflectors",
+        source="K. Kamali 2018, icelinker/Robot-Calibration-LaserTracker",
+        prepared="every eighth pose",
+        unit="mm",
+        over="J3",
+        column="z_mm",
+        parts=(_every(2), runs_with("reflectors 1, 2 → 3", "-1", "-2", "read-back")),
+        prepare=_thinned(8),
+        draw=lambda run: "tool" in run.id,
+    ),
+    Recording(
+        name="mukca/panda_1",
+        machine=ARM,
+        source=MUKCA,
+        prepared=SEATED,
+        exclude=("sensor_error",),
+        unit="um",
+        over="J2",
+        column="dz_um",
+        parts=(runs_with("socket 0 → socket 1", "hole_0"), runs_with("two places → back-high", "front", "right")),
+    ),
+    Recording(
+        name="mukca/panda_3",
+        machine=ARM,
+        source=MUKCA,
+        prepared=SEATED,
+        exclude=("sensor_error",),
+        unit="um",
+        over="J2",
+        column="dz_um",
+        parts=(runs_with("socket 0 → socket 1", "hole_0"), runs_with("back → front", "back")),
+    ),
+)  # fmt: skip

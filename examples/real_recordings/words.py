@@ -1,0 +1,216 @@
+"""The page and the data of all studies: every number with its unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from symfive.diagnose import Detection, Finding
+from symfive.identify import Identification
+
+from .study import Study, named, rms_of
+
+__all__ = ["page", "section", "shown_unit", "summary_row", "to_data"]
+
+MOST = 8
+SHOWN = 5
+UNITS = {"um": "µm", "urad": "µrad", "deg": "°", "kg m^2": "kg m²", "1": ""}
+SUMMARY_HEAD = ("recording", "baseline alone leaves", "place", "name", "with it", "held out, before → after")
+
+
+def shown_unit(unit: str | None) -> str:
+    """A unit as it is written on a page."""
+    return UNITS.get(unit or "", (unit or "").replace("um", "µm").replace("urad", "µrad"))
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in lines) + "\n"
+
+
+def _number(value: float, std: float | None, unit: str | None) -> str:
+    spread = f" ± {std:.2g}" if std is not None else ""
+    return f"{value:.4g}{spread} {shown_unit(unit)}".strip()
+
+
+def believed(study: Study) -> str:
+    """What the plain fit believes of the machine, value ± 1σ, those furthest from nothing first, and what the findings make
+    of it."""
+    before, after = study.found.before, study.found.after
+    known = [(name, value, std, unit) for name, value, std, unit, sigma in before.table() if std < 0.5 * sigma]
+    ordered = sorted(known, key=lambda row: -abs(row[1]) / max(row[2], 1e-12))[:MOST]
+    if not ordered:
+        return "Nothing of the machine: nothing but zeros and set-ups can be learnt here.\n"
+    rows = []
+    for name, value, std, unit in ordered:
+        then = _number(after[name], after.uncertainty(name), unit) if study.found.findings else "as before"
+        rows.append((name, _number(value, std, unit), then))
+    return table(("parameter", "plain fit, value ± 1σ", "with the findings"), rows)
+
+
+def left_by(fit: Identification) -> str:
+    """rms of what a fit leaves, by unit of reading."""
+    return ", ".join(f"{rms:.3g} {shown_unit(unit)}" for unit, rms in fit.rms.items())
+
+
+def failing(detection: Detection) -> str:
+    """The tests that fail, in words; what passes is said too."""
+    limit = detection.level / max(len(detection.tests), 1)
+    lines = [f"- {t.name}: {'p < 1e-300' if t.p_value == 0.0 else f'p = {t.p_value:.2g}'}" + (
+        f"; {t.says}" if t.p_value < limit else "; passes") for t in detection.tests]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def sizes(finding: Finding) -> str:
+    """The parameters of a finding with 1σ and unit."""
+    found = []
+    for name, q in finding.parameters.items():
+        if isinstance(q.value, str):
+            found.append(f"{name} {q.value}")
+        elif isinstance(q.value, float):
+            plain = name.removesuffix(f"_{(q.unit or '').lower()}").replace("_", " ")
+            found.append(f"{plain} {_number(q.value, q.std if isinstance(q.std, float) else None, q.unit)}")
+        elif name == "matrix":
+            gains = ", ".join(f"{line[k]:.3g}" for k, line in enumerate(q.value))
+            found.append(f"gains of the columns {gains}, and the cross terms")
+    return ", ".join(found[:SHOWN]) + (f" and {len(found) - SHOWN} more" if len(found) > SHOWN else "")
+
+
+def _places(study: Study) -> str:
+    suspects = study.found.location.significant
+    if not suspects:
+        return "No place of the chain stands out of the noise.\n"
+    rows = [
+        (s.link, s.axis or "", s.coordinate, s.effect.key, f"{s.log_p / math.log(10.0):.0f}") for s in suspects[:SHOWN]
+    ]
+    return table(("link", "axis", "coordinate", "best as", "log10 p"), rows)
+
+
+def _findings(study: Study) -> str:
+    found = study.found.findings
+    if not found:
+        return f"None. {units_said(study)}\n"
+    rows = []
+    for f in found:
+        rivals = ", ".join(f"{r.effect}{f' {r.axis}' if r.axis else ''} {100 * r.confidence:.0f} %" for r in f.rivals[:2]
+                           if r.confidence > 0.01)  # fmt: skip
+        name = f.name.replace("_", " ") + (f" of {f.axis}" if f.axis else "")
+        rows.append((name, f"`{f.effect.key}`", f.coordinate, sizes(f), f"{100 * f.confidence:.0f} %", rivals))
+    return table(("name", "form", "over", "parameters", "confidence", "rivals"), rows)
+
+
+def units_said(study: Study) -> str:
+    """The verdict without findings, in the units of the readings."""
+    left = left_by(study.found.after)
+    return f"Of {len(study.found.observability)} effects none stands out of what the baseline leaves ({left})."
+
+
+def _held_out(study: Study) -> str:
+    unit = shown_unit(study.recording.unit)
+    rows = []
+    for part in study.held_out:
+        gain = "; ".join(f"`{form}`: {rms:.3g} {unit}" for form, rms in part.without.items())
+        rows.append(
+            (part.label, f"{part.before:.3g} {unit}", f"{part.after:.3g} {unit}", gain or "nothing to leave out")
+        )
+    return table(("learnt → predicted", "baseline", "with the findings", "without one of them"), rows)
+
+
+def _published(study: Study) -> str:
+    wanted = study.recording.published or {}
+    rows = []
+    for name, value in wanted.items():
+        for finding in study.found.findings:
+            q = finding.parameters.get(name)
+            if q is not None and isinstance(q.value, float) and isinstance(q.std, float):
+                away = abs(q.value - value) / q.std
+                unit = shown_unit(q.unit)
+                rows.append((name, f"{value:g} {unit}", _number(q.value, q.std, q.unit), f"{away:.1f} σ"))
+    return (
+        "Published values of what was taken out:\n\n" + table(("", "published", "found", "apart"), rows) if rows else ""
+    )
+
+
+def section(study: Study, figure: str) -> str:
+    """The page's section of one recording."""
+    recording, found = study.recording, study.found
+    left = f"{left_by(found.before)} → {left_by(found.after)}"
+    bad = study.unsupported
+    verdict = (
+        f"Held out, these findings make every part worse: {', '.join(bad)}." if bad else
+        "No finding makes every held-out part worse." if found.findings else
+        "Without a finding nothing changes in the held-out parts."
+    )  # fmt: skip
+    if study.idle:
+        verdict += f" No held-out part needs {', '.join(study.idle)}."
+    pieces = [
+        f"## {recording.name}\n",
+        f"{recording.machine[0].upper()}{recording.machine[1:]} ({recording.source}). Handed over: {recording.prepared}; "
+        f"{len(study.campaign.runs)} runs, {study.campaign.rows} rows. {study.seconds:.0f} s.\n",
+        f"![{recording.name}](figures/{figure})\n",
+        f"**1. A plain fit** leaves {left_by(found.before)} and believes:\n",
+        believed(study),
+        "What the tests say of it:\n",
+        failing(found.detection),
+        "**2. Place**\n",
+        _places(study),
+        "**3. Name**\n",
+        _findings(study),
+        _published(study),
+        f"**4. Held out** (rms of the readings in {shown_unit(recording.unit)})\n",
+        _held_out(study),
+        f"{verdict} All that was fitted: {left}.\n",
+        "**5. What is left**\n",
+        failing(found.remaining),
+        f"{study.left.says}\n",
+        *(f"Without a name: {text}\n" for text in found.unnamed),
+    ]  # fmt: skip
+    return "\n".join(piece for piece in pieces if piece)
+
+
+def summary_row(study: Study) -> tuple[str, ...]:
+    """The recording's line of the table at the top."""
+    unit, found = shown_unit(study.recording.unit), study.found
+    first = next(iter(found.location.significant), None)
+    place = "none"
+    if first is not None:
+        place = f"{first.link}{f', {first.axis}' if first.axis else ''}, over {first.coordinate}"
+    held = "; ".join(f"{p.before:.3g} → {p.after:.3g} {unit} ({p.label})" for p in study.held_out)
+    return (
+        study.recording.name, left_by(found.before), place, named(found.findings),
+        left_by(found.after) if found.findings else "", held,
+    )  # fmt: skip
+
+
+def page(studies: Sequence[Study], figures: Sequence[str], absent: Sequence[str]) -> str:
+    """`recordings.md`."""
+    lines = [
+        "# Recordings of real machines: what the diagnosis does with them\n",
+        "Every number comes from readings that others took on real machines. What the model lacks was not looked up: the tool "
+        "had to find it. Nothing here says that a name is right where nothing independent confirms it.\n",
+        table(SUMMARY_HEAD, [summary_row(study) for study in studies]),
+        *(f"Left out: {text}\n" for text in absent),
+        *(section(study, figure) for study, figure in zip(studies, figures, strict=True)),
+    ]
+    return "\n".join(lines)
+
+
+def to_data(study: Study) -> dict[str, Any]:
+    """One entry of `recordings.json`."""
+    found, unit = study.found, study.recording.unit
+    return {
+        "name": study.recording.name, "source": study.recording.source, "handed_over": study.recording.prepared,
+        "runs": len(study.campaign.runs), "rows": study.campaign.rows, "seconds": round(study.seconds, 1), "unit": unit,
+        "believed": {n: {"value": v, "std": s, "unit": u} for n, v, s, u, _ in found.before.table()},
+        "rms_before": dict(found.before.rms), "rms_after": dict(found.after.rms),
+        "rms_before_in_unit": rms_of(found.before, unit), "rms_after_in_unit": rms_of(found.after, unit),
+        "tests": {t.name: t.p_value for t in found.detection.tests},
+        "places": [{"link": s.link, "axis": s.axis, "coordinate": s.coordinate, "form": s.effect.key,
+                    "log10_p": s.log_p / math.log(10.0)} for s in found.location.significant],
+        "findings": [f.to_data() for f in found.findings],
+        "held_out": [{"part": p.label, "before": p.before, "after": p.after, "without": p.without, "worse": list(p.worse)}
+                     for p in study.held_out],
+        "remaining": {t.name: t.p_value for t in found.remaining.tests}, "unnamed": list(found.unnamed),
+    }  # fmt: skip
