@@ -56,6 +56,11 @@ def _root(
     pass
 
 
+def _machine(name: str) -> Machine:
+    """A machine file, or a preset by its name."""
+    return read_machine(name) if Path(name).suffix == ".toml" or name not in presets() else preset(name)
+
+
 class _Progress:
     """Plain lines on standard error, from two seconds on."""
 
@@ -144,7 +149,7 @@ def plan(
     dialects = tuple(nc or ("iso",))
     for name in dialects:
         dialect_of(name)
-    data = read_machine(machine) if Path(machine).suffix == ".toml" or machine not in presets() else preset(machine)
+    data = _machine(machine)
     post = Post(
         tool_centre_on=tool_centre_on, tool_centre_off=tool_centre_off, reversed_axes=_rotary(data, reversed_axes)
     )
@@ -331,6 +336,59 @@ def codegen(
     written = generate(model, output, target=target, prefix=prefix)
     if not quiet:
         typer.echo("\n".join(str(path) for path in written))
+
+
+@app.command(
+    name="import-polar",
+    epilog="Example: symfive import-polar three-axis ccw.csv cw.csv -o measured/ --radius 100 --feed 1000",
+)
+def import_polar(
+    machine: Annotated[str, typer.Argument(help="A machine file, or the name of a preset.", show_default=False)],
+    files: Annotated[list[Path], typer.Argument(help="Angle and deviation, one file per sense.", show_default=False)],
+    output: OutputPath,
+    radius: Annotated[float, typer.Option(help="Radius of the circle: the bar's length, mm.", show_default=False)],
+    feed: Annotated[float, typer.Option(help="Feed along the circle, mm/min.", show_default=False)],
+    centre: Annotated[str, typer.Option(help="The table ball in the workpiece frame, mm.")] = "0,0,0",
+    plane: Annotated[str, typer.Option(help="XY, YZ or ZX.")] = "XY",
+    unit: Annotated[str, typer.Option(help="Unit of the deviation: um or mm.")] = "um",
+    noise_um: Annotated[float, typer.Option(help="1σ of one reading, from the instrument's data sheet.")] = 0.3,
+    quiet: Quiet = False,
+) -> None:
+    """A campaign from what a ball bar's software exports: deviation over angle, the positions reconstructed."""
+    from symfive.importers import polar_run, read_polar
+    from symfive.procedures import campaign_of
+
+    data = _machine(machine)
+    try:
+        place = [float(word) for word in centre.split(",")]
+        if len(place) != 3:
+            raise ValueError
+    except ValueError:
+        raise InputError(f'--centre "{centre}" is no place', remedy="write --centre 0,0,50") from None
+    runs = []
+    for path in files:
+        angle, deviation = read_polar(path, unit=unit)
+        try:
+            runs.append(
+                polar_run(
+                    data,
+                    angle,
+                    deviation,
+                    centre=place,
+                    radius=radius,
+                    feed=feed,
+                    id=path.stem,
+                    plane=plane,
+                    noise_um=noise_um,
+                )
+            )
+        except InputError as error:
+            raise error.at(path) from None
+    campaign = campaign_of(data, runs, output.name)
+    with output_folder(output) as folder:
+        write_campaign_files(campaign, folder)
+    if not quiet:
+        typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
 
 
 @app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")

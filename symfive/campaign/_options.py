@@ -63,6 +63,7 @@ OPTIONS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "reflector_on": (_text, '"workpiece"'),
     "sensors": (_sensors, "[{ direction = [1.0, 0.0, 0.0], position = [150.0, 0.0, 0.0] }]"),
     "smoothing_s": (_positive, "a number above zero"),
+    "start": (lambda value: value in ("rest", "moving"), '"moving"'),
     "v_rest": (_positive, "a number above zero"),
 }
 """Key → what it must be, and how to write it. Other keys are kept and noted."""

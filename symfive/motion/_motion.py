@@ -22,6 +22,8 @@ __all__ = ["AxisMotion", "RunMotion", "Series"]
 
 Array = NDArray[np.float64]
 SMOOTHING_S = 0.03
+LEAD_S, LEAD_ROWS = 0.5, 5
+"""Ten time constants of a slow position loop (20 1/s); rows that say how the motion goes on backwards."""
 
 
 @dataclass(frozen=True)
@@ -147,11 +149,24 @@ class RunMotion:
                 np.interp(rows, self._steps, command),
                 CubicSpline(self._steps, command)(rows),
             )
-        grid = np.arange(rows[-1] * factor + 1) / factor
-        filled = command if factor == 1 else np.interp(grid, rows, command)
+        lead = self._lead(command)
+        command, first = np.concatenate([lead, command]), len(lead)
+        filled = command
+        if factor > 1:
+            filled = np.interp(np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command)), command)
         interval, order = self.interval / factor, tuple(sorted(gains.items()))
         response = _remembered(np.ascontiguousarray(filled).tobytes(), interval, order, tuple(wanted))
-        return response, tuple(wanted.values())
+        return response[first * factor :], tuple(wanted.values())
+
+    def _lead(self, command: Array) -> Array:
+        """What a programme commanded before the first row where the recording begins in motion (`start = "moving"`): its
+        first rows carried on backwards as a polynomial, for so long that the drive has forgotten how that began."""
+        if self.run.options.get("start") != "moving" or len(command) < LEAD_ROWS:
+            return np.zeros(0)
+        count = int(np.ceil(LEAD_S / self.interval))
+        stride = min(max(1, count // (4 * LEAD_ROWS)), (len(command) - 1) // (LEAD_ROWS - 1))
+        known = stride * np.arange(LEAD_ROWS)
+        return np.asarray(np.polynomial.Polynomial.fit(known, command[known], LEAD_ROWS - 1)(np.arange(-count, 0)))
 
     def fine_acceleration(self, name: str, interval: float) -> tuple[Series, NDArray[np.int64], float]:
         """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows,

@@ -1,0 +1,5 @@
+"""Campaigns from what users have: files of instruments and controls that are not campaigns yet."""
+
+from symfive.importers.polar import polar_run, read_polar
+
+__all__ = ["polar_run", "read_polar"]

@@ -1,0 +1,135 @@
+"""The polar form of a ball bar: read, put back on the programme's positions, identified like a campaign of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from symfive.campaign import Campaign, Run, read_campaign
+from symfive.cli import main
+from symfive.errors import InputError
+from symfive.identify import identify
+from symfive.importers import polar_run, read_polar
+from symfive.machine import preset
+from symfive.model import Model
+from symfive.motion import RunMotion
+from symfive.procedures import campaign_of, planar_circle
+from symfive.simulate import simulate
+
+MACHINE = preset("three-axis")
+CENTRE, RADIUS, FEED = (0.0, 0.0, 110.0), 100.0, 1000.0
+
+
+def _circles(overshoot: float = 0.0) -> Campaign:
+    runs = planar_circle(
+        MACHINE, radius=RADIUS, feed=FEED, centre=CENTRE, rate_hz=20.0, sweep_deg=360.0 + overshoot, run_up_deg=60.0
+    )
+    return campaign_of(MACHINE, runs)
+
+
+def _polar(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """What an instrument's software would export of a run: the middle of it, angle and deviation."""
+    x, y = run.commands["X"], run.commands["Y"]
+    phi = np.unwrap(np.arctan2(y, x))
+    steady = np.abs(np.abs(np.gradient(phi, run.time)) - FEED / 60.0 / RADIUS) < 1e-6
+    return np.degrees(phi[steady]), run.readings["dL_um"][steady]
+
+
+def test_positions_and_drives_are_those_of_the_programme():
+    """The middle of a circle, cut out and put back: the drives move as in the whole one, from the first row on."""
+    (whole, _) = _circles().runs
+    x = whole.commands["X"]
+    angle, _ = _polar(whole.with_readings({"dL_um": np.zeros(whole.rows)}))
+    part = polar_run(MACHINE, angle, np.zeros(len(angle)), centre=CENTRE, radius=RADIUS, feed=FEED)
+    first = int(np.argmin(np.abs(x - part.commands["X"][0]) + np.abs(whole.commands["Y"] - part.commands["Y"][0])))
+    rows = slice(first, first + part.rows)
+    for name in ("X", "Y", "Z"):
+        np.testing.assert_allclose(part.commands[name], whole.commands[name][rows], atol=1e-9)
+        full, cut = (RunMotion(run, MACHINE, {}, {}).axis(name) for run in (whole, part))
+        np.testing.assert_allclose(cut.position.value, full.position.value[rows], atol=1e-5)
+        np.testing.assert_allclose(cut.velocity.value, full.velocity.value[rows], atol=3e-4)
+    at_rest = RunMotion(replace(part, options={}), MACHINE, {}, {}).axis("Y").position.value
+    moving = RunMotion(part, MACHINE, {}, {}).axis("Y").position.value
+    assert np.abs(at_rest - moving)[:3].max() > 1e-2  # else the drive would have to catch up from standstill
+
+
+def test_errors_come_out_as_from_the_whole_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    plan = _circles()
+    measured = simulate(plan, truth={"EC0X": 45.0}, seed=4)
+    files = []
+    for run in measured.campaign.runs:
+        angle, deviation = _polar(run)
+        files.append(tmp_path / f"{run.id}.csv")
+        files[-1].write_text(
+            "angle;deviation\n" + "\n".join(f"{a:.6f};{d:.3f}" for a, d in zip(angle, deviation, strict=True))
+        )
+    words = ["import-polar", "three-axis", *files, "-o", tmp_path / "c", "--radius", RADIUS, "--feed", FEED]
+    assert main([str(w) for w in [*words, "--centre", "0,0,110", "-q"]]) == 0
+    campaign = read_campaign(tmp_path / "c")
+    assert {run.options["start"] for run in campaign.runs} == {"moving"}
+    found = identify(campaign)
+    assert found["EC0X"] == pytest.approx(45.0, abs=4.0 * found.uncertainty("EC0X"))
+    assert found.uncertainty("EC0X") < 1.2 * identify(measured.campaign).uncertainty("EC0X") and found.chi2_dof < 1.1
+    assert np.abs(Model(campaign).predict_run(campaign.runs[0], Model(campaign).prior_mean)).max() < 2.0
+
+
+@pytest.mark.parametrize(
+    "line", ["{a:.3f},{d:.2f}", "{a:.3f};{d:.2f}", "{a:.3f}\t{d:.2f}", "  {a:.3f}   {d:.2f}", "comma"]
+)
+def test_columns_are_parted_by_whatever_parts_them(line: str, tmp_path: Path):
+    angle, deviation = np.arange(0.0, 360.0, 2.0), np.sin(np.arange(180.0))
+    rows = [
+        f"{a:.3f};{d:.2f}".replace(".", ",") if line == "comma" else line.format(a=a, d=d)
+        for a, d in zip(angle, deviation, strict=True)
+    ]
+    path = tmp_path / "bar.txt"
+    path.write_text("\ufeffBall bar\nRadius 100\n\n" + "\n".join(rows) + "\n\n", encoding="utf-8")
+    read_angle, read_deviation = read_polar(path)
+    np.testing.assert_allclose(read_angle, angle, atol=1e-3)
+    np.testing.assert_allclose(read_deviation, deviation, atol=6e-3)
+    assert read_polar(path, unit="mm")[1] == pytest.approx(1e3 * read_deviation)
+
+
+def test_bad_files_end_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    good = "\n".join(f"{a} 0.5" for a in range(0, 360, 3))
+    cases = {
+        "text": (good + "\nend of file\n", "line 121", "not an angle"),
+        "short": ("1 2\n2 3\n", "2 readings", "at least 20"),
+        "stands": ("\n".join("10 0.5" for _ in range(40)), "reading 2", "even steps"),
+        "turns": (good + "\n" + "\n".join(f"{a} 0.5" for a in range(354, 0, -3)), "reading 121", "even steps"),
+        "nan": (good.replace("0.5", "nan", 1), "", "even steps"),
+    }
+    for name, (text, place, remedy) in cases.items():
+        path = tmp_path / f"{name}.txt"
+        path.write_text(text)
+        words = ["import-polar", "three-axis", path, "-o", tmp_path / "out", "--radius", 100, "--feed", 1000, "-q"]
+        code = main([str(w) for w in words])
+        said = capsys.readouterr().err
+        if name == "nan":  # the head ends with the first pair of numbers
+            assert code == 0
+            continue
+        assert code == 2 and said.count("\n") == 1 and place in said and remedy in said and path.name in said, said
+        assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="no circle"):
+        polar_run(MACHINE, np.arange(0.0, 360.0, 3.0), np.zeros(120), centre=CENTRE, radius=0.0, feed=1.0)
+    with pytest.raises(InputError, match="one deviation per angle"):
+        polar_run(MACHINE, np.arange(0.0, 360.0, 3.0), np.zeros(12), centre=CENTRE, radius=100.0, feed=1000.0)
+
+
+@given(st.text(alphabet="0123456789.,;-+e \t\nabc°", max_size=400))
+def test_no_text_ends_in_a_traceback(text: str):
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.txt"
+        path.write_text(text, encoding="utf-8")
+        try:
+            angle, deviation = read_polar(path)
+        except InputError:
+            return
+        assert len(angle) == len(deviation) >= 20 and np.isfinite(angle).all() and np.isfinite(deviation).all()
