@@ -13,8 +13,8 @@ import pytest
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, name_effects
 from symfive.diagnose._findings import doubted
+from symfive.diagnose._refit import Trial
 from symfive.diagnose._scores import log_tail
-from symfive.diagnose._search import Trial
 from symfive.machine import preset
 from symfive.motion import RunMotion
 from symfive.motion._signals import ReversalAhead, ReversalTime

@@ -11,8 +11,9 @@ from symfive.diagnose._locate import Location, Observability, Suspect, locate
 from symfive.diagnose._next_test import next_test, possible_tests
 from symfive.diagnose._places import Interval
 from symfive.diagnose._prove import prove
+from symfive.diagnose._refit import Trial
 from symfive.diagnose._result import Diagnosis, Finding, Fit, RivalName
-from symfive.diagnose._search import Member, Naming, Trial, name_effects
+from symfive.diagnose._search import Member, Naming, name_effects
 
 __all__ = [
     "Detection", "Diagnosis", "Disagreement", "Finding", "Fit", "Interval", "Location", "Member", "Naming",

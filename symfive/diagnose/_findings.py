@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of
+from symfive.diagnose._refit import lacking
 from symfive.diagnose._result import Finding, RivalName
-from symfive.diagnose._search import Member, Naming, lacking
+from symfive.diagnose._search import Member, Naming
 from symfive.effects import Effect, Quantity
 from symfive.identify import Identification, identify
 from symfive.model import Model

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,53 +11,46 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection
-from symfive.diagnose._evidence import Groups, evidence_of, evidence_with_noise, marginal
+from symfive.diagnose._evidence import evidence_of, evidence_with_noise
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, coordinate_of
-from symfive.diagnose._remainder import remainder
+from symfive.diagnose._refit import (
+    DECISIVE,
+    Forms,
+    Trial,
+    amplitudes,
+    best_shape,
+    lacking,
+    newest,
+    refitted,
+    shaped,
+    start_of,
+    tried,
+    widened,
+    with_families,
+)
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import plain, variants
+from symfive.diagnose._variants import plain
 from symfive.effects import Effect
-from symfive.errors import InputError
-from symfive.identify import Identification, identify
-from symfive.inference import Problem, gauss_newton
+from symfive.identify import Identification
 from symfive.model import Model
 from symfive.threads import one_thread
 
-__all__ = ["Member", "Naming", "Trial", "lacking", "name_effects"]
+__all__ = ["Member", "Naming", "name_effects"]
 
 Array = NDArray[np.float64]
 MAX_EFFECTS = 5
 TRIALS = 4
-TRIAL_STEPS = 12
-"""A refit that has not settled by then is weighed as it stands."""
 PASSES = 2
-WIDENINGS = 3
-START_SCALES = (0.3, 1.0, 3.0)
-START_STEPS = 3
 SLOW = 0.1
 """Noise whose correlation lasts longer than this part of a run may be something that drifts."""
 SLOW_NOISE = 0.05
 """The share of instruments whose own noise is that slow and larger than declared."""
 OPEN, OPEN_SHARE = 10.0, 0.1
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
-DECISIVE = 5.0
-"""Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
 MATERIAL = 0.15
 """An effect counts only if its readings about their mean have at least this rms in units of the declared noise: less
 changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, and its
-    `size`, the mean square of its readings about their mean over that of the declared noise."""
-
-    effect: Effect
-    evidence: float
-    values: Mapping[str, float]
-    size: float
-    looks: int = 1
 
 
 @dataclass(frozen=True)
@@ -96,7 +89,7 @@ class _State:
     level: float
     exclude: tuple[str, ...]
     progress: Callable[[str], None]
-    forms: Mapping[tuple[str, str | None], int]
+    forms: Forms
     members: list[Member] = field(default_factory=list)
     dropped: set[str] = field(default_factory=set)
 
@@ -144,15 +137,15 @@ def _forward(state: _State, seen: Survey | None) -> None:
         if best is None:
             slow = _slow(state)
             if slow is None:
-                state.after = _with_families(state.after)
+                state.after = with_families(state.after)
                 return
             state.after, log_p = slow
-            state.members.append(Member(_newest(state.after), log_p))
-            state.progress(f"found {_newest(state.after).key}, taken for slow noise before")
+            state.members.append(Member(newest(state.after), log_p))
+            state.progress(f"found {newest(state.after).key}, taken for slow noise before")
             continue
         trial, log_p = best
-        state.after = _shaped(state.after, trial)
-        state.members.append(Member(_newest(state.after), log_p, trial.looks))
+        state.after = shaped(state.after, trial)
+        state.members.append(Member(newest(state.after), log_p, trial.looks))
         state.progress(f"found {trial.effect.key}")
         _prune(state, state.members[:-1])
 
@@ -179,8 +172,8 @@ def _slow(state: _State) -> tuple[Identification, float] | None:
     for score in candidates:
         state.progress(f"slow noise or {score.effect.key}")
         model = Model(campaign, (*white.model.added, score.effect))
-        start = {p.name: float(v) for p, v in zip(white.parameters, white.values, strict=True)} | _start(model, score)
-        fit = _widened(_identify(model, start, white))
+        start = {p.name: float(v) for p, v in zip(white.parameters, white.values, strict=True)} | start_of(model, score)
+        fit = widened(refitted(model, start, white))
         odds = evidence_with_noise(fit, state.after) - float(np.log(names))
         trials.append((odds - (DECISIVE if score.effect.id == "unknown" else 0.0), fit))
     best = max(trials, key=lambda t: t[0], default=None)
@@ -200,28 +193,20 @@ def _simplify(state: _State, first: Survey) -> None:
     bare = state.after
     for member in state.members:
         bare = lacking(bare, member.effect)
-    sized = [group for m in state.members for group in _amplitudes(state.campaign, m.effect)]
+    sized = [group for m in state.members for group in amplitudes(state.campaign, m.effect)]
     full = evidence_of(state.after.problem(), state.after.values, sized)
     nameless = [s for s in first.scores if s.effect.id == "unknown"]
     base = evidence_of(bare.problem(), bare.values)
     trials = [
-        t for t in (_try(state, bare, base, s) for s in sorted(nameless, key=lambda s: -s.drop)[:2]) if t is not None
+        t
+        for t in (tried(bare, base, s, state.forms) for s in sorted(nameless, key=lambda s: -s.drop)[:2])
+        if t is not None
     ]
     best = max(trials, key=lambda t: t.evidence, default=None)
     if best is not None and best.evidence > full - base:
-        state.after = _shaped(bare, best)
-        state.members = [Member(_newest(state.after), min(m.log_p for m in state.members))]
+        state.after = shaped(bare, best)
+        state.members = [Member(newest(state.after), min(m.log_p for m in state.members))]
         _forward(state, None)
-
-
-def _amplitudes(campaign: Campaign, effect: Effect) -> Groups:
-    """An effect's amplitudes, together; those of a term without a name by direction or column."""
-    groups: dict[str, list[str]] = {}
-    for p in effect.parameters(campaign):
-        if p.mean == 0.0:
-            channel = p.name.removeprefix(effect.key + ".").split(".")[0] if effect.id == "unknown" else ""
-            groups.setdefault(channel, []).append(p.name)
-    return list(groups.values())
 
 
 def _contest(state: _State) -> bool:
@@ -237,18 +222,18 @@ def _contest(state: _State) -> bool:
         scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
         rivals = _best_of(scores)
         base = evidence_of(without.problem(), without.values)
-        found = [t for t in (_try(state, without, base, s) for s in rivals) if t is not None]
-        own = _try(state, without, base, _own_score(state.after, member))
+        found = [t for t in (tried(without, base, s, state.forms) for s in rivals) if t is not None]
+        own = tried(without, base, _own_score(state.after, member), state.forms)
         if own is None:
             continue
         simple = _plain_trial(state, without, base, member) or own
         least = min(own.evidence, simple.evidence - max(OPEN, OPEN_SHARE * simple.evidence))
-        found = [_best_shape(state, without, base, t) if t.evidence > least else t for t in found]
+        found = [best_shape(without, base, t, state.forms) if t.evidence > least else t for t in found]
         trials = sorted([own, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
         if trials[0].evidence > own.evidence + 1.0:
-            state.after = _shaped(without, trials[0])
-            state.members[number] = Member(_newest(state.after), member.log_p, trials[0].looks)
+            state.after = shaped(without, trials[0])
+            state.members[number] = Member(newest(state.after), member.log_p, trials[0].looks)
             state.progress(f"{trials[0].effect.key} takes the place of {member.effect.key}")
             swapped = True
     return swapped
@@ -261,7 +246,7 @@ def _plain_trial(state: _State, without: Identification, base: float, member: Me
         return None
     effect = effect.prepare(without.model.campaign)
     step = {p.name: 0.0 for p in effect.parameters(without.model.campaign)}
-    return _try(state, without, base, Score(effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step, member.looks))
+    return tried(without, base, Score(effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step, member.looks), state.forms)
 
 
 def _best_of(scores: Sequence[Score]) -> list[Score]:
@@ -273,42 +258,10 @@ def _best_of(scores: Sequence[Score]) -> list[Score]:
     return list({s.effect.key: s for s in (*by_chance, *by_drop, *terms)}.values())
 
 
-def _best_shape(state: _State, without: Identification, base: float, trial: Trial) -> Trial:
-    """A rival in the best of its shapes: the member that it rivals stands in its own."""
-    campaign = without.model.campaign
-    trials = [trial]
-    for other in variants(trial.effect):
-        try:
-            parameters = other.prepare(campaign).parameters(campaign)
-        except InputError:
-            continue
-        step = {p.name: trial.values.get(p.name, p.mean) - p.mean for p in parameters}
-        found = _try(
-            state, without, base, Score(other.prepare(campaign), np.inf, 1.0, -np.inf, 1.0, 1.0, step, trial.looks)
-        )
-        trials += [found] if found is not None else []
-    return max(trials, key=lambda t: t.evidence)
-
-
-def lacking(result: Identification, effect: Effect) -> Identification:
-    """The fit without an effect and the rest of its family, under the same noise and outliers."""
-    campaign = result.model.campaign
-    kept = tuple(e for e in result.model.added if effect.key not in (e.key, getattr(e, "of", "")))
-    model = Model(campaign, kept)
-    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index}
-    values, _ = gauss_newton(result.problem(model), model.vector(start), 1e-2)
-    residuals = {run.id: model.readings(run) - model.predict_run(run, values) for run in campaign.runs}
-    return replace(result, model=model, values=values, residuals=residuals)
-
-
 def _own_score(result: Identification, member: Member) -> Score:
     """A member as a candidate again, starting from what the fit found for it."""
     step = {p.name: result[p.name] - p.mean for p in member.effect.parameters(result.model.campaign)}
     return Score(member.effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step, member.looks)
-
-
-def _newest(result: Identification) -> Effect:
-    return [e for e in result.model.effects if e.id != "family_shape"][-1]
 
 
 def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
@@ -319,7 +272,7 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     base = evidence_of(state.after.problem(), state.after.values) if significant else 0.0
     for s in _best_of(significant):
         state.progress(f"trying {s.effect.key}")
-        trial = _try(state, state.after, base, s)
+        trial = tried(state.after, base, s, state.forms)
         if trial is not None and trial.size > MATERIAL**2:
             trials.append(trial)
     if not trials:
@@ -327,137 +280,9 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     best = max(trials, key=lambda t: t.evidence)
     if best.effect.id == "unknown":  # no name is given up before its other shapes were tried
         named = [t for t in trials if t.effect.id != "unknown"]
-        best = max([best, *(_best_shape(state, state.after, base, t) for t in named)], key=lambda t: t.evidence)
+        best = max([best, *(best_shape(state.after, base, t, state.forms) for t in named)], key=lambda t: t.evidence)
     log_p = next(s.log_p for s in significant if s.effect.key == best.effect.key) + float(np.log(seen.looks))
     return best, min(log_p, 0.0)
-
-
-def _size(result: Identification, model: Model, effect: Effect, values: Array) -> float:
-    """Mean square of an effect's readings about their mean in each run, in units of the declared noise."""
-    idle = values.copy()
-    for p in effect.parameters(model.campaign):
-        idle[model.index[p.name]] = p.mean
-    total = count = 0.0
-    for run in filter(effect.applies, model.campaign.runs):
-        floor = np.array([n.declared for (r, _), n in result.noises.items() if r == run.id]).mean()
-        moved = (model.predict_run(run, values) - model.predict_run(run, idle)) / floor
-        total += float(np.sum((moved - moved.mean(axis=0)) ** 2))
-        count += moved.size
-    return total / max(count, 1.0)
-
-
-def _try(state: _State, result: Identification, base: float, score: Score) -> Trial | None:
-    """An exact refit with the effect, under the noise of the present fit, whose log evidence is `base`.
-
-    All names are equally probable beforehand; a name that could take several forms (components) shares that among them.
-    """
-    campaign = result.model.campaign
-    effects = (*result.model.added, score.effect)
-    model = Model(campaign, effects)
-    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
-    start |= _start(model, score)
-    problem = result.problem(model)
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
-            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
-            evidence = evidence_of(problem, values, _amplitudes(campaign, score.effect)) - base
-    except np.linalg.LinAlgError:
-        return None
-    if not np.isfinite(evidence):
-        return None
-    named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
-    if score.effect.id == "unknown":
-        evidence -= DECISIVE + float(np.log(score.looks))  # a name is given up only for decisive evidence
-    else:
-        evidence -= float(np.log(score.looks))
-        evidence -= float(np.log(max(state.forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
-    return Trial(score.effect, evidence, named, _size(result, model, score.effect, values), score.looks)
-
-
-def _start(model: Model, score: Score) -> dict[str, float]:
-    """Where the refit begins: the score's own step, from the prior mean, inside the bounds."""
-    start = {}
-    for name, step in score.step.items():
-        p = model.parameters[model.index[name]]
-        value = p.mean + step
-        if p.start is not None and p.start != p.mean and step == 0.0:
-            value = p.start
-        start[name] = float(
-            np.clip(value, p.lower if np.isfinite(p.lower) else value, p.upper if np.isfinite(p.upper) else value)
-        )
-    return start
-
-
-def _shaped(result: Identification, trial: Trial) -> Identification:
-    """Full fit with the effect in the best of its own shapes, noise found anew.
-
-    The plain shape keeps its place unless another one's evidence is better under the same noise.
-    """
-    campaign = result.model.campaign
-    plain = _identify(Model(campaign, (*result.model.added, trial.effect)), trial.values, result)
-    best, best_evidence = plain, evidence_of(plain.problem(), plain.values)
-    for other in variants(trial.effect):
-        try:
-            prepared = other.prepare(campaign)
-            model = Model(campaign, (*result.model.added, prepared))
-            problem = plain.problem(model)
-            start = _best_start(problem, prepared, {n: v for n, v in trial.values.items() if n in model.index})
-            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
-            evidence = evidence_of(problem, values)
-        except (ValueError, np.linalg.LinAlgError):
-            continue
-        simpler = len(prepared.parameters(campaign)) < len(trial.effect.parameters(campaign))
-        if evidence > best_evidence + (0.0 if simpler else DECISIVE):
-            named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
-            best, best_evidence = _identify(model, named, plain), evidence
-    return _widened(best)
-
-
-def _widened(result: Identification) -> Identification:
-    """The fit with the newest effect's prior no narrower than twice what came out: an effect far larger than usual is not
-    pulled back, and nothing else has to make up for it."""
-    for _ in range(WIDENINGS):
-        newest = _newest(result)
-        parameters = [p for p in newest.parameters(result.model.campaign) if p.mean == 0.0]
-        most = max((abs(result[p.name]) / p.sigma for p in parameters), default=0.0)
-        if most <= 1.0 or newest.id == "unknown":
-            return result
-        wider = replace(newest, spread=2.0 * most * newest.spread)
-        model = Model(result.model.campaign, [wider if e.key == newest.key else e for e in result.model.added])
-        start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
-        result = _identify(model, start, result)
-    return result
-
-
-def _best_start(problem: Problem, effect: Effect, start: Mapping[str, float]) -> Mapping[str, float]:
-    """From which of several short times the fit goes down fastest: far from the right one a spike has no slope towards it."""
-    model = problem.model
-    times = [p for p in effect.parameters(model.campaign) if p.unit == "ms" and p.mean > 0.0 and p.name not in start]
-    if not times:
-        return start
-    found = []
-    for scale in START_SCALES:
-        near = {**start, **{p.name: max(scale * p.mean, p.lower) for p in times}}
-        values, _ = gauss_newton(problem, model.vector(near), 1e-2, START_STEPS)
-        square = problem.information(problem.blocks(values)).square
-        found.append((square, {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}))
-    return min(found, key=lambda f: f[0])[1]
-
-
-def _with_families(result: Identification) -> Identification:
-    """The fit with the rest of each effect's family in the model, where the evidence for it is decisive.
-
-    Family right, shape different: the rest is a part of the finding, not a second one. It comes last, when no effect
-    with a name of its own explains more.
-    """
-    campaign = result.model.campaign
-    for shape in remainder(result.model, result.values, result.model.added):
-        wide = Model(campaign, (*result.model.added, shape))
-        problem = result.problem()
-        if marginal(problem, wide, result.values) > marginal(problem, problem.model, result.values) + DECISIVE:
-            start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
-            result = _identify(wide, start, result)
-    return result
 
 
 def _prune(state: _State, members: Sequence[Member]) -> None:
@@ -467,11 +292,6 @@ def _prune(state: _State, members: Sequence[Member]) -> None:
         full = evidence_of(state.after.problem(), state.after.values)
         if full - evidence_of(without.problem(), without.values) < 3.0:
             named = {p.name: float(v) for p, v in zip(without.parameters, without.values, strict=True)}
-            state.after = _identify(without.model, named, without)
+            state.after = refitted(without.model, named, without)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]
             state.dropped.add(member.effect.key)
-
-
-def _identify(model: Model, start: Mapping[str, float], like: Identification) -> Identification:
-    """The full fit, noise found anew from where it was."""
-    return identify(model, start=start, start_noise=like.noises, noise="repeats")

@@ -1,0 +1,223 @@
+"""Exact refits with one more effect: what each is worth, in which of its shapes, with how wide a prior."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.diagnose._evidence import Groups, evidence_of, marginal
+from symfive.diagnose._places import axis_of
+from symfive.diagnose._remainder import remainder
+from symfive.diagnose._scores import Score
+from symfive.diagnose._variants import variants
+from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.identify import Identification, identify
+from symfive.inference import Problem, gauss_newton
+from symfive.model import Model
+
+__all__ = [
+    "DECISIVE", "Forms", "Trial", "amplitudes", "best_shape", "lacking", "newest", "refitted", "shaped", "start_of", "tried",
+    "widened", "with_families",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+Forms = Mapping[tuple[str, str | None], int]
+"""How many forms (components) a name could take."""
+DECISIVE = 5.0
+"""Log evidence from which one says decisive (H. Jeffreys 1961, appendix B: a factor of more than 100)."""
+TRIAL_STEPS = 12
+"""A refit that has not settled by then is weighed as it stands."""
+WIDENINGS = 3
+START_SCALES = (0.3, 1.0, 3.0)
+START_STEPS = 3
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, and its
+    `size`, the mean square of its readings about their mean over that of the declared noise."""
+
+    effect: Effect
+    evidence: float
+    values: Mapping[str, float]
+    size: float
+    looks: int = 1
+
+
+def tried(result: Identification, base: float, score: Score, forms: Forms) -> Trial | None:
+    """An exact refit with the effect, under the noise of the present fit, whose log evidence is `base`.
+
+    All names are equally probable beforehand; a name that could take several forms (components) shares that among them.
+    """
+    campaign = result.model.campaign
+    effects = (*result.model.added, score.effect)
+    model = Model(campaign, effects)
+    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+    start |= start_of(model, score)
+    problem = result.problem(model)
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
+            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
+            evidence = evidence_of(problem, values, amplitudes(campaign, score.effect)) - base
+    except np.linalg.LinAlgError:
+        return None
+    if not np.isfinite(evidence):
+        return None
+    named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+    if score.effect.id == "unknown":
+        evidence -= DECISIVE + float(np.log(score.looks))  # a name is given up only for decisive evidence
+    else:
+        evidence -= float(np.log(score.looks))
+        evidence -= float(np.log(max(forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
+    return Trial(score.effect, evidence, named, _size(result, model, score.effect, values), score.looks)
+
+
+def start_of(model: Model, score: Score) -> dict[str, float]:
+    """Where the refit begins: the score's own step, from the prior mean, inside the bounds."""
+    start = {}
+    for name, step in score.step.items():
+        p = model.parameters[model.index[name]]
+        value = p.mean + step
+        if p.start is not None and p.start != p.mean and step == 0.0:
+            value = p.start
+        start[name] = float(
+            np.clip(value, p.lower if np.isfinite(p.lower) else value, p.upper if np.isfinite(p.upper) else value)
+        )
+    return start
+
+
+def _size(result: Identification, model: Model, effect: Effect, values: Array) -> float:
+    """Mean square of an effect's readings about their mean in each run, in units of the declared noise."""
+    idle = values.copy()
+    for p in effect.parameters(model.campaign):
+        idle[model.index[p.name]] = p.mean
+    total = count = 0.0
+    for run in filter(effect.applies, model.campaign.runs):
+        floor = np.array([n.declared for (r, _), n in result.noises.items() if r == run.id]).mean()
+        moved = (model.predict_run(run, values) - model.predict_run(run, idle)) / floor
+        total += float(np.sum((moved - moved.mean(axis=0)) ** 2))
+        count += moved.size
+    return total / max(count, 1.0)
+
+
+def amplitudes(campaign: Campaign, effect: Effect) -> Groups:
+    """An effect's amplitudes, together; those of a term without a name by direction or column."""
+    groups: dict[str, list[str]] = {}
+    for p in effect.parameters(campaign):
+        if p.mean == 0.0:
+            channel = p.name.removeprefix(effect.key + ".").split(".")[0] if effect.id == "unknown" else ""
+            groups.setdefault(channel, []).append(p.name)
+    return list(groups.values())
+
+
+def best_shape(without: Identification, base: float, trial: Trial, forms: Forms) -> Trial:
+    """A rival in the best of its shapes: the member that it rivals stands in its own."""
+    campaign = without.model.campaign
+    trials = [trial]
+    for other in variants(trial.effect):
+        try:
+            parameters = other.prepare(campaign).parameters(campaign)
+        except InputError:
+            continue
+        step = {p.name: trial.values.get(p.name, p.mean) - p.mean for p in parameters}
+        score = Score(other.prepare(campaign), np.inf, 1.0, -np.inf, 1.0, 1.0, step, trial.looks)
+        found = tried(without, base, score, forms)
+        trials += [found] if found is not None else []
+    return max(trials, key=lambda t: t.evidence)
+
+
+def shaped(result: Identification, trial: Trial) -> Identification:
+    """Full fit with the effect in the best of its own shapes, noise found anew.
+
+    The plain shape keeps its place unless another one's evidence is better under the same noise.
+    """
+    campaign = result.model.campaign
+    plain = refitted(Model(campaign, (*result.model.added, trial.effect)), trial.values, result)
+    best, best_evidence = plain, evidence_of(plain.problem(), plain.values)
+    for other in variants(trial.effect):
+        try:
+            prepared = other.prepare(campaign)
+            model = Model(campaign, (*result.model.added, prepared))
+            problem = plain.problem(model)
+            start = _best_start(problem, prepared, {n: v for n, v in trial.values.items() if n in model.index})
+            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
+            evidence = evidence_of(problem, values)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        simpler = len(prepared.parameters(campaign)) < len(trial.effect.parameters(campaign))
+        if evidence > best_evidence + (0.0 if simpler else DECISIVE):
+            named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+            best, best_evidence = refitted(model, named, plain), evidence
+    return widened(best)
+
+
+def _best_start(problem: Problem, effect: Effect, start: Mapping[str, float]) -> Mapping[str, float]:
+    """From which of several short times the fit goes down fastest: far from the right one a spike has no slope towards it."""
+    model = problem.model
+    times = [p for p in effect.parameters(model.campaign) if p.unit == "ms" and p.mean > 0.0 and p.name not in start]
+    if not times:
+        return start
+    found = []
+    for scale in START_SCALES:
+        near = {**start, **{p.name: max(scale * p.mean, p.lower) for p in times}}
+        values, _ = gauss_newton(problem, model.vector(near), 1e-2, START_STEPS)
+        square = problem.information(problem.blocks(values)).square
+        found.append((square, {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}))
+    return min(found, key=lambda f: f[0])[1]
+
+
+def widened(result: Identification) -> Identification:
+    """The fit with the newest effect's prior no narrower than twice what came out: an effect far larger than usual is not
+    pulled back, and nothing else has to make up for it."""
+    for _ in range(WIDENINGS):
+        last = newest(result)
+        parameters = [p for p in last.parameters(result.model.campaign) if p.mean == 0.0]
+        most = max((abs(result[p.name]) / p.sigma for p in parameters), default=0.0)
+        if most <= 1.0 or last.id == "unknown":
+            return result
+        wider = replace(last, spread=2.0 * most * last.spread)
+        model = Model(result.model.campaign, [wider if e.key == last.key else e for e in result.model.added])
+        start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+        result = refitted(model, start, result)
+    return result
+
+
+def with_families(result: Identification) -> Identification:
+    """The fit with the rest of each effect's family in the model, where the evidence for it is decisive.
+
+    Family right, shape different: the rest is a part of the finding, not a second one. It comes last, when no effect
+    with a name of its own explains more.
+    """
+    campaign = result.model.campaign
+    for shape in remainder(result.model, result.values, result.model.added):
+        wide = Model(campaign, (*result.model.added, shape))
+        problem = result.problem()
+        if marginal(problem, wide, result.values) > marginal(problem, problem.model, result.values) + DECISIVE:
+            start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+            result = refitted(wide, start, result)
+    return result
+
+
+def lacking(result: Identification, effect: Effect) -> Identification:
+    """The fit without an effect and the rest of its family, under the same noise and outliers."""
+    campaign = result.model.campaign
+    kept = tuple(e for e in result.model.added if effect.key not in (e.key, getattr(e, "of", "")))
+    model = Model(campaign, kept)
+    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index}
+    values, _ = gauss_newton(result.problem(model), model.vector(start), 1e-2)
+    residuals = {run.id: model.readings(run) - model.predict_run(run, values) for run in campaign.runs}
+    return replace(result, model=model, values=values, residuals=residuals)
+
+
+def newest(result: Identification) -> Effect:
+    return [e for e in result.model.effects if e.id != "family_shape"][-1]
+
+
+def refitted(model: Model, start: Mapping[str, float], like: Identification) -> Identification:
+    """The full fit, noise found anew from where it was."""
+    return identify(model, start=start, start_noise=like.noises, noise="repeats")
