@@ -18,6 +18,8 @@ __all__ = ["unknowns"]
 INTERVALS = 8
 FINE = 32
 SIDES = 16
+MOST_ROTARY = 3
+"""Terms over two rotary axes together are looked for up to so many; an arm of seven has 21 pairs."""
 
 
 def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
@@ -52,7 +54,7 @@ def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
         if dynamic and axis in turning:
             yield _spline(f"{axis} since reversal", "axis", SIDES)
     rotary = [axis for axis in moving if campaign.machine.axes[axis].rotary]
-    for pair in combinations(rotary, 2):
+    for pair in combinations(rotary, 2) if len(rotary) <= MOST_ROTARY else ():
         shapes = [_smooth(campaign, axis) for axis in pair]
         yield {"over": pair, "basis": tuple(b for b, _ in shapes), "order": tuple(n for _, n in shapes)}
     for place in ("structure", "reading"):
