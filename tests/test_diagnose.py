@@ -69,6 +69,7 @@ def test_observability_is_told_before_any_verdict(sag_and_drift):
     assert any({"location_error.EC0Y", "location_error.EC0X"} <= set(c) for c in sag_and_drift.classes)
 
 
+@pytest.mark.slow
 def test_a_backlash_that_the_fit_swallows_is_found_on_dynamic_recordings():
     result = _open("dynamic-backlash")
     assert [(f.name, f.axis) for f in result.findings] == [("backlash", "C")]

@@ -89,6 +89,7 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
 
 
+@pytest.mark.slow
 def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):
     machine = plant.planar_table()
     runs = _circles(machine, (1000.0, 2500.0), start_s=None)
@@ -104,6 +105,7 @@ def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):
     assert found.fit.rms_after_um < 1.15 * 0.3
 
 
+@pytest.mark.slow
 def test_the_pulse_of_a_late_friction_compensation_is_read_between_the_rows(tmp_path):
     """A pulse of 40 ms, read every 30 ms: where the axis turns between two rows decides its form."""
     machine = plant.planar_table()
@@ -132,6 +134,7 @@ def test_a_reversal_is_placed_between_the_rows():
         assert abs(np.polyval(np.polyder(around), 0.0)) < 2e-3 * np.abs(np.gradient(x, run.time)).max()
 
 
+@pytest.mark.slow
 def test_a_ringing_structure_is_named_with_its_frequency_and_damping(tmp_path):
     machine = plant.planar_table()
     mode = {
@@ -165,6 +168,7 @@ def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_pa
     assert found.findings[0].parameters["height"].value == pytest.approx(9.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_one_feed_cannot_tell_play_from_the_servo_and_the_second_feed_that_is_asked_for_can(tmp_path):
     machine = plant.planar_table()
     play = [{"effect": "backlash", "axis": "X", "width": 0.35}]
@@ -181,6 +185,7 @@ def test_one_feed_cannot_tell_play_from_the_servo_and_the_second_feed_that_is_as
     assert _names(both)[0] == ("backlash", "X") and both.findings[0].confidence > 0.99
 
 
+@pytest.mark.slow
 def test_two_axes_whose_loops_differ_are_told_apart_in_another_plane(tmp_path):
     """A circle of two axes reads only the difference of their loops."""
     machine = plant.planar_table()

@@ -150,6 +150,7 @@ def test_a_concentric_circle_has_one_class_of_bow_scale_and_yaw_that_only_anothe
     assert test.useful and "150" in test.says
 
 
+@pytest.mark.slow
 def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for(tmp_path):
     """Play of X and a carriage that turns about B at 80 mm below the ball read alike until the ball stands higher."""
     play = [{"effect": "backlash", "axis": "X", "width": 0.3}]

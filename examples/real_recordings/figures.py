@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from symfive.identify import Identification
 
-from .study import Study, coordinate, rms_of
+from .study import Study, coordinate, counted_by, rms_of, telling_column
 from .words import shown_unit
 
 __all__ = ["drawing", "save"]
@@ -39,8 +39,8 @@ def drawing(study: Study) -> Figure:
         if fit is found.before or found.findings:
             _residuals(left, study, fit, colour, what)
     left.set_xlabel(_axis_label(study), fontsize=8)
-    left.set_ylabel(f"residual of {recording.column.rsplit('_', 1)[0]} / {_unit(study)}", fontsize=8)
-    left.margins(y=0.15)
+    left.set_ylabel(f"residual of {telling_column(study).rsplit('_', 1)[0]} / {_unit(study)}", fontsize=8)
+    left.margins(y=0.22)
     left.legend(fontsize=8, frameon=False, ncols=2, loc="upper center")
     if not found.findings:
         left.set_title("no finding: nothing changes", loc="left", fontsize=9)
@@ -49,7 +49,7 @@ def drawing(study: Study) -> Figure:
 
 
 def _unit(study: Study) -> str:
-    return shown_unit(study.recording.column.rsplit("_", 1)[1])
+    return shown_unit(telling_column(study).rsplit("_", 1)[1])
 
 
 def _axis_label(study: Study) -> str:
@@ -65,11 +65,11 @@ def _axis_label(study: Study) -> str:
 
 def _residuals(ax: Axes, study: Study, fit: Identification, colour: str, what: str) -> None:
     places, values, outliers = [], [], []
-    left_out = fit.problem().left_out
+    left_out, wanted = fit.problem().left_out, telling_column(study)
     for run in filter(study.recording.draw, study.campaign.runs):
         names = [c.name for c in fit.model.columns(run)]
-        if study.recording.column in names:
-            column = names.index(study.recording.column)
+        if wanted in names:
+            column = names.index(wanted)
             places.append(coordinate(study, run.id))
             values.append(fit.residuals[run.id][:, column])
             outliers.append(left_out[run.id][:, column])
@@ -78,20 +78,41 @@ def _residuals(ax: Axes, study: Study, fit: Identification, colour: str, what: s
     label = f"{what}: {rms:.3g} {_unit(study)} rms here"
     few = len(x) <= MANY
     aside = (-1.0 if fit is study.found.before else 1.0) * SIDE * float(np.ptp(x)) if few else 0.0
-    ax.plot(x[~out] + aside, y[~out], ".", ms=5 if few else 2, color=colour, alpha=0.6, label=label)
+    ax.plot(
+        x[~out] + aside,
+        y[~out],
+        ".",
+        ms=5 if few else 2,
+        color=colour,
+        alpha=0.25 if study.recording.bins else 0.6,
+        label=label,
+    )
     if out.any():
-        ax.plot(x[out] + aside, y[out], "x", ms=5, color=colour, label=f"{int(out.sum())} outliers")
+        ax.plot(
+            x[out] + aside,
+            y[out],
+            "x",
+            ms=5,
+            color=colour,
+            label=f"{int(out.sum())} outlier{'s' if out.sum() > 1 else ''}",
+        )
+    if study.recording.bins:
+        _mean_line(ax, x[~out], y[~out], study.recording.bins, colour)
+
+
+def _mean_line(ax: Axes, x: Array, y: Array, bins: int, colour: str) -> None:
+    """The mean of as many rows a bin, with its 1σ."""
+    for_each = [rows for rows in np.array_split(np.argsort(x), bins) if len(rows) > 1]
+    place, mean = [x[rows].mean() for rows in for_each], [y[rows].mean() for rows in for_each]
+    spread = [y[rows].std() / np.sqrt(len(rows)) for rows in for_each]
+    ax.errorbar(place, mean, yerr=spread, color=colour, lw=1.4, capsize=2, label="mean and its 1σ")
 
 
 def _held_out(ax: Axes, study: Study) -> None:
     unit = shown_unit(study.recording.unit)
-    rows = [
-        (
-            "all that was fitted",
-            rms_of(study.found.before, study.recording.unit),
-            rms_of(study.found.after, study.recording.unit),
-        )
-    ]
+    fits, counted = (study.found.before, study.found.after), counted_by(study.found)
+    before, after = (rms_of(fit, study.recording.unit, counted) for fit in fits)
+    rows = [("all that was fitted", before, after)]
     rows += [(part.label, part.before, part.after) for part in study.held_out]
     y = np.arange(len(rows))[::-1].astype(float)
     highest = max(max(before, after) for _, before, after in rows)

@@ -30,9 +30,13 @@ class Part:
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording. `unit` is that of the readings whose held-out rms is compared, `over` the coordinate of the figure (an
-    axis, `X velocity`, or `time`), `column` the reading drawn, `draw` which runs are drawn; `unseen` picks runs that no fit
-    sees at all, `exclude` takes effects out of the catalogue that these readings cannot have."""
+    """One recording, and how its figure is drawn.
+
+    `unit` is that of the readings whose held-out rms is compared. `over` is the coordinate of the figure (an axis,
+    `X velocity` or `time`), `column` its reading (none: the one that changes most), `draw` says which runs are in it, `bins`
+    how many means over the coordinate. `unseen` picks runs that no fit sees at all, `exclude` takes effects out of the
+    catalogue that these readings cannot have, `published` holds values of others.
+    """
 
     name: str
     machine: str
@@ -44,6 +48,7 @@ class Recording:
     parts: tuple[Part, ...]
     prepare: Callable[[Campaign], Campaign] = lambda campaign: campaign
     draw: Callable[[Run], bool] = lambda run: True
+    bins: int = 0
     unseen: Callable[[Campaign], Campaign] | None = None
     exclude: tuple[str, ...] = ()
     published: Mapping[str, float] | None = None
@@ -298,12 +303,13 @@ RECORDINGS: tuple[Recording, ...] = (
         name="irb120-tracker",
         machine="six rotary axes, 1000 poses, tracker on three tool and three base reflectors",
         source="K. Kamali 2018, icelinker/Robot-Calibration-LaserTracker",
-        prepared="every eighth pose",
+        prepared="every twelfth pose",
         unit="mm",
-        over="J3",
-        column="z_mm",
+        over="J2",
+        column="",
+        bins=16,
         parts=(_every(2), runs_with("reflectors 1, 2 → 3", "-1", "-2", "read-back")),
-        prepare=_thinned(8),
+        prepare=_thinned(12),
         draw=lambda run: "tool" in run.id,
     ),
     Recording(
@@ -314,7 +320,8 @@ RECORDINGS: tuple[Recording, ...] = (
         exclude=("sensor_error",),
         unit="um",
         over="J2",
-        column="dz_um",
+        column="",
+        bins=12,
         parts=(runs_with("socket 0 → socket 1", "hole_0"), runs_with("two places → back-high", "front", "right")),
     ),
     Recording(
@@ -325,7 +332,8 @@ RECORDINGS: tuple[Recording, ...] = (
         exclude=("sensor_error",),
         unit="um",
         over="J2",
-        column="dz_um",
+        column="",
+        bins=12,
         parts=(runs_with("socket 0 → socket 1", "hole_0"), runs_with("back → front", "back")),
     ),
 )  # fmt: skip

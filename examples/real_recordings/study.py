@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +18,21 @@ from symfive.model import Model
 
 from .recordings import Part, Recording
 
-__all__ = ["HeldOut", "Study", "coordinate", "held_out_rms", "lacking", "named", "rms_of", "study"]
+__all__ = [
+    "HeldOut",
+    "Study",
+    "coordinate",
+    "counted_by",
+    "held_out_rms",
+    "lacking",
+    "named",
+    "rms_of",
+    "study",
+    "telling_column",
+]
 
 Array = NDArray[np.float64]
+Counted = Mapping[str, NDArray[np.bool_]]
 TOLERANCE = 1e-2
 """σ: a refit whose steps are smaller than this has settled."""
 WORSE = 1.005
@@ -85,12 +97,16 @@ def study(
 
 
 def _held_out(found: Diagnosis, part: Part, unit: str) -> HeldOut:
-    before, after = found.before, found.after
-    without = {}
-    for finding in found.findings:
-        less = lacking(after, finding.effect)
-        without[finding.effect.key] = held_out_rms(less, part, unit)
-    return HeldOut(part.label, held_out_rms(before, part, unit), held_out_rms(after, part, unit), without)
+    counted = counted_by(found)
+    without = {f.effect.key: held_out_rms(lacking(found.after, f.effect), part, unit, counted) for f in found.findings}
+    before, after = (held_out_rms(fit, part, unit, counted) for fit in (found.before, found.after))
+    return HeldOut(part.label, before, after, without)
+
+
+def counted_by(found: Diagnosis) -> Counted:
+    """Run → readings (N, ny) that are an outlier neither of the fit before nor of that after; the two are compared on them."""
+    before, after = found.before.problem().left_out, found.after.problem().left_out
+    return {id: ~(before[id] | after[id]) for id in before}
 
 
 def _other(found: Diagnosis, unseen: Campaign) -> HeldOut:
@@ -117,17 +133,16 @@ def lacking(fit: Identification, effect: Effect) -> Identification:
     return replace(fit, model=model, values=model.vector(start))
 
 
-def held_out_rms(fit: Identification, part: Part, unit: str) -> float:
+def held_out_rms(fit: Identification, part: Part, unit: str, counted: Counted | None = None) -> float:
     """Root mean square, in `unit`, of the readings that `part` does not learn from, with the parameters of those it does.
 
     The noise is that of the whole fit. A run of which nothing is learnt has its own zeros and set-up fitted, nothing else:
-    so the machine is predicted, not where the instrument stood. Outliers do not count.
+    so the machine is predicted, not where the instrument stood. `counted` (by default all but the fit's outliers) count.
     """
     learnt = {run.id: part.learn(run) for run in fit.model.campaign.runs}
     problem = fit.problem()
-    kept = {id: ~rows for id, rows in problem.left_out.items()}
-    for id, rows in learnt.items():
-        problem.left_out[id] = problem.left_out[id] | ~rows[:, None]
+    counted = counted or {id: ~rows for id, rows in problem.left_out.items()}
+    problem.left_out = {id: problem.left_out[id] | ~rows[:, None] for id, rows in learnt.items()}
     values, _ = gauss_newton(problem, fit.values, TOLERANCE)
     strange = {id for id, rows in learnt.items() if not rows.any()}
     own = np.array([p.run in strange for p in fit.parameters])
@@ -135,15 +150,15 @@ def held_out_rms(fit: Identification, part: Part, unit: str) -> float:
         setting_up = fit.problem()
         setting_up.free = own
         values, _ = gauss_newton(setting_up, values, TOLERANCE)
-    return _rms(fit, values, {id: kept[id] & ~rows[:, None] for id, rows in learnt.items()}, unit)
+    return _rms(fit, values, {id: counted[id] & ~rows[:, None] for id, rows in learnt.items()}, unit)
 
 
-def rms_of(fit: Identification, unit: str) -> float:
+def rms_of(fit: Identification, unit: str, counted: Counted | None = None) -> float:
     """Root mean square of all that was fitted and counts, in `unit`."""
-    return _rms(fit, fit.values, {id: ~rows for id, rows in fit.problem().left_out.items()}, unit)
+    return _rms(fit, fit.values, counted or {id: ~rows for id, rows in fit.problem().left_out.items()}, unit)
 
 
-def _rms(fit: Identification, values: Array, counts: dict[str, NDArray[np.bool_]], unit: str) -> float:
+def _rms(fit: Identification, values: Array, counts: Counted, unit: str) -> float:
     squares, number = 0.0, 0
     problem = fit.problem()
     for run in fit.model.campaign.runs:
@@ -165,6 +180,19 @@ def coordinate(study: Study, run_id: str) -> Array:
     axis = over.removesuffix(" velocity")
     values = run.commands[axis]
     return np.gradient(values, run.time) if over != axis else np.asarray(values)
+
+
+def telling_column(study: Study) -> str:
+    """The reading that the figure shows: the recording's, or the one that the findings change most."""
+    if study.recording.column:
+        return study.recording.column
+    gained: dict[str, float] = {}
+    before, after = study.found.before, study.found.after
+    for run in filter(study.recording.draw, study.campaign.runs):
+        for k, column in enumerate(before.model.columns(run)):
+            squares = [float(np.sum(fit.residuals[run.id][:, k] ** 2)) for fit in (before, after)]
+            gained[column.name] = gained.get(column.name, 0.0) + squares[0] - squares[1]
+    return max(gained, key=lambda name: gained[name])
 
 
 def named(findings: Sequence[Finding]) -> str:

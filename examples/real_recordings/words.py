@@ -161,7 +161,8 @@ def section(study: Study, figure: str) -> str:
         _published(study),
         f"**4. Held out** (rms of the readings in {shown_unit(recording.unit)})\n",
         _held_out(study),
-        f"{verdict} All that was fitted: {left}.\n",
+        f"{verdict} All that was fitted: {left}; outliers: "
+        f"{len(found.before.outliers)} → {len(found.after.outliers)} readings.\n",
         "**5. What is left**\n",
         failing(found.remaining),
         f"{study.left.says}\n",
@@ -206,6 +207,7 @@ def to_data(study: Study) -> dict[str, Any]:
         "believed": {n: {"value": v, "std": s, "unit": u} for n, v, s, u, _ in found.before.table()},
         "rms_before": dict(found.before.rms), "rms_after": dict(found.after.rms),
         "rms_before_in_unit": rms_of(found.before, unit), "rms_after_in_unit": rms_of(found.after, unit),
+        "outliers_before": len(found.before.outliers), "outliers_after": len(found.after.outliers),
         "tests": {t.name: t.p_value for t in found.detection.tests},
         "places": [{"link": s.link, "axis": s.axis, "coordinate": s.coordinate, "form": s.effect.key,
                     "log10_p": s.log_p / math.log(10.0)} for s in found.location.significant],

@@ -31,7 +31,7 @@ def with_bars(machine: Machine, lengths: Sequence[float]) -> Machine:
     if not lengths:
         return machine
     for length in lengths:
-        if not length > BALL_MM:
+        if 0.0 < length <= BALL_MM:
             raise InputError(
                 f"a bar of {length:g} mm cannot be: the balls at its ends touch at {BALL_MM} mm",
                 remedy="give its length in mm",

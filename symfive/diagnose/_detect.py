@@ -32,6 +32,8 @@ __all__ = ["Detection", "Disagreement", "Test", "detect"]
 
 Array = NDArray[np.float64]
 MAX_LAG = 20
+SILENT = 1e-9
+"""A group with less than this share of what all tell of a parameter says nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -249,7 +251,10 @@ def _one(
 ) -> tuple[float, dict[str, tuple[float, float]]] | None:
     """Score test of a departure of parameter `i` in every group but the first, and its values in all groups."""
     size = len(fit.parameters)
-    labels = list(parts)
+    whole = sum(part[i, i] for part in parts.values())
+    labels = [label for label, part in parts.items() if part[i, i] > SILENT * whole]
+    if len(labels) < 2:  # one group alone tells of it: it is the parameter itself
+        return None
     rows = np.array([parts[label][i, :size] for label in labels[1:]])
     own = np.array([parts[label][i, i] for label in labels[1:]])
     pull = np.array([parts[label][i, size] for label in labels[1:]])

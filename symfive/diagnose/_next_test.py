@@ -22,6 +22,8 @@ SHIFT_MM = 150.0
 RUN_UP_DEG = 15.0
 LIFT_MM = 100.0
 FACTOR = 2.0
+MOST_ROTARY = 2
+"""A grid over the rotary axes is a test for machine tools; for an arm of seven it is none."""
 
 
 def next_test(
@@ -83,7 +85,7 @@ def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
     yield _named(run, "reversed", replace(run, commands=back))
     if _planar(campaign, run):
         yield from _places(campaign, run)
-    elif run.instrument == ("r_test",):
+    elif run.instrument == ("r_test",) and sum(a.rotary for a in campaign.machine.axes.values()) <= MOST_ROTARY:
         x, y, z = run.table_ball
         for name, nest in (("opposite", (-x, -y, z)), ("higher", (x, y, z + LIFT_MM)), ("turned", (-y, x, z))):
             try:

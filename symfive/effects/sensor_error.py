@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
+import numpy as np
+
 from symfive.effects._base import Effect
 from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
 
@@ -36,6 +39,17 @@ class SensorError(Effect):
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("shape", SHAPES)
+        read = [
+            r.readings[name]
+            for r in campaign.runs
+            if r.measured
+            for name in self._columns(campaign)
+            if name in r.readings
+        ]
+        if read and all(np.ptp(values) == 0.0 for values in read):
+            raise InputError(
+                f"{self.key}: nothing is read but one value", remedy="an artefact that is seated has no gain"
+            )
         return super().prepare(campaign)
 
     def applies(self, run: Run) -> bool:

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 LEVEL = 0.01
 MAX_ROWS = 60_000
 TRANSIENT = 64
+ROUNDING = 1e-12
+"""What is added to the diagonal so that rounding cannot make an eigenvalue negative."""
 
 
 @dataclass(frozen=True)
@@ -241,6 +243,7 @@ def _objective(blocks: Sequence[Block], precision: Array) -> Callable[[Noise], f
             where = np.append(block.columns, size)
             gram[np.ix_(where, where)] += flat.T @ flat
             value += logs * table.shape[1]
+        gram[np.diag_indices(size)] *= 1.0 + ROUNDING
         factor = np.linalg.cholesky(gram[:size, :size])
         pulled = np.linalg.solve(factor, gram[:size, size])
         return value + float(gram[size, size] - pulled @ pulled) + 2.0 * float(np.sum(np.log(np.diag(factor))))
