@@ -31,6 +31,7 @@ def ball_bar() -> tuple[Space, Task, Rows]:
     return space, task, optimise(space, task, 24, 2, starts=2)[0]
 
 
+@pytest.mark.slow
 def test_search_over_bar_directions_misses_nothing_that_sampling_finds(ball_bar: tuple[Space, Task, Rows]) -> None:
     space, task, rows = ball_bar
     found = generate(space, task, rows)

@@ -110,6 +110,7 @@ def test_return_poses_keep_a_drift_apart(made: Plan) -> None:
         assert np.sum(np.all(commands == commands[0], axis=1)) >= 2 and np.all(commands[-1] == commands[0])
 
 
+@pytest.mark.slow
 def test_fewer_poses_do_the_work_of_the_usual_grid() -> None:
     """96 chosen poses against the two-nest grid of paper 2 with 168, 8 location errors, the same noise."""
     grid = assess(campaign_of(OYAMA, r_test_grid(OYAMA, returning=False, noise_um=0.3)))
@@ -128,6 +129,7 @@ def test_plan_for_chosen_parameters_and_in_addition_to_a_campaign(made: Plan) ->
         assert more.assessment.sigma[name] < made.assessment.sigma[name]
 
 
+@pytest.mark.slow
 def test_time_budget_and_a_lost_pose() -> None:
     short = plan(OYAMA, points=24, minutes=7.5, setups=1, starts=1, anywhere=False)
     assert short.minutes <= 7.5 and short.certificate.points < 24
@@ -297,6 +299,7 @@ def test_a_spindle_that_stands_lower_comes_nearer_to_what_is_in_its_way() -> Non
     assert clear(np.stack([low.commands[n] for n in machine.axis_names], axis=1)).min() < values.min()
 
 
+@pytest.mark.slow
 def test_ways_are_clear_or_led_around() -> None:
     """Every move of the programs, sampled again: approach, ways, detours over the top, retract."""
     machine = _location_only("tsutsumi-2007")
@@ -328,6 +331,7 @@ def test_a_way_through_the_table_is_found() -> None:
 # --- what the user may decide -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_robust_plans_and_information_per_minute() -> None:
     usual = plan(OYAMA, points=24, starts=1, anywhere=False)
     quick = plan(OYAMA, points=24, starts=1, anywhere=False, per_minute=True)
@@ -366,6 +370,7 @@ def test_a_time_budget_is_used_up() -> None:
     assert 8.0 <= made.minutes <= 9.0
 
 
+@pytest.mark.slow
 def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_machine(OYAMA, tmp_path / "machine.toml")
     words = [

@@ -66,6 +66,7 @@ def test_a_sag_far_larger_than_usual_is_not_pulled_back_by_its_prior(tmp_path):
     assert finding.shape_differs == 0.0 and found.fit.chi2_dof_after < 1.1
 
 
+@pytest.mark.slow
 def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     """Three bars at rest: noise that wanders as slowly as a run lasts would explain the drift, too."""
     machine = plant.static_table()
@@ -158,6 +159,7 @@ def test_the_tail_of_chi_squared_is_a_number_however_far_out():
         assert slope == pytest.approx(-0.5, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_path):
     machine = plant.static_table()
     step = {"effect": "compensation_table_step", "axis": "Y", "at": -11.0, "ramp": 2.0, "step": 9.0}

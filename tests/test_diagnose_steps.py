@@ -115,6 +115,7 @@ def test_runs_are_parted_by_what_they_differ_in(tmp_path):
     assert set(groups["direction"]) == {"XY counter-clockwise", "XY clockwise"}
 
 
+@pytest.mark.slow
 def test_backlash_hides_in_servo_mismatch_by_64_over_9_pi_squared_on_one_feed(tmp_path):
     """Energy of sgn(sin θ)·cos θ in the span of sin 2θ; a second feed brings back what the first one hides."""
     seen = {}
@@ -128,6 +129,7 @@ def test_backlash_hides_in_servo_mismatch_by_64_over_9_pi_squared_on_one_feed(tm
     assert seen[2] > 1.4 * seen[1]
 
 
+@pytest.mark.slow
 def test_a_concentric_circle_has_one_class_of_bow_scale_and_yaw_that_only_another_place_parts():
     machine = preset("three-axis")
     plain = replace(machine, errors={n: machine.errors[n] for n in ("EC0X", "EA0Z", "EB0Z")})

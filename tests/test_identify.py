@@ -89,6 +89,7 @@ def test_coverage_of_95_percent_intervals_over_200_machines():
     assert 0.93 <= hits / trials <= 0.97
 
 
+@pytest.mark.slow
 def test_coverage_holds_under_coloured_noise_that_no_file_declares():
     """The white likelihood would cover about half here: the coloured part must be found."""
     plan = _open("planar-none")
