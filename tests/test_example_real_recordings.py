@@ -215,15 +215,6 @@ def test_ecmc_cycles_are_predicted_from_others() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ess-xyz (stops)", "jjxray-slit", "mukca/panda_1", "mukca/panda_3"])
-def test_what_is_named_predicts_what_was_held_out(name: str) -> None:
-    found = study(*real(name))
-    assert found.found.findings
-    assert found.unsupported == ()
-    assert all(part.after < part.before for part in found.held_out)
-
-
-@pytest.mark.slow
 def test_slit_has_a_periodic_error_of_one_turn_of_its_screw() -> None:
     """The largest finding on the open-loop stepper."""
     recording, campaign = real("jjxray-slit")
