@@ -63,9 +63,9 @@ class SetupSigma:
                 raise InputError(problem, remedy="write µm (plate: µrad), at least 0")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """One test: what stood where, what was commanded and, once measured, what was read.
+    """One test: what stood where, what was commanded and, once measured, what was read. Equal only to itself.
 
     `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
     empty in a plan. `table_ball` and `tool_ball` mm in the workpiece and the tool frame; `length` mm; `u`,

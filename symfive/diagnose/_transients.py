@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,11 @@ from scipy.stats import chi2
 from symfive.campaign import Run
 from symfive.diagnose._channels import Channels, Finding, peaks
 from symfive.effects import make_effect
-from symfive.motion import RunMotion
+from symfive.motion import FINE_S, RunMotion
 
 __all__ = ["bursts", "resonances"]
 
 Array = NDArray[np.float64]
-FINE_S = 2e-3
 LOWEST_HZ, HIGHEST_HZ, SPACING, DAMPING = 5.0, 120.0, 1.08, 0.05
 """The ringing of a mode keeps in step with one whose frequency is off by its damping."""
 PEAKS = 2
@@ -50,9 +50,7 @@ def resonances(channels: Channels) -> Iterator[Finding]:
             motion = RunMotion(run, channels.campaign.machine, {}, {})
             acceleration, rows, step = motion.fine_acceleration(axis, FINE_S)
             for k, omega in enumerate(2.0 * np.pi * frequencies):
-                mode = ([-1.0], [1.0, 2.0 * DAMPING * omega, omega**2])
-                numerator, denominator, _ = cont2discrete(mode, step, method="foh")
-                swing = lfilter(numerator.ravel(), denominator, acceleration.value)
+                swing = lfilter(*_mode(float(omega), step), acceleration.value)
                 ringing = (swing + acceleration.value / omega**2)[rows]
                 answer[k] += [ringing @ channels.answer(run, i) for i in range(3)]
                 power[k] += ringing**2 @ channels.power[run.id][:, :3]
@@ -60,6 +58,14 @@ def resonances(channels: Channels) -> Iterator[Finding]:
         for peak in peaks(score, PEAKS):
             if score[peak] > 0.0:
                 yield Finding(make_effect("structural_resonance", axis, frequency_hz=float(frequencies[peak])), count)
+
+
+@lru_cache(maxsize=1024)
+def _mode(omega: float, step: float) -> tuple[Array, Array]:
+    """The filter from the carrier's acceleration to a mode's swing: its numerator and denominator."""
+    continuous = ([-1.0], [1.0, 2.0 * DAMPING * omega, omega**2])
+    numerator, denominator, _ = cont2discrete(continuous, step, method="foh")
+    return numerator.ravel(), denominator
 
 
 def bursts(channels: Channels) -> Iterator[Finding]:

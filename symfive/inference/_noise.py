@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,26 +81,36 @@ def whiten(table: Array, noise: Noise, interval: float) -> tuple[Array, float]:
         return (flat / noise.white).reshape(table.shape), 2.0 * n * float(np.log(noise.white))
     phi = float(np.exp(-interval / noise.time_constant))
     power, white = noise.coloured**2, noise.white**2
-    out = np.empty_like(flat)
-    predicted = np.zeros(flat.shape[1])
-    variance, logs = power, 0.0
     first = min(n, TRANSIENT)
-    for t in range(first):
-        total = variance + white
-        gain = variance / total
-        innovation = flat[t] - predicted
-        out[t] = innovation / np.sqrt(total)
-        logs += np.log(total)
-        predicted = phi * (predicted + gain * innovation)
-        variance = phi**2 * variance * (1.0 - gain) + (1.0 - phi**2) * power
+    filtered, predicted, logs = _transient(phi, power, white, first)
+    out = np.empty_like(flat)
+    out[:first] = filtered @ flat[:first]
     if n > first:
         variance = _steady(phi, power, white)
         total = variance + white
         theta = phi * (1.0 - variance / total)
-        rest, _ = lfilter([1.0, -phi], [1.0, -theta], flat[first:], axis=0, zi=-predicted[None, :])
+        rest, _ = lfilter([1.0, -phi], [1.0, -theta], flat[first:], axis=0, zi=-(predicted @ flat[:first])[None, :])
         out[first:] = rest / np.sqrt(total)
         logs += (n - first) * np.log(total)
     return out.reshape(table.shape), float(logs)
+
+
+@lru_cache(maxsize=64)
+def _transient(phi: float, power: float, white: float, rows: int) -> tuple[Array, Array, float]:
+    """The Kalman filter of the first `rows` as a matrix (rows, rows) on the readings, the prediction of the next one (rows,),
+    and Σ log of the innovations' variances."""
+    filtered, predicted = np.zeros((rows, rows)), np.zeros(rows)
+    variance, logs = power, 0.0
+    for t in range(rows):
+        total = variance + white
+        gain = variance / total
+        innovation = -predicted
+        innovation[t] += 1.0
+        filtered[t] = innovation / np.sqrt(total)
+        logs += float(np.log(total))
+        predicted = phi * (predicted + gain * innovation)
+        variance = phi**2 * variance * (1.0 - gain) + (1.0 - phi**2) * power
+    return filtered, predicted, logs
 
 
 def _steady(phi: float, power: float, white: float) -> float:
@@ -233,16 +244,25 @@ def _objective(blocks: Sequence[Block], precision: Array) -> Callable[[Noise], f
     tables = [block.stacked() for block in blocks]
     size = len(precision)
 
-    def score(noise: Noise) -> float:
-        gram = np.zeros((size + 1, size + 1))
-        gram[:size, :size] = precision
-        value = 0.0
+    def gathered(noise: Noise) -> tuple[Array, float]:
+        gram, value = np.zeros((size + 1, size + 1)), 0.0
         for block, table in zip(blocks, tables, strict=True):
             white, logs = whiten(table, noise, block.interval)
             flat = white.reshape(-1, table.shape[2])
             where = np.append(block.columns, size)
             gram[np.ix_(where, where)] += flat.T @ flat
             value += logs * table.shape[1]
+        return gram, value
+
+    plain, _ = gathered(Noise(1.0))
+    count = sum(table.shape[0] * table.shape[1] for table in tables)
+
+    def score(noise: Noise) -> float:
+        if noise.coloured > 0.0:
+            gram, value = gathered(noise)
+        else:
+            gram, value = plain / noise.white**2, 2.0 * count * float(np.log(noise.white))
+        gram[:size, :size] += precision
         gram[np.diag_indices(size)] *= 1.0 + ROUNDING
         factor = np.linalg.cholesky(gram[:size, :size])
         pulled = np.linalg.solve(factor, gram[:size, size])

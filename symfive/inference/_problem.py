@@ -94,7 +94,7 @@ class Problem:
             line = self.model.linearise(run, values)
             residual = self.model.readings(run) - line.prediction if readings else np.zeros_like(line.prediction)
             used = self.free[line.columns]
-            jacobian, columns = line.jacobian[:, :, used], line.columns[used]
+            jacobian, columns = line.jacobian if used.all() else line.jacobian[:, :, used], line.columns[used]
             interval = float(np.median(np.diff(run.time))) if run.rows > 1 else 1.0
             for name, part in self.parts(run):
                 found[run.id, name] = Block(

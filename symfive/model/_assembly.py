@@ -58,36 +58,37 @@ class RowFunction:
     moving: tuple[int, ...]
     value: Any
     slopes: Any
-    _mapped: dict[tuple[str, int], Any] = field(default_factory=dict)
+    _mapped: dict[tuple[bool, int], Any] = field(default_factory=dict)
 
-    def evaluate(self, inputs: Array, shared: Array, own: Array, constants: Array, *, slopes: bool) -> list[Array]:
-        """Readings (N, ny) and, where asked, slopes (N, ny, ·) in shared, own and moving inputs; `inputs` (N, ni)."""
+    def evaluate(self, inputs: Array, shared: Array, own: Array, constants: Array, *, slopes: bool) -> Array:
+        """Readings and, where asked, behind them their slopes in shared, own and moving inputs: (N, ny, 1 + …); `inputs` are
+        (N, ni)."""
         n, ny = len(inputs), len(self.columns)
-        widths = [1, len(shared), len(own), len(self.moving)] if slopes else [1]
-        results = [np.empty((n, width, ny)) for width in widths]
-        base = self.slopes if slopes else self.value
+        width = 1 + (len(shared) + len(own) + len(self.moving) if slopes else 0)
         block = min(BLOCK, 1 << max(0, n - 1).bit_length())
-        key = ("slopes" if slopes else "value", block)
-        if key not in self._mapped:
-            self._mapped[key] = base.map(
-                block
-            )  # nothing reduced: an input held for all rows would cost a graph of copies
-        buffer, trigger = self._mapped[key].buffer()
-        rows = np.empty((block, inputs.shape[1]))
+        if (slopes, block) not in self._mapped:
+            # nothing reduced: an input held for all rows would cost a graph of copies
+            self._mapped[slopes, block] = self._table(slopes).map(block)
+        buffer, trigger = self._mapped[slopes, block].buffer()
+        rows, output = np.empty((block, inputs.shape[1])), np.empty((block, ny, width))
         given = [rows, *(np.tile(np.asarray(a, dtype=float), (block, 1)) for a in (shared, own, constants))]
-        outputs = [np.empty((block, width, ny)) for width in widths]
         for i, array in enumerate(given):
             buffer.set_arg(i, array.data)
-        for i, array in enumerate(outputs):
-            buffer.set_res(i, array.data)
+        buffer.set_res(0, output.data)
+        result = np.empty((n, ny, width))
         for first in range(0, n, block):
             count = min(block, n - first)
             rows[:count] = inputs[first : first + count]
             rows[count:] = inputs[first]
             trigger()
-            for result, output in zip(results, outputs, strict=True):
-                result[first : first + count] = output[:count]
-        return [results[0][:, 0, :], *(r.transpose(0, 2, 1) for r in results[1:])]
+            result[first : first + count] = output[:count]
+        return result
+
+    def _table(self, slopes: bool) -> Any:
+        """All outputs of a row in one table (1 + …, ny), which lies in memory by columns of readings."""
+        base = self.slopes if slopes else self.value
+        arguments = base.sx_in()
+        return ca.Function("table", arguments, [ca.densify(ca.horzcat(*base.call(arguments)).T)])
 
 
 def assemble(

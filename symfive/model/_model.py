@@ -140,28 +140,26 @@ class Model:
         run = self._run(run)
         vector = self.vector(values)
         function, inputs, _, arguments = self._arguments(run, vector)
-        prediction = function.evaluate(inputs, *arguments, slopes=False)[0]
-        return self._recorded(run, prediction[:, :, None], vector)[0][:, :, 0]
+        return self._recorded(run, function.evaluate(inputs, *arguments, slopes=False), vector)[0][:, :, 0]
 
     def linearise(self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array) -> Linearisation:
         """Predicted readings of one run and their exact derivatives."""
         run = self._run(run)
         vector = self.vector(values)
         function, inputs, series, arguments = self._arguments(run, vector)
-        prediction, by_shared, by_own, by_input = function.evaluate(inputs, *arguments, slopes=True)
+        table = function.evaluate(inputs, *arguments, slopes=True)
         names = [*function.shared, *(self._full_name(run, name) for name in function.own)]
-        jacobian = np.concatenate([by_shared, by_own], axis=2)
-        place = {name: i for i, name in enumerate(names)}
+        together, by_input = np.split(table, [1 + len(names)], axis=2)
+        place = {name: 1 + i for i, name in enumerate(names)}
         for i, entry in enumerate(function.moving):
             for name, slope in series[entry - 2].tangents.items():
                 scale = self.parameters[self.index[name]].scale
-                jacobian[:, :, place[name]] += by_input[:, :, i] * (scale * slope)[:, None]
-        together = np.concatenate([prediction[:, :, None], jacobian], axis=2)
+                together[:, :, place[name]] += by_input[:, :, i] * (scale * slope)[:, None]
         together, own = self._recorded(run, together, vector)
-        prediction, jacobian = together[:, :, 0], together[:, :, 1:]
         for name, slopes in own.items():
-            jacobian[:, :, place[name]] += self.parameters[self.index[name]].scale * slopes
-        return Linearisation(prediction, jacobian, np.array([self.index[name] for name in names], dtype=np.int64))
+            together[:, :, place[name]] += self.parameters[self.index[name]].scale * slopes
+        columns = np.array([self.index[name] for name in names], dtype=np.int64)
+        return Linearisation(together[:, :, 0], together[:, :, 1:], columns)
 
     def _recorded(self, run: Run, readings: Array, vector: Array) -> tuple[Array, dict[str, Array]]:
         """Readings (N, ny, m) after what their recorder does to them, and its parameters' slopes (N, ny)."""
@@ -228,7 +226,7 @@ class Model:
         previous = self._motions.get(run.id)
         motion = RunMotion(run, self.machine, self._freed, values, previous)
         self._motions[run.id] = motion
-        series = [signal.series(motion) for signal in function.inputs]
+        series = [motion.series(signal) for signal in function.inputs]
         delay = self._freed.get(("", "delay"))
         if delay is not None and run.dynamic:
             series = [

@@ -4,6 +4,7 @@ from symfive.motion._drives import GAINS, drive_response, linear_recurrence
 from symfive.motion._motion import AxisMotion, RunMotion, Series
 from symfive.motion._moved_path import moved_response
 from symfive.motion._signals import (
+    FINE_S,
     Acceleration,
     Command,
     Direction,
@@ -20,7 +21,7 @@ from symfive.motion._signals import (
 )
 
 __all__ = [
-    "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding",
+    "FINE_S", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding",
     "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
     "drive_response", "linear_recurrence", "moved_response",
 ]  # fmt: skip

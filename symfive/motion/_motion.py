@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from symfive.motion._drives import GAINS, LOOP, drive_response
 if TYPE_CHECKING:
     from symfive.campaign import Run
     from symfive.machine import Axis, Machine
+    from symfive.motion._signals import Signal
 
 __all__ = ["AxisMotion", "RunMotion", "Series"]
 
@@ -58,6 +60,10 @@ def _remembered(
     return response
 
 
+_KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float, ...], Series]]] = WeakKeyDictionary()
+"""Of every run: signal and the parameters that move it → their values and the series, shared by all models."""
+
+
 class RunMotion:
     """The motion of every axis in a run, given the parameters (internal units, by name).
 
@@ -93,6 +99,18 @@ class RunMotion:
     def interval(self) -> float:
         """The row interval of a dynamic run, s: the median, so that missing rows do not count."""
         return float(np.median(np.diff(self.run.time))) if self.run.rows > 1 else 1.0
+
+    def series(self, signal: Signal) -> Series:
+        """The values of a signal along the run; not computed again until a parameter that moves it changes."""
+        axis = getattr(signal, "axis", None)
+        gains = tuple((place, name) for place, name in self._freed.items() if place[0] == axis or axis is None)
+        stamp = tuple(self.values[name] for name in (*(name for _, name in gains), *signal.parameters))
+        kept = _KEPT.setdefault(self.run, {})
+        machine, known, series = kept.get((signal, gains), (None, (), None))
+        if series is None or machine is not self.machine or known != stamp:
+            series = signal.series(self)
+            kept[signal, gains] = self.machine, stamp, series
+        return series
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""

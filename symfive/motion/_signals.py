@@ -25,6 +25,9 @@ __all__ = [
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
+LONG_AGO_S = 1e6
+FINE_S = 2e-3
+"""Interval at which accelerations are taken: loops answer within a few ms."""
 
 
 class Signal(Protocol):
@@ -68,9 +71,6 @@ class Velocity(_OfAxis):
 
     def series(self, motion: RunMotion) -> Series:
         return motion.axis(self.axis).velocity
-
-
-LONG_AGO_S = 1e6
 
 
 class Acceleration(_OfAxis):
@@ -251,13 +251,15 @@ class Play:
 
 def _play_states(positions: Array, start: float, half: Array) -> Array:
     """(q - output)/half, the output standing while q moves between its flanks."""
-    states = np.empty(len(positions))
-    output = float(positions[0] - start * half[0])
-    low, high = (positions - half).tolist(), (positions + half).tolist()
-    for k, (lowest, highest) in enumerate(zip(low, high, strict=True)):
-        output = min(max(output, lowest), highest)
-        states[k] = output
-    states = (positions - states) / half
+    low, high = positions - half, positions + half
+    reach = 1
+    while reach < len(positions):  # clamps in a row are one clamp; by recursive doubling
+        low[reach:], high[reach:] = (
+            np.clip(low[:-reach], low[reach:], high[reach:]), np.clip(high[:-reach], low[reach:], high[reach:]),
+        )  # fmt: skip
+        reach *= 2
+    output = np.clip(positions[0] - start * half[0], low, high)
+    states = np.asarray((positions - output) / half)
     flank = np.abs(states) > 1.0 - 1e-9
     states[flank] = np.sign(states[flank])
     return states
@@ -275,9 +277,6 @@ def _play_tangents(state: Array, half: Array, position: Series, halves: Mapping[
         held = slope[contact] - (state * change)[contact]
         tangents[name] = np.where(crossing, (slope - held - state * change) / half, 0.0)
     return tangents
-
-
-FINE_S = 2e-3
 
 
 @dataclass(frozen=True)
