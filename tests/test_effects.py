@@ -216,7 +216,7 @@ def own(model: Model, values: dict[str, float]) -> dict[str, float]:
 
 def around(model: Model) -> np.ndarray:
     """A point at which nothing is zero: errors and set-ups of the baseline, effects of usual size."""
-    small = {p.name: 17.0 for p in model.parameters if p.kind in ("location_error", "setup")}
+    small = {p.name: 0.3 if p.bounded else 17.0 for p in model.parameters if p.kind in ("location_error", "setup")}
     typical = {n: v for e in model.effects for n, v in e.typical(model.campaign).items()}
     values = model.vector(small | typical)
     return values * (1.0 + 0.013 * np.arange(len(values)) / len(values))
@@ -249,7 +249,8 @@ every_case = pytest.mark.parametrize("number", range(len(CASES)), ids=lambda num
 @every_case
 def test_sensitivities_are_exact(number: int) -> None:
     model = model_of(number)
-    names = [p.name for p in model.effects[-1].parameters(model.campaign)]
+    effect, runs = model.effects[-1], [run for run in model.campaign.runs if model.effects[0].applies(run)]
+    names = [p.name for p in (*effect.parameters(model.campaign), *effect.starts(runs[0]))]
     assert_exact(model, names, events=0.01)
 
 
@@ -267,13 +268,15 @@ def test_plant_agrees(case: Case) -> None:
     machine, runs = plants()[case.where]
     spec = {"effect": case.effect, "axis": case.axis} | (case.plant or {})
     shift = {p: 40.0 for p in ("EX0C", "EA0C") if p in machine["errors"]}
-    predicted = model.predict(own(model, case.sizes) | shift)
+    values, told = own(model, case.sizes) | shift, {run["id"]: dict(spec) for run in runs}
     for run in runs:
-        told = dict(spec)
-        if told.get("start") == START:
-            steps = np.diff(run["command"][told["axis"] or told["component"][2:]])
-            told["start"] = float(np.sign(steps[np.abs(steps) > 1e-6][0]))
-        truth = plant.simulate_run(machine, run, shift, effects=[told], noise_options=plant.QUIET).values
+        if spec.get("start") == START:
+            steps = np.diff(run["command"][spec["axis"] or spec["component"][2:]])
+            told[run["id"]]["start"] = first = float(np.sign(steps[np.abs(steps) > 1e-6][0]))
+            values |= {p.name: first for p in model.effects[-1].starts(model.campaign.run(run["id"]))}
+    predicted = model.predict(values)
+    for run in runs:
+        truth = plant.simulate_run(machine, run, shift, effects=[told[run["id"]]], noise_options=plant.QUIET).values
         wrong = np.abs(truth - predicted[run["id"]]).max(axis=1)
         assert np.mean(wrong > case.agree) <= case.rows, wrong.max()
 

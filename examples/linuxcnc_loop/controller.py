@@ -31,6 +31,7 @@ PREFIX = "sfloop"
 MODULES = Path("/usr/lib/linuxcnc/modules")
 PROGRAMS = ("linuxcnc", "halcompile", "halsampler", "halcmd")
 LOCK = Path("/tmp/linuxcnc.lock")
+"""LinuxCNC's own lock file, at the place that its start script fixes."""
 NOBODY = "65534"
 """LinuxCNC started by root drops to this user."""
 PROGRAM_SECONDS = 900.0

@@ -67,11 +67,11 @@ class MovedRun:
         self.freed = {place: name for effect in effects for place, name in effect.frees().items()}
         self.function: RowFunction = assemble(self.machine, run, effects, model.parameters, model.linear)
         _check(self.function, self.freed, [effect.id for effect in effects if effect.stage == "recording"])
-        names = [*self.function.shared, *(f"setup.{run.id}.{n.removeprefix('setup.')}" for n in self.function.own)]
-        self.index = np.array([model.index[name] for name in names], dtype=np.int64)
+        names = [*self.function.shared, *self.function.own]
+        self.index = np.array([model.index[model.full_name(run, name)] for name in names], dtype=np.int64)
         self.place = {name: i for i, name in enumerate(names)}
         self.values = {p.name: float(v) * p.scale for p, v in zip(model.parameters, vector, strict=True)}
-        self.scale = {p.name: p.scale for p in model.parameters}
+        self.scale = {name: model.parameters[i].scale for name, i in zip(names, self.index, strict=True)}
         count = len(self.function.shared)
         self.parameters = [vector[self.index[:count]], vector[self.index[count:]]]
         self.inside = np.arange(len(names)) < count
@@ -242,6 +242,9 @@ class _Motion:
                 value[inside] -= wider * (q[inside] - q[held]) / half
                 change[inside] -= wider * moved[inside]
             tangents[name], tangents_moved[name] = value, change
+        if signal.start in self.owner.place:  # until the first flank the output stands where it began
+            tangents[signal.start] = np.where(inside & (side == 0.0), 1.0, 0.0)
+            tangents_moved[signal.start] = np.zeros_like(moved)
         return _Moved(state, moved, tangents, tangents_moved)
 
     def _arrivals(self, state: Array, contact: NDArray[np.int64], side: Array, position: _Moved, half: float) -> None:

@@ -69,7 +69,7 @@ def _finding(found: Naming, member: Member) -> Finding:
     effect = next(e for e in after.model.effects if e.key == member.effect.key)
     values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
     covariance = _pairs(after, effect)
-    contribution = _contribution(after, effect)
+    contribution = after.model.contribution(effect, after.values)
     without = lacking(after, effect)
     rivals, alias, confidence = _rivals(effect, member)
     shape = _shape_share(after, effect, contribution)
@@ -104,23 +104,12 @@ def _pairs(result: Identification, effect: Effect) -> dict[tuple[str, str], floa
     }
 
 
-def _contribution(result: Identification, effect: Effect) -> dict[str, Array]:
-    """Readings with the effect minus readings without it, everything else as fitted."""
-    values = result.values.copy()
-    for p in effect.parameters(result.model.campaign):
-        values[result.model.index[p.name]] = p.mean
-    return {
-        run.id: result.model.predict_run(run, result.values) - result.model.predict_run(run, values)
-        for run in result.model.campaign.runs
-    }
-
-
 def _shape_share(result: Identification, effect: Effect, contribution: Mapping[str, Array]) -> float:
     """rms of the rest of the effect's family over its own: by how much its shape differs from the library's."""
     rest = next((e for e in result.model.effects if getattr(e, "of", "") == effect.key), None)
     if rest is None:
         return 0.0
-    parts = _contribution(result, rest)
+    parts = result.model.contribution(rest, result.values)
     own = np.concatenate([(c - c.mean(axis=0)).ravel() for c in contribution.values()])
     other = np.concatenate([(c - c.mean(axis=0)).ravel() for c in parts.values()])
     return float(np.sqrt(np.mean(other**2) / max(float(np.mean(own**2)), 1e-300)))

@@ -74,6 +74,7 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
     else:
         evidence -= float(np.log(score.looks))
         evidence -= float(np.log(max(forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
+        evidence += float(np.log(2.0 * score.effect.chance(campaign, named)))
     return Trial(score.effect, evidence, named, _size(result, model, score.effect, values), score.looks)
 
 
@@ -93,13 +94,12 @@ def start_of(model: Model, score: Score) -> dict[str, float]:
 
 def _size(result: Identification, model: Model, effect: Effect, values: Array) -> float:
     """Mean square of an effect's readings about their mean in each run, in units of the declared noise."""
-    idle = values.copy()
-    for p in effect.parameters(model.campaign):
-        idle[model.index[p.name]] = p.mean
     total = count = 0.0
+    contribution = model.contribution(effect, values)
     for run in filter(effect.applies, model.campaign.runs):
-        floor = np.array([n.declared for (r, _), n in result.noises.items() if r == run.id]).mean()
-        moved = (model.predict_run(run, values) - model.predict_run(run, idle)) / floor
+        moved = (
+            contribution[run.id] / np.array([n.declared for (r, _), n in result.noises.items() if r == run.id]).mean()
+        )
         total += float(np.sum((moved - moved.mean(axis=0)) ** 2))
         count += moved.size
     return total / max(count, 1.0)

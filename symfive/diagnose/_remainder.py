@@ -37,13 +37,7 @@ _FAMILY = {
 
 def _swing(model: Model, values: NDArray[np.float64], effect: Effect) -> float:
     """The largest change that an effect makes to a reading about its mean, µm: its size where its parameters are gains."""
-    idle = values.copy()
-    for p in effect.parameters(model.campaign):
-        idle[model.index[p.name]] = p.mean
-    changes = [
-        model.predict_run(run, values) - model.predict_run(run, idle)
-        for run in filter(effect.applies, model.campaign.runs)
-    ]
+    changes = model.contribution(effect, values).values()
     return max((float(np.abs(c - c.mean(axis=0)).max()) for c in changes), default=0.0)
 
 

@@ -39,11 +39,14 @@ from symfive.threads import one_thread
 __all__ = ["Member", "Naming", "name_effects"]
 
 Array = NDArray[np.float64]
-MAX_EFFECTS = 5
+MAX_EFFECTS, MAX_NAMELESS, MAX_ADDED = 5, 2, 10
+"""At once; of these without a name (what two of them leave, a third does not explain); and in all, those dropped again too."""
 TRIALS = 4
 PASSES = 2
 SLOW = 0.1
 """Noise whose correlation lasts longer than this part of a run may be something that drifts."""
+SLOWLY = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "unknown")
+"""What changes while nothing moves."""
 SLOW_NOISE = 0.05
 """The share of instruments whose own noise is that slow and larger than declared."""
 OPEN, OPEN_SHARE = 10.0, 0.1
@@ -92,10 +95,22 @@ class _State:
     forms: Forms
     members: list[Member] = field(default_factory=list)
     dropped: set[str] = field(default_factory=set)
+    added: int = 0
 
     @property
     def campaign(self) -> Campaign:
         return self.after.model.campaign
+
+    def open(self, score: Score) -> bool:
+        """Whether an effect may still join."""
+        nameless = sum(m.effect.id == "unknown" for m in self.members)
+        return score.effect.key not in self.dropped and (score.effect.id != "unknown" or nameless < MAX_NAMELESS)
+
+    def joined(self, after: Identification, log_p: float, looks: int = 1) -> None:
+        """Take over the fit with one more member."""
+        self.after = after
+        self.members.append(Member(newest(after), log_p, looks))
+        self.added += 1
 
 
 @one_thread
@@ -130,22 +145,26 @@ def _forward(state: _State, seen: Survey | None) -> None:
 
     What later members made needless does not come back: without that, two that stand in for a third take turns for ever.
     """
-    while len(state.members) < MAX_EFFECTS:
+    while len(state.members) < MAX_EFFECTS and state.added < MAX_ADDED:
         state.progress(f"scoring the catalogue, {len(state.members)} effects found")
-        best = _best(state, seen or survey(state.after, state.exclude))
-        seen = None
+        seen = seen or survey(state.after, state.exclude)
+        best = _best(state, seen)
         if best is None:
             slow = _slow(state)
             if slow is None:
                 state.after = with_families(state.after)
                 return
-            state.after, log_p = slow
-            state.members.append(Member(newest(state.after), log_p))
+            state.joined(*slow)
+            seen = None
             state.progress(f"found {newest(state.after).key}, taken for slow noise before")
             continue
         trial, log_p = best
-        state.after = shaped(state.after, trial)
-        state.members.append(Member(newest(state.after), log_p, trial.looks))
+        after = shaped(state.after, trial)
+        if after.chi2_dof >= state.after.chi2_dof:  # it helps only the noise model
+            state.dropped.add(trial.effect.key)
+            continue
+        state.joined(after, log_p, trial.looks)
+        seen = None
         state.progress(f"found {trial.effect.key}")
         _prune(state, state.members[:-1])
 
@@ -164,10 +183,12 @@ def _slow(state: _State) -> tuple[Identification, float] | None:
         return None
     white = replace(state.after, noises={k: replace(n, coloured=0.0) for k, n in noises.items()})
     scores = [
-        s for s in survey(white, state.exclude, scanning=False).scores if coordinate_of(s.effect) in ("time", "t")
+        s
+        for s in survey(white, state.exclude, scanning=False).scores
+        if s.effect.id in SLOWLY and coordinate_of(s.effect) in ("time", "t") and state.open(s)
     ]
     trials = []
-    candidates = _best_of([s for s in scores if s.effect.key not in state.dropped])
+    candidates = _best_of(scores)
     names = max(1, sum(s.effect.id != "unknown" for s in candidates))
     for score in candidates:
         state.progress(f"slow noise or {score.effect.key}")
@@ -267,7 +288,7 @@ def _own_score(result: Identification, member: Member) -> Score:
 def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     """The effect with the greatest evidence among those that are significant and material, by exact refits."""
     limit = float(np.log(state.level / seen.looks))
-    significant = [s for s in seen.scores if s.log_p < limit and s.effect.key not in state.dropped]
+    significant = [s for s in seen.scores if s.log_p < limit and state.open(s)]
     trials = []
     base = evidence_of(state.after.problem(), state.after.values) if significant else 0.0
     for s in _best_of(significant):

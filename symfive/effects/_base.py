@@ -89,6 +89,10 @@ class Effect:
         """Parameters at which it is of usual size: 1σ of the prior of each amplitude, the prior mean of each shape."""
         return {p.name: p.sigma if p.mean == 0.0 else p.mean for p in self.parameters(campaign)}
 
+    def starts(self, run: Run) -> tuple[Parameter, ...]:
+        """What is not known of the state in which the recording of a run begins, as parameters of its set-up."""
+        return ()
+
     def signals(self) -> tuple[Signal, ...]:
         """Signals along the run that it needs beside the axis positions."""
         return ()
@@ -134,6 +138,10 @@ class Effect:
         amplitudes = [p.name for p in self.parameters(campaign) if p.unit in ("um", "urad") and p.mean == 0.0]
         return max((abs(value(name)) for name in amplitudes), default=0.0)
 
+    def chance(self, campaign: Campaign, values: Values) -> float:
+        """How probable the signs of its amplitudes are beforehand."""
+        return 0.5
+
     def parameter(self, row: Row, name: str) -> Any:
         """Its own parameter `name` in internal units."""
         return row.parameter(f"{self.key}.{name}")
@@ -142,6 +150,14 @@ class Effect:
         """A parameter of this effect; one whose prior mean is 0 is an amplitude."""
         scale = self.spread if more.get("mean", 0.0) == 0.0 else 1.0
         return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=scale * sigma, kind="effect", **more)
+
+    def start_of_contact(self, run: Run, axis: str) -> tuple[Parameter, ...]:
+        """Where between its flanks (-1…+1) a contact stands when the recording of a run begins: anywhere."""
+        if not run.dynamic or np.ptp(run.commands[axis]) == 0.0:
+            return ()
+        name = f"setup.{run.id}.{self.key}.start"
+        sigma = 3.0**-0.5  # of what is equally probable in -1…+1
+        return (Parameter(name=name, unit="1", sigma=sigma, lower=-1.0, upper=1.0, kind="setup", run=run.id),)
 
     def its_axis(self, campaign: Campaign) -> Axis:
         """The axis it belongs to."""

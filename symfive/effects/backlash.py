@@ -6,15 +6,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
+from symfive.effects._quantity import Values
 from symfive.motion import Play, Position, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.campaign import Campaign, Run
     from symfive.model._row import Row
     from symfive.motion import Signal
 
 SHAPES = ("play", "pre_sliding", "wind_up")
+AHEAD = 0.1
+"""How often the axis is ahead instead: where the control compensates for more than there is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +31,8 @@ class Backlash(Effect):
       reversal (P. R. Dahl 1968); the contact creeps over `distance`.
     - `wind_up` (unequal backlash): a play whose width grows along the axis, width + slope·q.
 
-    Static rows: s is the direction from which the axis came. Typical 1–20 µm, worn over 100 µm, rotary 10–100
-    µrad; distance 10–300 µm.
+    Where in the play a recording begins is a parameter of the run. Static rows: s is the direction from which the axis
+    came. Typical 1–20 µm, worn over 100 µm, rotary 10–100 µrad; distance 10–300 µm.
     """
 
     id = "backlash"
@@ -54,11 +57,18 @@ class Backlash(Effect):
             found.append(self.own("slope", "urad/deg", 1.0) if rotary else self.own("slope", "um/mm", 0.05))
         return tuple(found)
 
+    def chance(self, campaign: Campaign, values: Values) -> float:
+        return AHEAD if values[f"{self.key}.width"] < 0.0 else 1.0 - AHEAD
+
+    def starts(self, run: Run) -> tuple[Parameter, ...]:
+        return self.start_of_contact(run, str(self.axis))
+
     def signals(self) -> tuple[Signal, ...]:
+        start = f"setup.{self.key}.start"
         if self.shape == "pre_sliding":
-            return (PreSliding(str(self.axis), f"{self.key}.distance"),)
+            return (PreSliding(str(self.axis), f"{self.key}.distance", start),)
         slope = f"{self.key}.slope" if self.shape == "wind_up" else ""
-        return (Play(str(self.axis), f"{self.key}.width", slope),)
+        return (Play(str(self.axis), f"{self.key}.width", slope, start),)
 
     def apply(self, row: Row) -> None:
         width = self.parameter(row, "width")

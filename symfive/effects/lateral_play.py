@@ -13,7 +13,7 @@ from symfive.motion import Direction, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.campaign import Campaign, Run
     from symfive.model._row import Row
     from symfive.motion import Signal
 
@@ -64,10 +64,13 @@ class LateralPlay(Effect):
             self.own("distance", "urad" if rotary else "um", distance, mean=distance, lower=0.02 * distance),
         )
 
+    def starts(self, run: Run) -> tuple[Parameter, ...]:
+        return self.start_of_contact(run, self._moving) if self.shape == "pre_sliding" else ()
+
     def signals(self) -> tuple[Signal, ...]:
         if self.shape == "step":
             return (Direction(self._moving),)
-        return (PreSliding(self._moving, f"{self.key}.distance"),)
+        return (PreSliding(self._moving, f"{self.key}.distance", f"setup.{self.key}.start"),)
 
     def apply(self, row: Row) -> None:
         row.add_motion(self.component, -0.5 * self.parameter(row, "width") * row.signal(self.signals()[0]))

@@ -18,6 +18,8 @@ __all__ = ["Information", "Outlier", "Problem"]
 
 Array = NDArray[np.float64]
 OUTLIER_LEVEL = 0.01
+LOUD = 2.0
+"""An instrument's noise does not differ from run to run by more than this factor."""
 LONGEST_OUTLIER = 3
 RESPONSE_ROWS = 200
 
@@ -119,7 +121,8 @@ class Problem:
         """Noise per instrument and sampling, shared by all runs that declare the same.
 
         What the model lacks swells the noise of the residuals, what changes in time that of differences between repeats:
-        where both can be had, the smaller one counts.
+        where both can be had, the smaller one counts. Runs far louder than most do not count: what happened in them is
+        no noise.
         """
         groups: dict[tuple[str, bool, float], list[tuple[str, str]]] = {}
         for run, instrument in blocks:
@@ -129,18 +132,28 @@ class Problem:
             )
         for (_, _, declared), keys in groups.items():
             others = {key: block for key, block in blocks.items() if key not in keys}
-            chosen = [blocks[key] for key in keys]
+            quiet = self._quiet({key: blocks[key] for key in keys})
+            chosen = [blocks[key] for key in quiet]
             if INSTRUMENTS[keys[0][1]].plain_weights:
                 noise = plain_noise(chosen, declared)
             else:
                 precision = np.diag(self.prior_precision) + self.information(others).matrix
                 noise = estimate_noise(chosen, declared, precision)
-                differences = self._differences({key: blocks[key] for key in keys})
+                differences = self._differences({key: blocks[key] for key in quiet})
                 if differences:
                     repeated = estimate_noise(differences, declared, np.diag(self.prior_precision))
                     noise = min(noise, repeated, key=lambda n: n.total)
             for key in keys:
                 self.noises[key] = noise
+
+    def _quiet(self, blocks: Mapping[tuple[str, str], Block]) -> list[tuple[str, str]]:
+        """Recordings that are no more than `LOUD` times as loud, once whitened, as their median."""
+        powers = {}
+        for key, block in blocks.items():
+            white, _ = whiten(np.where(block.left_out, 0.0, block.residual), self.noises[key], block.interval)
+            powers[key] = float(np.sum(white**2)) / max(block.kept, 1)
+        limit = LOUD**2 * float(np.median(list(powers.values())))
+        return [key for key, power in powers.items() if power <= limit]
 
     def _differences(self, blocks: Mapping[tuple[str, str], Block]) -> list[Block]:
         """Orthonormal contrasts of repeated runs: what the model lacks and both share cancels."""

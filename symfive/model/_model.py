@@ -71,6 +71,8 @@ class Model:
         for effect in self.effects:
             found |= {p.name: p for p in effect.parameters(self.campaign)}
         for run in self.campaign.runs:
+            for effect in self.effects:
+                found |= {p.name: p for p in effect.starts(run) if effect.applies(run)}
             for instrument in instruments_of(run):
                 instrument.check(run, self.machine)
                 found |= {p.name: p for p in instrument.parameters(run, self.machine) if p.name not in found}
@@ -142,19 +144,33 @@ class Model:
         function, inputs, _, arguments = self._arguments(run, vector)
         return self._recorded(run, function.evaluate(inputs, *arguments, slopes=False), vector)[0][:, :, 0]
 
+    def contribution(self, effect: Effect, values: Mapping[str, float] | Sequence[float] | Array) -> dict[str, Array]:
+        """Readings with an effect of the model less those without it (its parameters at their means): id → (N, ny)."""
+        vector = self.vector(values)
+        without = vector.copy()
+        for p in effect.parameters(self.campaign):
+            without[self.index[p.name]] = p.mean
+        return {
+            run.id: self.predict_run(run, vector) - self.predict_run(run, without)
+            if effect.applies(run)
+            else np.zeros((run.rows, len(self.columns(run))))
+            for run in self.campaign.runs
+        }
+
     def linearise(self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array) -> Linearisation:
         """Predicted readings of one run and their exact derivatives."""
         run = self._run(run)
         vector = self.vector(values)
         function, inputs, series, arguments = self._arguments(run, vector)
         table = function.evaluate(inputs, *arguments, slopes=True)
-        names = [*function.shared, *(self._full_name(run, name) for name in function.own)]
+        names = [*function.shared, *(self.full_name(run, name) for name in function.own)]
         together, by_input = np.split(table, [1 + len(names)], axis=2)
         place = {name: 1 + i for i, name in enumerate(names)}
         for i, entry in enumerate(function.moving):
             for name, slope in series[entry - 2].tangents.items():
-                scale = self.parameters[self.index[name]].scale
-                together[:, :, place[name]] += by_input[:, :, i] * (scale * slope)[:, None]
+                full = self.full_name(run, name)
+                scale = self.parameters[self.index[full]].scale
+                together[:, :, place[full]] += by_input[:, :, i] * (scale * slope)[:, None]
         together, own = self._recorded(run, together, vector)
         for name, slopes in own.items():
             together[:, :, place[name]] += self.parameters[self.index[name]].scale * slopes
@@ -192,8 +208,9 @@ class Model:
     def _run(self, run: Run | str) -> Run:
         return self.campaign.run(run) if isinstance(run, str) else run
 
-    def _full_name(self, run: Run, name: str) -> str:
-        return f"setup.{run.id}.{name.removeprefix('setup.')}"
+    def full_name(self, run: Run, name: str) -> str:
+        """The name of a parameter that a run's function calls `setup.…`, or that of one of the whole campaign."""
+        return f"setup.{run.id}.{name.removeprefix('setup.')}" if name.startswith("setup.") else name
 
     def _function(self, run: Run) -> RowFunction:
         effects = tuple(effect for effect in self.effects if effect.applies(run))
@@ -211,18 +228,21 @@ class Model:
         for instrument in instruments_of(run):
             constants |= instrument.constants(run, self.machine)
         shared = vector[[self.index[name] for name in function.shared]]
-        own = vector[[self.index[self._full_name(run, name)] for name in function.own]]
+        own = vector[[self.index[self.full_name(run, name)] for name in function.own]]
         inputs, series = self._signals(run, function, vector)
         return function, inputs, series, (shared, own, np.array([constants[name] for name in function.constants]))
 
     def _signals(self, run: Run, function: RowFunction, vector: Array) -> tuple[Array, list[Series]]:
         """Inputs (N, 2 + signals) of a run; kept until a parameter that moves them changes."""
-        active = sorted({*self._freed.values(), *(n for s in function.inputs for n in s.parameters)})
-        stamp = tuple(float(vector[self.index[name]]) for name in active)
+        wanted = {*self._freed.values(), *(name for signal in function.inputs for name in signal.parameters)}
+        active = {
+            name: self.index[full] for name in sorted(wanted) if (full := self.full_name(run, name)) in self.index
+        }
+        stamp = tuple(float(vector[i]) for i in active.values())
         cached = self._inputs.get(run.id)
         if cached is not None and cached[0] == stamp and len(cached[2]) == len(function.inputs):
             return cached[1], cached[2]
-        values = {name: float(vector[self.index[name]]) * self.parameters[self.index[name]].scale for name in active}
+        values = {name: float(vector[i]) * self.parameters[i].scale for name, i in active.items()}
         previous = self._motions.get(run.id)
         motion = RunMotion(run, self.machine, self._freed, values, previous)
         self._motions[run.id] = motion

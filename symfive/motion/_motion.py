@@ -60,7 +60,7 @@ def _remembered(
     return response
 
 
-_KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float, ...], Series]]] = WeakKeyDictionary()
+_KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float | None, ...], Series]]] = WeakKeyDictionary()
 """Of every run: signal and the parameters that move it → their values and the series, shared by all models."""
 
 
@@ -104,7 +104,7 @@ class RunMotion:
         """The values of a signal along the run; not computed again until a parameter that moves it changes."""
         axis = getattr(signal, "axis", None)
         gains = tuple((place, name) for place, name in self._freed.items() if place[0] == axis or axis is None)
-        stamp = tuple(self.values[name] for name in (*(name for _, name in gains), *signal.parameters))
+        stamp = tuple(self.values.get(name) for name in (*(name for _, name in gains), *signal.parameters))
         kept = _KEPT.setdefault(self.run, {})
         machine, known, series = kept.get((signal, gains), (None, (), None))
         if series is None or machine is not self.machine or known != stamp:

@@ -25,7 +25,8 @@ __all__ = [
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-LONG_AGO_S = 1e6
+LONG_AGO_S = FAR = 1e6
+"""Before the first reversal an axis counts as far from one, in s and in mm or rad."""
 FINE_S = 2e-3
 """Interval at which accelerations are taken: loops answer within a few ms."""
 
@@ -131,8 +132,7 @@ class ReversalDistance(_OfAxis):
         origin = np.full(len(position), -1)
         origin[turned + 1] = turned
         origin = np.maximum.accumulate(origin)
-        far = 1e6  # before the first reversal the axis counts as far from one
-        return Series(np.where(origin < 0, far, np.abs(position - position[np.maximum(origin, 0)])), steps=True)
+        return Series(np.where(origin < 0, FAR, np.abs(position - position[np.maximum(origin, 0)])), steps=True)
 
 
 def _reversals(time: Array, positions: Array) -> list[tuple[float, float]]:
@@ -181,24 +181,33 @@ class PreSliding:
     """State w of a contact with pre-sliding: dw = (s - w)·|dq|/distance (P. R. Dahl 1968), -1…+1.
 
     After a reversal out of full slip w = s·(1 - 2·exp(-ξ/distance)), ξ the distance since it. `distance` names a
-    parameter. It starts in full slip in the direction of the first motion.
+    parameter, and `start` the state in which the recording of a run begins; where the run has none, it is full slip in
+    the direction of the first motion.
     """
 
     axis: str
     distance: str
+    start: str = ""
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return (self.distance,)
+        """The distance and the state at the start."""
+        return (self.distance, self.start) if self.start else (self.distance,)
 
     def series(self, motion: RunMotion) -> Series:
+        """The states and their slopes."""
         position = motion.axis(self.axis).position
         direction, distance = _approach(position.value), max(abs(motion.values[self.distance]), 1e-12)
+        begins = self.start in motion.values and bool(np.any(direction))
+        state = direction.copy()
+        names = (self.distance, *((self.start,) if begins else ()), *position.tangents)
+        slopes = {name: np.zeros(len(direction)) for name in names}
         ends = [*np.flatnonzero(np.diff(direction) != 0.0).tolist(), len(direction) - 1]
-        names = (self.distance, *position.tangents)
-        state, slopes = direction.copy(), {name: np.zeros(len(direction)) for name in names}
+        if begins:
+            ends = [0, *ends]
+            state[0], slopes[self.start][0] = motion.values[self.start], 1.0
         for first, last in pairwise(ends):
-            part, sign = slice(first + 1, last + 1), direction[first + 1]
+            part, sign = slice(first + 1, last + 1), direction[min(first + 1, last)]
             xi = sign * (position.value[part] - position.value[first])
             open_ = (state[first] - sign) * np.exp(-xi / distance)
             state[part] = sign + open_
@@ -215,19 +224,20 @@ class Play:
     """State of a play of total `width` (a parameter's name): -1 and +1 at the flanks, between them while it is
     crossed.
 
-    Behind the play the coordinate is q - (width/2)·state. Where in the play a recording begins is unknown; it is taken
-    in the middle, from where it is never wrong by more than half the width, until the first flank. Where `slope` names
-    a parameter, the width is width + slope·q along the axis.
+    Behind the play the coordinate is q - (width/2)·state. `start` names the state in which the recording of a run begins;
+    where the run has none, it is the middle. Where `slope` names a parameter, the width is width + slope·q along the
+    axis.
     """
 
     axis: str
     width: str
     slope: str = ""
+    start: str = ""
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The width and, where it grows, its slope."""
-        return (self.width, self.slope) if self.slope else (self.width,)
+        """The width, where it grows its slope, and the state at the start."""
+        return tuple(name for name in (self.width, self.slope, self.start) if name)
 
     def series(self, motion: RunMotion) -> Series:
         """The states, with slopes where the play is being crossed."""
@@ -239,14 +249,18 @@ class Play:
         if not motion.run.dynamic or half.max() < 1e-15:
             return Series(approach, steps=True)
         half = np.maximum(half, 1e-15)
-        state = _play_states(position.value, 0.0, half)
+        state = _play_states(position.value, motion.values.get(self.start, 0.0), half)
         sign = np.sign(signed)
         halves = {self.width: 0.5 * sign}
         if self.slope:
             halves[self.slope] = 0.5 * sign * position.value
         for name, tangent in position.tangents.items():
             halves[name] = 0.5 * sign * growth * tangent
-        return Series(state, _play_tangents(state, half, position, halves), steps=True)
+        tangents = _play_tangents(state, half, position, halves)
+        if self.start in motion.values:  # until the first flank the output stands where it began
+            standing = np.logical_and.accumulate(np.abs(state) < 1.0)
+            tangents[self.start] = np.where(standing, half[0] / half, 0.0)
+        return Series(state, tangents, steps=True)
 
 
 def _play_states(positions: Array, start: float, half: Array) -> Array:
