@@ -11,6 +11,7 @@ import pytest
 
 from symfive.campaign import read_campaign
 from symfive.diagnose import Diagnosis, diagnose
+from symfive.diagnose._result import Fit
 from symfive.identify import fitted_model, predict
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -142,3 +143,11 @@ def test_without_the_true_effect_in_the_catalogue_the_answer_is_unknown_over_the
     result = diagnose(read_campaign(tmp_path / "c"), exclude=("thermal_drift", "spindle_growth"))
     assert result.findings[0].name == "unknown"
     assert result.findings[0].coordinate == "t"
+
+
+def test_findings_that_foretell_nothing_are_doubted() -> None:
+    fit = Fit(1.0, 0.6, 4.0, 1.4, 1.0, 1.1, {"feed": (1.0, 0.7), "place": (1.0, 2.0)})
+    doubts = fit.doubts("µm")
+    assert [d.split(" that ")[0] for d in doubts] == ["A run", "A place"]
+    assert "1 → 1.1 µm" in doubts[0] and "beyond the places recorded" in doubts[1]
+    assert not Fit(1.0, 0.6, 4.0, 1.4, None, None).doubts("µm")

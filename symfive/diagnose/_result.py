@@ -21,6 +21,8 @@ __all__ = ["SCHEMA", "Diagnosis", "Finding", "Fit", "RivalName"]
 
 SCHEMA = "symfive.diagnosis/1"
 Array = NDArray[np.float64]
+WORSE = 0.01
+"""Share by which left-out readings must be foretold worse before it is said: less may be chance."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,17 @@ class Fit:
     heldout_rms_after_um: float | None
     heldout_by: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    def doubts(self, unit: str) -> tuple[str, ...]:
+        """What speaks against the findings: readings that were left out and are foretold worse with them."""
+        runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
+        held = {"run": runs, **self.heldout_by}
+        return tuple(
+            f"A {what} that was left out of the fit is foretold worse with them ({before:.3g} → {after:.3g} {unit} rms): "
+            + ("take them as a hint, not as proven." if what == "run" else f"do not trust them beyond the {what}s recorded.")
+            for what, (before, after) in held.items()
+            if before is not None and after is not None and after > (1.0 + WORSE) * before
+        )
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -197,7 +210,8 @@ class Diagnosis:
                     "no effect of the catalogue describes and these recordings cannot place."
                 )
             return f"{text} The baseline explains the readings down to the declared noise."
-        return " ".join([*(f.says for f in self.findings), *self.unnamed])
+        doubts = self.fit.doubts(self.after.unit) if self.findings else ()
+        return " ".join([*(f.says for f in self.findings), *doubts, *self.unnamed])
 
     def __str__(self) -> str:
         lines = [observability_words(self.observability, self.classes)]
