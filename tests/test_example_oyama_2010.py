@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
+
+from claim_checks import assert_refuted, assert_reproduced  # noqa: E402
 
 from examples import claims as table  # noqa: E402
 from examples.oyama_2010 import claims, equations, figures, machine, steps, story  # noqa: E402
@@ -66,17 +67,13 @@ def test_every_claim_is_in_the_table_once(found):
 
 @pytest.mark.parametrize("name", sorted(REPRODUCED))
 def test_a_claim_is_reproduced_within_its_limits(found, name):
-    claim = found[name]
-    assert claim.low <= claim.ours <= claim.high
-    assert not math.isnan(claim.ours)
-    assert claim.verdict == "reproduced"
+    assert_reproduced(found[name])
 
 
 @pytest.mark.parametrize("name", sorted(WRONG))
 def test_a_claim_is_wrong_and_the_reason_is_given(found, name):
     claim = found[name]
-    assert claim.verdict == "wrong"
-    assert len(claim.note) > 20
+    assert_refuted(claim)
     if WRONG[name] is not None:
         assert claim.ours == WRONG[name]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
+
+from claim_checks import assert_refuted, assert_reproduced  # noqa: E402
 
 from examples.wang_li_2016 import claims, equations, figures, machine, machines, plates, story  # noqa: E402
 from examples.wang_li_2016.estimators import SLOPES, Joint, Sequence  # noqa: E402
@@ -62,17 +63,12 @@ def test_every_claim_is_in_the_table_once(found):
 
 @pytest.mark.parametrize("name", sorted(REPRODUCED))
 def test_a_claim_is_reproduced_within_its_limits(found, name):
-    claim = found[name]
-    assert claim.low <= claim.ours <= claim.high
-    assert not math.isnan(claim.ours)
-    assert claim.verdict == "reproduced"
+    assert_reproduced(found[name])
 
 
 @pytest.mark.parametrize("name", sorted(WRONG))
 def test_a_claim_is_wrong_and_the_reason_is_given(found, name):
-    claim = found[name]
-    assert claim.verdict == "wrong"
-    assert len(claim.note) > 20
+    assert_refuted(found[name])
 
 
 def test_the_printed_chain_has_no_squareness_and_the_corrected_one_has(found):

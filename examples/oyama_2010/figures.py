@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from examples.panels import BLUE, GREEN, GREY, ORANGE, panels, save
 from symfive.diagnose import Diagnosis
 
 from . import equations as paper
@@ -18,21 +17,8 @@ from .steps import B_ANGLES, C_ANGLES, ORIGIN, TO_FILE, Comparison, ErrorMap, in
 __all__ = ["compensation", "error_functions_b", "error_functions_bc", "gravity", "plans", "save", "table_positions"]
 
 Array = NDArray[np.float64]
-BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#8a949e"
 MAGNIFIED = 10_000
 SYMBOLS = ("dx", "dy", "dz", "α", "β", "γ")
-
-
-def _figure(rows: int, columns: int, width: float, height: float, title: str) -> tuple[Figure, NDArray[np.object_]]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    figure.suptitle(title, fontsize=11)
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for ax in axes.ravel():
-        ax.grid(True, color="#e1e5e9", linewidth=0.6)
-        ax.tick_params(which="both", labelsize=8)
-        for side in ("top", "right"):
-            ax.spines[side].set_visible(False)
-    return figure, axes
 
 
 def _unit(k: int) -> str:
@@ -41,7 +27,7 @@ def _unit(k: int) -> str:
 
 def error_functions_b(found: ErrorMap, jointly: Array, hidden: Concealed) -> Figure:
     """E(B): the paper's map, the joint estimate, what is true, and the truth in the gauge of the paper."""
-    figure, axes = _figure(2, 3, 10.5, 6.0, "Errors of B; dz and γ at B = 0 are set to zero, not measured")
+    figure, axes = panels(2, 3, 10.5, 6.0, "Errors of B; dz and γ at B = 0 are set to zero, not measured")
     fine = np.linspace(-90.0, 90.0, 91)
     truth, nodes = hidden.values("B", fine), in_the_paper_gauge(hidden.values("B", B_DEG))
     for k, ax in enumerate(axes.ravel()):
@@ -69,7 +55,7 @@ def _at_least(ax: Axes, span: float) -> None:
 
 def error_functions_bc(found: ErrorMap, hidden: Concealed) -> Figure:
     """Errors of C over C, one line per B; γ_CB is set to zero."""
-    figure, axes = _figure(
+    figure, axes = panels(
         1,
         5,
         13.0,
@@ -97,7 +83,7 @@ def error_functions_bc(found: ErrorMap, hidden: Concealed) -> Figure:
 def table_positions(found: ErrorMap, hidden: Concealed) -> Figure:
     """Where the map says that a point of the table goes (23), seen along Y and along Z, deviations magnified."""
     title = f"The nest on the table, deviations × {MAGNIFIED:,}: nominal grey, by the map blue, true dashed (the gap: gauge)"
-    figure, axes = _figure(1, 2, 11.0, 5.2, title)
+    figure, axes = panels(1, 2, 11.0, 5.2, title)
     nest = nests_of_the_paper(NESTS[:1])[0]
     true_b, true_c = hidden.values("B", B_DEG) / TO_FILE, hidden.values("C", C_DEG) / TO_FILE
     closed = np.append(np.arange(len(C_DEG)), 0)
@@ -128,7 +114,7 @@ def table_positions(found: ErrorMap, hidden: Concealed) -> Figure:
 
 def gravity(found: Diagnosis, sag_um: float) -> Figure:
     """A sag in truth, as the plain fit of location errors sees it, and what the two fits leave."""
-    figure, axes = _figure(1, 2, 11.0, 3.8, "A table that only sinks by its weight, fitted with location errors")
+    figure, axes = panels(1, 2, 11.0, 3.8, "A table that only sinks by its weight, fitted with location errors")
     fine = np.linspace(-90.0, 90.0, 91)
     before, after = found.before, found.after
     axes[0, 0].plot(fine, sag_um * (1.0 - np.cos(np.radians(fine))), color=GREY, lw=2.0, label="true sag")
@@ -159,7 +145,7 @@ def gravity(found: Diagnosis, sag_um: float) -> Figure:
 
 def compensation(b_deg: Array, before: Array, after: Array) -> Figure:
     """Volumetric deviation at poses half-way between those of the map, µm, before and after compensation."""
-    figure, axes = _figure(1, 1, 6.5, 3.6, "Between the poses of the map, in another place: what compensation leaves")
+    figure, axes = panels(1, 1, 6.5, 3.6, "Between the poses of the map, in another place: what compensation leaves")
     ax = axes[0, 0]
     for deviation, colour, shift, what in ((before, ORANGE, -2.0, "before"), (after, BLUE, 2.0, "after")):
         size = np.linalg.norm(deviation, axis=1)
@@ -175,7 +161,7 @@ def plans(found: Comparison) -> Figure:
     """Expected 1σ of every error: the paper's grid and the optimised plan."""
     names = list(found.ratio)
     title = f"Expected 1σ: {found.grid_rows} poses of the grid and {found.plan_rows} rows of the optimised plan"
-    figure, axes = _figure(1, 1, 12.0, 3.8, title)
+    figure, axes = panels(1, 1, 12.0, 3.8, title)
     ax, x = axes[0, 0], np.arange(len(names))
     ax.semilogy(
         x, [found.grid.sigma[n] for n in names], "o", ms=4, color=ORANGE, label=f"grid, {found.grid_minutes:.0f} min"
@@ -187,9 +173,3 @@ def plans(found: Comparison) -> Figure:
     ax.set_ylabel("1σ / µm or µrad", fontsize=8)
     ax.legend(fontsize=8, frameon=False)
     return figure
-
-
-def save(figure: Figure, folder: Path, name: str) -> None:
-    """One PNG."""
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / f"{name}.png", dpi=110)

@@ -201,6 +201,23 @@ SEATED = (
     "construction, which no gain can change"
 )
 
+
+def _panda(name: str, places: Part) -> Recording:
+    """One of the arms; their sockets in turn, and `places`."""
+    return Recording(
+        name=f"mukca/{name}",
+        machine=ARM,
+        source=MUKCA,
+        prepared=SEATED,
+        exclude=("sensor_error",),
+        unit="um",
+        over="J2",
+        column="",
+        bins=12,
+        parts=(runs_with("socket 0 → socket 1", "hole_0"), places),
+    )
+
+
 RECORDINGS: tuple[Recording, ...] = (
     Recording(
         name="emps",
@@ -312,28 +329,6 @@ RECORDINGS: tuple[Recording, ...] = (
         prepare=_thinned(12),
         draw=lambda run: "tool" in run.id,
     ),
-    Recording(
-        name="mukca/panda_1",
-        machine=ARM,
-        source=MUKCA,
-        prepared=SEATED,
-        exclude=("sensor_error",),
-        unit="um",
-        over="J2",
-        column="",
-        bins=12,
-        parts=(runs_with("socket 0 → socket 1", "hole_0"), runs_with("two places → back-high", "front", "right")),
-    ),
-    Recording(
-        name="mukca/panda_3",
-        machine=ARM,
-        source=MUKCA,
-        prepared=SEATED,
-        exclude=("sensor_error",),
-        unit="um",
-        over="J2",
-        column="",
-        bins=12,
-        parts=(runs_with("socket 0 → socket 1", "hole_0"), runs_with("back → front", "back")),
-    ),
+    _panda("panda_1", runs_with("two places → back-high", "front", "right")),
+    _panda("panda_3", runs_with("back → front", "back")),
 )  # fmt: skip

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from examples.panels import BLUE, GREEN, GREY, ORANGE, panels, save
 from symfive.campaign import Campaign
 from symfive.design import Assessment
 from symfive.identify import Identification
@@ -23,19 +23,6 @@ from .machines import Fate
 __all__ = ["ball_bar", "conditioning", "fates", "plans", "plate_yaw", "save", "six_error_motions"]
 
 Array = NDArray[np.float64]
-BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#8a949e"
-
-
-def _figure(rows: int, columns: int, width: float, height: float, title: str) -> tuple[Figure, NDArray[np.object_]]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    figure.suptitle(title, fontsize=11)
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for ax in axes.ravel():
-        ax.grid(True, color="#e1e5e9", linewidth=0.6)
-        ax.tick_params(which="both", labelsize=8)
-        for side in ("top", "right"):
-            ax.spines[side].set_visible(False)
-    return figure, axes
 
 
 def _pointwise(campaign: Campaign, axis: str) -> tuple[Array, Array]:
@@ -68,9 +55,7 @@ def six_error_motions(
     campaign: Campaign, result: Identification, truth: Mapping[str, float], axis: str = "X"
 ) -> Figure:
     """Six error motions of an axis: true, by (10) point by point, and by the joint estimate with ±1σ."""
-    figure, axes = _figure(
-        2, 3, 11.0, 5.6, f"Error motions of {axis} from three lines; straightness about its own line"
-    )
+    figure, axes = panels(2, 3, 11.0, 5.6, f"Error motions of {axis} from three lines; straightness about its own line")
     q, pointwise = _pointwise(campaign, axis)
     for k, ax in enumerate(axes.ravel()):
         name = f"E{'XYZABC'[k]}{axis}"
@@ -90,7 +75,7 @@ def six_error_motions(
 
 def ball_bar(campaign: Campaign) -> Figure:
     """Readings of the five ball-bar tests with the harmonics that (11)-(15) fit to them."""
-    figure, axes = _figure(1, 5, 13.5, 3.2, "Ball bar: readings and the harmonics of (11)–(15)")
+    figure, axes = panels(1, 5, 13.5, 3.2, "Ball bar: readings and the harmonics of (11)–(15)")
     titles = {"b-y": "(11) bar along Y", "b-x": "(12) along X", "b-z": "(13) along Z", "c-low": "(14) C, low ball",
               "c-high": "(15) C, high ball"}  # fmt: skip
     for ax, (name, title) in zip(axes.ravel(), titles.items(), strict=True):
@@ -109,7 +94,7 @@ def ball_bar(campaign: Campaign) -> Figure:
 
 def conditioning() -> Figure:
     """Condition number of (10) along the line for three layouts, and of {1, cos b, sin b} over the range of B."""
-    figure, axes = _figure(1, 2, 10.0, 3.6, "How well the paper's equations are conditioned")
+    figure, axes = panels(1, 2, 10.0, 3.6, "How well the paper's equations are conditioned")
     x = np.linspace(-300.0, 300.0, 121)
     weights = np.array([1.0] * 3 + [1.0 / SCALE_MM] * 3)
     for (spacing, layout), colour in zip(LAYOUTS.items(), (BLUE, ORANGE, GREEN), strict=True):
@@ -132,7 +117,7 @@ def fates(found: Fate) -> Figure:
     """1σ of both methods over many machines, every parameter, and what was known before."""
     names = list(found.spread)
     title = f"{found.count} machines, noise ±2 µm, set-ups off: 1σ of the error of each estimate"
-    figure, axes = _figure(1, 1, 14.0, 4.4, title)
+    figure, axes = panels(1, 1, 14.0, 4.4, title)
     ax, x = axes[0, 0], np.arange(len(names))
     ax.semilogy(x, [found.prior[n] for n in names], "_", color=GREY, ms=9, label="known before (prior)")
     ax.semilogy(x, [found.spread[n][0] for n in names], "o", ms=4, color=ORANGE, label="the paper's sequence")
@@ -146,7 +131,7 @@ def fates(found: Fate) -> Figure:
 
 def plate_yaw(campaign: Campaign, result: Identification, yaw_urad: float) -> Figure:
     """Roll of an axis that does not roll, one plate having yaw: by (10), and by the joint estimate."""
-    figure, axes = _figure(1, 1, 6.5, 3.8, f"X does not roll; one plate stands {yaw_urad:g} µrad askew")
+    figure, axes = panels(1, 1, 6.5, 3.8, f"X does not roll; one plate stands {yaw_urad:g} µrad askew")
     ax = axes[0, 0]
     q, pointwise = _pointwise(campaign, "X")
     value, _, std = _curve(result, "EAX", q)
@@ -162,7 +147,7 @@ def plate_yaw(campaign: Campaign, result: Identification, yaw_urad: float) -> Fi
 
 def plans(tests: Assessment, plan: Assessment, words: tuple[str, str]) -> Figure:
     """Expected 1σ of the eight location errors: the paper's five tests and the optimised plan."""
-    figure, axes = _figure(1, 1, 7.5, 3.8, "Ball bar, set-ups known to 10 µm: expected 1σ")
+    figure, axes = panels(1, 1, 7.5, 3.8, "Ball bar, set-ups known to 10 µm: expected 1σ")
     ax, x = axes[0, 0], np.arange(len(paper.LOCATION))
     for found, marker, colour, label in ((tests, "o", ORANGE, words[0]), (plan, "x", BLUE, words[1])):
         ax.semilogy(x, [found.sigma[n] for n in paper.LOCATION], marker, color=colour, label=label)
@@ -170,9 +155,3 @@ def plans(tests: Assessment, plan: Assessment, words: tuple[str, str]) -> Figure
     ax.set_ylabel("µm or µrad", fontsize=8)
     ax.legend(fontsize=8, frameon=False)
     return figure
-
-
-def save(figure: Figure, folder: Path, name: str) -> None:
-    """One PNG."""
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / f"{name}.png", dpi=110)

@@ -122,7 +122,11 @@ class Fit:
         held = {"run": runs, **self.heldout_by}
         return tuple(
             f"A {what} that was left out of the fit is foretold worse with them ({before:.3g} → {after:.3g} {unit} rms): "
-            + ("take them as a hint, not as proven." if what == "run" else f"do not trust them beyond the {what}s recorded.")
+            + (
+                "take them as a hint, not as proven."
+                if what == "run"
+                else f"do not trust them beyond the {what}s recorded."
+            )
             for what, (before, after) in held.items()
             if before is not None and after is not None and after > (1.0 + WORSE) * before
         )

@@ -160,13 +160,26 @@ def _forward(state: _State, seen: Survey | None) -> None:
             continue
         trial, log_p = best
         after = shaped(state.after, trial)
-        if after.chi2_dof >= state.after.chi2_dof:  # it helps only the noise model
+        if not _nearer(after, state.after):
             state.dropped.add(trial.effect.key)
             continue
         state.joined(after, log_p, trial.looks)
         seen = None
         state.progress(f"found {trial.effect.key}")
         _prune(state, state.members[:-1])
+
+
+def _nearer(after: Identification, before: Identification) -> bool:
+    """Whether a fit comes nearer to the readings, but for those that both take for outliers; one that does not helps only the
+    noise model."""
+    problems = [after.problem(), before.problem()]
+    left = [0.0, 0.0]
+    for run in after.model.campaign.runs:
+        kept = ~(problems[0].left_out[run.id] & problems[1].left_out[run.id])
+        noise = after.model.noise(run)
+        for k, fit in enumerate((after, before)):
+            left[k] += float(np.sum((fit.residuals[run.id] / noise)[kept] ** 2))
+    return left[0] < left[1]
 
 
 def _slow(state: _State) -> tuple[Identification, float] | None:

@@ -18,6 +18,7 @@ __all__ = ["Information", "Outlier", "Problem"]
 
 Array = NDArray[np.float64]
 OUTLIER_LEVEL = 0.01
+SHORT = 100
 LOUD = 2.0
 """An instrument's noise does not differ from run to run by more than this factor."""
 LONGEST_OUTLIER = 3
@@ -147,13 +148,15 @@ class Problem:
                 self.noises[key] = noise
 
     def _quiet(self, blocks: Mapping[tuple[str, str], Block]) -> list[tuple[str, str]]:
-        """Recordings that are no more than `LOUD` times as loud, once whitened, as their median."""
+        """Recordings that are no more than `LOUD` times as loud, once whitened, as their median, or too short to tell. The
+        largest tenth of a recording's readings does not count: these may be outliers."""
         powers = {}
         for key, block in blocks.items():
             white, _ = whiten(np.where(block.left_out, 0.0, block.residual), self.noises[key], block.interval)
-            powers[key] = float(np.sum(white**2)) / max(block.kept, 1)
+            squares = np.sort(white[~block.left_out] ** 2)
+            powers[key] = float(np.mean(squares[: max(1, int(0.9 * len(squares)))])) if len(squares) else 0.0
         limit = LOUD**2 * float(np.median(list(powers.values())))
-        return [key for key, power in powers.items() if power <= limit]
+        return [key for key, power in powers.items() if power <= limit or len(blocks[key].residual) < SHORT]
 
     def _differences(self, blocks: Mapping[tuple[str, str], Block]) -> list[Block]:
         """Orthonormal contrasts of repeated runs: what the model lacks and both share cancels."""
