@@ -318,6 +318,33 @@ def diagnose(
     _tell(result.to_data(), str(result), as_json)
 
 
+@app.command(epilog="Example: symfive fleet machines/ -o results/ --workers 4")
+def fleet(
+    campaigns: Annotated[
+        list[Path], typer.Argument(help="Campaigns' folders, or folders that hold some.", show_default=False)
+    ],
+    output: OutputPath,
+    diagnose: Annotated[bool, typer.Option("--diagnose", help="Diagnose instead of identify.")] = False,
+    workers: Annotated[int, typer.Option(help="Processes of this computer; 0: none but this one.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
+    figures: Annotated[bool, typer.Option(help="Draw the figures (a diagnosis always does).")] = True,
+    redo: Annotated[bool, typer.Option("--redo", help="Begin anew what is complete already.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Identify or diagnose many campaigns: a folder of results each, and one table of all (CSV and text)."""
+    from symfive.executors import executor
+    from symfive.fleet import fleet as fleet_of
+
+    with executor(workers, scheduler) as pool:
+        table = fleet_of(
+            campaigns, output, diagnose=diagnose, figures=figures, redo=redo, pool=pool, progress=_Progress(quiet)
+        )
+    _tell(table.to_data(), str(table), as_json)
+    if any(row.failed for row in table.rows):
+        raise typer.Exit(2)
+
+
 @app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
 def codegen(
     model: Annotated[
@@ -389,6 +416,30 @@ def import_polar(
         write_campaign_files(campaign, folder)
     if not quiet:
         typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
+
+
+@app.command(name="import-mtconnect", epilog="Example: symfive import-mtconnect probe.xml -o machine.toml")
+def import_mtconnect(
+    probe: Annotated[Path, typer.Argument(help="What the agent answers to …/probe, as a file.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The machine file.", show_default=False)],
+    device: Annotated[str, typer.Option(help="Name, uuid or id of the device, where there are several.")] = "",
+    code: Annotated[
+        str, typer.Option(help="The structural code, as \"w C' B' X' Y' b Z t\", where the document tells none.")
+    ] = "",
+    quiet: Quiet = False,
+) -> None:
+    """A machine file's skeleton from an MTConnect probe; what the document does not tell is asked for in comments."""
+    from symfive.importers import read_mtconnect
+    from symfive.importers.mtconnect import TO_DO
+    from symfive.machine import write_machine
+
+    machine = read_mtconnect(probe, device=device, code=code)
+    write_machine(machine, output)
+    if not quiet:
+        for comment in machine.comments:
+            if comment.startswith(TO_DO):
+                typer.echo(f"note: {comment}", err=True)
+        typer.echo(f"{machine.structure.code} in {output}", err=True)
 
 
 @app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")

@@ -21,13 +21,15 @@ body { font: 13px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem a
 h1 { font-size: 1.3rem; margin-bottom: 0 } h2 { font-size: 1.05rem; margin: 1.2rem 0 .3rem }
 table { border-collapse: collapse } td, th { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top }
 th { font-weight: 600 } td.n { text-align: right; font-variant-numeric: tabular-nums } svg { max-width: 100%; height: auto }
-ol { margin: .2rem 0 } .quiet { color: #555 }
+ol { margin: .2rem 0 } .quiet, figcaption { color: #555 } figure { margin: .6rem 0 }
 @media print { body { margin: 0; max-width: none } h2 { break-after: avoid } section { break-inside: avoid } }
 """
 
 
 def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]) -> str:
-    """One HTML page without scripts or links. All text from files is escaped."""
+    """One HTML page that loads nothing; its script turns the picture of all poses. All text from files is escaped."""
+    from symfive.report._poses import SCRIPT, poses_figure  # the report builds on this package
+
     title = f"Set-up sheet: {plan.machine.name}"
     name = {"r_test": "R-test", "ball_bar": "ball bar"}.get(plan.instrument, plan.instrument)
     parts = [
@@ -37,12 +39,13 @@ def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]
         f"{plan.campaign.rows} readings with return poses · about {plan.minutes:.0f} min with set-up</p>",
         f"<p>Certificate: {escape(plan.certificate.says)}.</p>",
         *(_run(plan, run, pictures[run.id]) for run in plan.campaign.runs),
+        f"<section><h2>All poses</h2>{poses_figure(plan.campaign)}</section>",
         _expected(plan),
         _clearances(plan),
     ]
     if programs:
         parts.append(f"<h2>Programs</h2><p>{', '.join(f'<code>{escape(p)}</code>' for p in programs)}</p>")
-    parts.append("</body></html>\n")
+    parts.append(f"<script>{SCRIPT}</script></body></html>\n")
     return "\n".join(parts)
 
 

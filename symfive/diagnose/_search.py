@@ -47,8 +47,8 @@ SLOW = 0.1
 """Noise whose correlation lasts longer than this part of a run may be something that drifts."""
 SLOWLY = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "unknown")
 """What changes while nothing moves."""
-SLOW_NOISE = 0.05
-"""The share of instruments whose own noise is that slow and larger than declared."""
+SLOW_NOISE = 0.2
+"""The share of instruments whose own noise is that slow and larger than half of what is declared."""
 OPEN, OPEN_SHARE = 10.0, 0.1
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
 MATERIAL = 0.15
@@ -192,12 +192,14 @@ def _slow(state: _State) -> tuple[Identification, float] | None:
     campaign = state.campaign
     lasting = {run.id: float(run.time[-1] - run.time[0]) for run in campaign.runs}
     noises = state.after.noises
-    if not any(n.coloured > n.declared and n.time_constant > SLOW * lasting[run] for (run, _), n in noises.items()):
+    if not any(
+        n.coloured > 0.5 * n.declared and n.time_constant > SLOW * lasting[run] for (run, _), n in noises.items()
+    ):
         return None
     white = replace(state.after, noises={k: replace(n, coloured=0.0) for k, n in noises.items()})
     scores = [
         s
-        for s in survey(white, state.exclude, scanning=False).scores
+        for s in survey(white, state.exclude).scores
         if s.effect.id in SLOWLY and coordinate_of(s.effect) in ("time", "t") and state.open(s)
     ]
     trials = []

@@ -31,6 +31,7 @@ from symfive.report._geometry import geometry_chart, geometry_table
 from symfive.report._over_time import residuals_over_time
 from symfive.report._page import embedded, write_page
 from symfive.report._polar import polar_trace
+from symfive.report._poses import poses_figure
 from symfive.report._save import keep
 from symfive.report._spectrum import residual_spectrum
 from symfive.report._tables import noise_table, outlier_table, setup_table
@@ -202,4 +203,5 @@ def _quality(diagnosis: Diagnosis, figures: Path) -> list[str]:
         noise_table(after),
         '<h2 id="setup">Set-up</h2>',
         setup_table(after) if has_setup else "<p>No set-up parameter was estimated.</p>",
+        poses_figure(after.model.campaign),
     ]

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from symfive import __version__
 from symfive.files import write_text
+from symfive.report._poses import SCRIPT as POSES
 from symfive.report._style import BLUE, FAINT, GRID, INK, ORANGE, PAPER, rendered
 
 __all__ = ["embedded", "sentences", "write_page"]
@@ -37,12 +38,13 @@ for (const button of document.querySelectorAll("th button")) button.addEventList
 
 def write_page(path: Path, title: str, body: str) -> None:
     """Write the page whole or not at all. `title` is plain text, `body` HTML whose text is already escaped."""
-    digest = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
+    script = _SCRIPT + (POSES if '<figure class="poses">' in body else "")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     template = Template((files("symfive.report") / "page.html").read_text(encoding="utf-8"))
     page = template.substitute(
         title=html.escape(title),
         body=body,
-        script=_SCRIPT,
+        script=script,
         script_hash=f"sha256-{digest}",
         version=html.escape(__version__),
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from symfive.identify import Identification
 from symfive.report._page import embedded, sentences, write_page
+from symfive.report._poses import poses_figure
 from symfive.report._save import drawings, keep
 from symfive.report._style import unit_words
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
@@ -95,7 +96,7 @@ def _sections(identification: Identification, target: Path | None) -> list[str]:
         outlier_table(identification) if identification.outliers else "<p>None.</p>",
         '<h2 id="setup">Set-up</h2>',
         setup_table(identification) if has_setup else "<p>No set-up parameter was estimated.</p>",
-        '<h2 id="figures">Figures</h2>',
+        '<h2 id="figures">Figures</h2>', poses_figure(identification.model.campaign),
         *_figures(identification, target),
     ]  # fmt: skip
 

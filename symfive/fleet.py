@@ -1,0 +1,253 @@
+"""Many recorded machines: each campaign identified or diagnosed into a folder of its own, and one table of all.
+
+What is complete is not done again, so that an interrupted fleet goes on where it was; a campaign that cannot be used
+ends in one sentence of the table and stops no other.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from symfive import __version__
+from symfive.campaign import Campaign, read_campaign, write_campaign_files
+from symfive.diagnose import Diagnosis
+from symfive.diagnose import diagnose as diagnose_campaign
+from symfive.errors import InputError
+from symfive.executors import Inline, finished
+from symfive.files import output_folder, write_json, write_text
+from symfive.identify import Identification, fitted_model, identify
+from symfive.model import read_json, write_model
+from symfive.threads import one_thread
+
+__all__ = ["SCHEMA", "Fleet", "Row", "Task", "fleet", "row_of", "write_diagnosis", "write_identification"]
+
+SCHEMA = "symfive.fleet/1"
+DONE = "fleet-row.json"
+"""Written last into a campaign's results: where it lies, they are complete."""
+EXPLAINED = 1.1
+"""Residuals up to so many times the declared noise count as explained, as in a diagnosis without findings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One campaign in the table: `errors` location error → (value, 1σ, unit), `rms` of the residuals in `rms_unit`."""
+
+    campaign: str
+    verdict: str
+    says: str = ""
+    rms: float | None = None
+    rms_unit: str = ""
+    chi2_dof: float | None = None
+    errors: Mapping[str, tuple[float, float, str]] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the campaign has no results; `says` tells why."""
+        return self.verdict == "failed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What a worker does with one campaign: `name` in the table, its `folder`, the `target` of the results."""
+
+    name: str
+    folder: Path
+    target: Path
+    diagnose: bool = False
+    figures: bool = True
+    redo: bool = False
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """The table of all campaigns, in the order they were given."""
+
+    verb: str
+    rows: tuple[Row, ...]
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """Location errors of any of the machines, with their units."""
+        return {name: unit for row in self.rows for name, (_, _, unit) in row.errors.items()}
+
+    def to_data(self) -> dict[str, Any]:
+        """The table as JSON."""
+        return {"schema": SCHEMA, "verb": self.verb, "campaigns": [asdict(row) for row in self.rows]}
+
+    def csv(self) -> str:
+        """The table as CSV: value and 1σ of every location error; what a machine does not have is empty."""
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        columns = [f"{name}{part}_{unit}" for name, unit in self.errors.items() for part in ("", "_std")]
+        table.writerow(["campaign", "verdict", "rms", "rms_unit", "chi2_dof", *columns, "says"])
+        for row in self.rows:
+            numbers = [n for name in self.errors for n in row.errors.get(name, ("", "", ""))[:2]]
+            table.writerow([row.campaign, row.verdict, row.rms, row.rms_unit, row.chi2_dof, *numbers, row.says])
+        return text.getvalue()
+
+    def __str__(self) -> str:
+        heads = ["campaign", "verdict", "rms", "chi²/dof", *(f"{n} {_shown(u)}" for n, u in self.errors.items())]
+        lines = [heads, *(self._line(row) for row in self.rows if not row.failed)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        text = [
+            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
+        ]
+        return "\n".join([*text, *(f"{row.campaign}: failed: {row.says}" for row in self.rows if row.failed)])
+
+    def _line(self, row: Row) -> list[str]:
+        found = (row.errors.get(name) for name in self.errors)
+        errors = ["" if e is None else _with_std(e[0], e[1]) for e in found]
+        return [row.campaign, row.verdict, f"{row.rms:.3g} {_shown(row.rms_unit)}", f"{row.chi2_dof:.3g}", *errors]
+
+
+def _with_std(value: float, std: float) -> str:
+    """Both to two digits of the 1σ."""
+    decimals = max(0, 1 - math.floor(math.log10(std))) if std > 0.0 else 3
+    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {std:.{decimals}f}"
+
+
+def _shown(unit: str) -> str:
+    return {"um": "µm", "urad": "µrad"}.get(unit, unit)
+
+
+def fleet(
+    campaigns: Sequence[Path | str], output: Path | str, *, diagnose: bool = False, figures: bool = True,
+    redo: bool = False, pool: Executor | None = None, progress: Callable[[str], None] = lambda message: None,
+) -> Fleet:  # fmt: skip
+    """Identifies or diagnoses every campaign into its own folder of `output`; writes and returns the table of all.
+
+    `campaigns` are folders of campaigns, or folders that hold some; `pool` is any executor (`symfive.executors`), whose
+    workers see both folders under the same paths. `redo` begins anew what is complete. Raises `InputError`.
+    """
+    root = Path(os.path.abspath(output))
+    folders = _folders(campaigns)
+    common = Path(os.path.commonpath([folder.parent for folder in folders]))
+    tasks = [
+        Task(name=name, folder=folder, target=root / name, diagnose=diagnose, figures=figures, redo=redo)
+        for folder in folders for name in [folder.relative_to(common).as_posix()]
+    ]  # fmt: skip
+    for task in tasks:
+        if task.target == task.folder:
+            raise InputError(
+                "results would go into the campaign itself", path=task.folder, remedy="name another folder"
+            )
+    rows: dict[int, Row] = {}
+    for number, outcome in finished(pool or Inline(), row_of, [(task,) for task in tasks]):
+        name = tasks[number].name
+        rows[number] = (
+            Row(campaign=name, verdict="failed", says=_sentence(outcome)) if isinstance(outcome, Exception) else outcome
+        )
+        progress(f"{len(rows)} of {len(tasks)}: {name}: {rows[number].verdict}")
+    table = Fleet("diagnose" if diagnose else "identify", tuple(rows[number] for number in range(len(tasks))))
+    write_text(root / "fleet.csv", table.csv())
+    write_text(root / "fleet.txt", f"{table}\n")
+    return table
+
+
+def _folders(campaigns: Sequence[Path | str]) -> list[Path]:
+    """Folders of the campaigns, each once; a folder without a campaign of its own stands for those in it."""
+    if not campaigns:
+        raise InputError("there is no campaign", remedy="name a folder with campaigns in it")
+    found: dict[Path, None] = {}
+    for path in (Path(os.path.abspath(name)) for name in campaigns):
+        folder = path.parent if path.suffix == ".toml" else path
+        inner = [] if (folder / "campaign.toml").is_file() else sorted(folder.glob("*/campaign.toml"))
+        found |= dict.fromkeys(file.parent for file in inner) or {folder: None}
+    return list(found)
+
+
+@one_thread
+def row_of(task: Task) -> Row:
+    """Identifies or diagnoses one campaign and writes its results, complete or not at all; its row in the table."""
+    campaign = read_campaign(task.folder)
+    if not campaign.measured:
+        raise InputError("a run has no readings", path=task.folder, remedy="measure or simulate the plan first")
+    done, key = task.target / DONE, _key(campaign, task)
+    before = read_json(done) if done.is_file() and not task.redo else {}
+    if before.get("key") == key:
+        errors = {name: tuple(error) for name, error in before["row"]["errors"].items()}
+        return Row(**before["row"] | {"campaign": task.name, "errors": errors})
+    result = diagnose_campaign(campaign) if task.diagnose else identify(campaign)
+    done.unlink(missing_ok=True)
+    with output_folder(task.target) as folder:
+        if isinstance(result, Diagnosis):
+            write_diagnosis(result, folder)
+        else:
+            write_identification(result, folder, figures=task.figures)
+    row = _row(task.name, result)
+    write_json(done, {"key": key, "row": asdict(row)})
+    return row
+
+
+def write_identification(result: Identification, folder: Path, *, figures: bool = True) -> None:
+    """The files of `symfive identify`."""
+    write_json(folder / "identification.json", result.to_data())
+    write_model(fitted_model(result), folder / "model.json")
+    if figures:
+        from symfive.report import identification_report
+
+        identification_report(result, folder, figures=folder / "figures")
+
+
+def write_diagnosis(result: Diagnosis, folder: Path) -> None:
+    """The files of `symfive diagnose`."""
+    from symfive.report import diagnosis_report
+
+    write_json(folder / "diagnosis.json", result.to_data())
+    for finding in result.findings:
+        if finding.next_test is not None and finding.test is not None:
+            (folder / finding.next_test).mkdir(parents=True)
+            write_campaign_files(finding.test.test, folder / finding.next_test)
+    write_identification(result.after, folder, figures=False)
+    diagnosis_report(result, folder)
+
+
+def _key(campaign: Campaign, task: Task) -> str:
+    """Digest of all that decides the results: the recordings and the machine, the verb, symfive."""
+    digest = hashlib.sha256(f"{__version__} {task.diagnose} {task.figures}".encode())
+    for name in ("campaign.toml", campaign.machine_file, *(run.file for run in campaign.runs)):
+        digest.update(hashlib.sha256((task.folder / name).read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _row(name: str, result: Identification | Diagnosis) -> Row:
+    fit = result.after if isinstance(result, Diagnosis) else result
+    return Row(
+        campaign=name,
+        verdict=_verdict(result),
+        says=result.letter if isinstance(result, Diagnosis) else "; ".join(result.to_data()["says"]),
+        rms=float(fit.rms_um),
+        rms_unit=next((unit for unit in fit.rms if unit == "um"), next(iter(fit.rms), "um")),
+        chi2_dof=float(fit.chi2_dof),
+        errors={
+            p.name: (float(value), float(std), p.unit)
+            for p, value, std in zip(fit.parameters, fit.values, fit.std, strict=True)
+            if p.kind == "location_error"
+        },
+    )
+
+
+def _verdict(result: Identification | Diagnosis) -> str:
+    """In a few words: what was found beside the geometry, else how well the model explains the readings."""
+    if isinstance(result, Diagnosis):
+        if result.mismatch:
+            return ", ".join(f"{f.name} {f.axis or ''}".rstrip() for f in result.findings) or "unnamed mismatch"
+        result = result.after
+    ratio = math.sqrt(result.chi2_dof)
+    if not result.converged:
+        return "not converged"
+    return "explained" if ratio <= EXPLAINED else f"{ratio:.2g} times the declared noise"
+
+
+def _sentence(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if isinstance(error, InputError) else f"{type(error).__name__}: {text}"

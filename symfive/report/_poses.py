@@ -1,0 +1,173 @@
+"""The poses of a campaign as its workpiece sees them, to be turned in space: inline SVG that is whole without its script."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign, Run
+from symfive.procedures import Nominal
+from symfive.report._style import SERIES
+
+__all__ = ["SCRIPT", "poses_figure", "projected"]
+
+Array = NDArray[np.float64]
+SCRIPT = (files("symfive.report") / "poses.js").read_text(encoding="utf-8")
+"""Turns every such figure of a page by dragging and by the arrow keys."""
+TURN, TILT = -60.0, 25.0
+"""Where the eye stands at first: angle about Z from X, height over the table, degree."""
+WIDE, TALL, REACH = 720, 480, 215.0
+MOST_POINTS, MOST_NAMES = 1200, 24
+WITH_A_BALL, WITH_A_NEST = {"ball_bar", "r_test", "grid_encoder", "displacement", "tracker"}, {"ball_bar", "r_test"}
+COLOURS = (f"var(--blue, {SERIES[0]})", f"var(--orange, {SERIES[1]})", *SERIES[2:])
+STYLE = """
+.poses path { fill: none; stroke: currentColor; stroke-linecap: round; stroke-width: 1.2; }
+.poses .dots { stroke-width: 5; } .poses .nest { stroke-width: 13; } .poses .bars { opacity: .45; }
+.poses .tools { opacity: .5; stroke-width: .9; } .poses .grey { color: var(--faint, #5c6975); }
+.poses .ink { color: var(--ink, #1d2a36); } .poses text { fill: var(--ink, #1d2a36); font: 14px system-ui, sans-serif; }
+.poses .off { opacity: .07; } .poses.live svg { cursor: grab; touch-action: none; user-select: none; }
+.poses svg:focus-visible { outline: 2px solid var(--accent, #0072b2); } .poses .hint { display: none; }
+.poses .names { display: flex; flex-wrap: wrap; gap: .1rem .3rem; max-width: none; }
+.poses button { font: inherit; font-size: .85rem; color: inherit; background: none; padding: .1rem .45rem;
+  border: 1px solid transparent; border-radius: .3rem; } .poses.live button { cursor: pointer; }
+.poses button[aria-pressed=true] { border-color: currentColor; }
+.poses i { display: inline-block; width: .7rem; height: .7rem; border-radius: 50%; margin-right: .35rem; background: currentColor; }
+@media screen { .poses.live .hint { display: inline; } }
+@media print { .poses svg, .poses i { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
+"""
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """What is drawn of a run, mm in the workpiece frame: the tool's ball (N, 3), the way up along the tool (N, 3)."""
+
+    run: Run
+    ball: Array
+    up: Array
+
+    @property
+    def nest(self) -> Array:
+        """The ball or nest on the table, (1, 3); (0, 3) where the instrument has none."""
+        return np.array([self.run.table_ball] if WITH_A_NEST & set(self.run.instrument) else np.empty((0, 3)))
+
+
+def projected(points: Array, centre: Array, scale: float, turn: float = TURN, tilt: float = TILT) -> Array:
+    """Points (N, 3) mm as they are drawn, (N, 2): to the right and down, from afar at the angles `turn` and `tilt`, degree."""
+    a, e = math.radians(turn), math.radians(tilt)
+    right = [-math.sin(a), math.cos(a), 0.0]
+    down = [math.sin(e) * math.cos(a), math.sin(e) * math.sin(a), -math.cos(e)]
+    return np.asarray(scale * (points - centre) @ np.array([right, down]).T)
+
+
+def poses_figure(campaign: Campaign) -> str:
+    """A `<figure>` with all runs that have a ball, coloured by run; "" where none has one.
+
+    Table, frame, the balls on the table, the tool's ball at each pose by the exact nominal kinematics, the tool's direction,
+    bars. Of long runs every so many a row is drawn, and the caption says so. Needs `SCRIPT` on the page to be turned.
+    """
+    runs = [run for run in campaign.runs if WITH_A_BALL & set(run.instrument)]
+    if not runs:
+        return ""
+    nominal = Nominal(campaign.machine)
+    poses = [_poses(nominal, run, max(MOST_POINTS // len(runs), 2)) for run in runs]
+    radius = campaign.machine.workspace.table_radius
+    table = _circle(radius or 0.0)
+    solid = np.concatenate([table, *(p.ball for p in poses), *(p.nest for p in poses)])
+    size = float(np.ptp(solid, axis=0).max()) or 100.0
+    corners = np.concatenate([solid, *(p.ball + 0.15 * size * p.up for p in poses)])
+    centre = np.round((corners.min(axis=0) + corners.max(axis=0)) / 2.0, 1)
+    scale = float(f"{REACH / max(float(np.linalg.norm(corners - centre, axis=1).max()), 1e-3):.6g}")
+    pen = _Pen(centre, scale)
+    parts = [pen.path(table, len(table), "grey")] if radius else []
+    parts += [pen.path(np.array([0.25 * size * np.eye(3)[i] * on for on in (0, 1)]), 2, "ink") for i in range(3)]
+    parts += [pen.text(0.29 * size * np.eye(3)[i], "xyz"[i]) for i in range(3)]
+    parts += [pen.run(p, 0.15 * size, COLOURS[i % len(COLOURS)]) for i, p in enumerate(poses)]
+    view = " ".join(f"{v:g}" for v in (*centre, scale, TURN, TILT))
+    label = html.escape(f"Poses of {campaign.machine.name} in the workpiece frame, {len(runs)} runs")
+    return (
+        f'<figure class="poses"><svg role="img" aria-label="{label}" width="{WIDE}" height="{TALL}" '
+        f'viewBox="{-WIDE // 2} {-TALL // 2} {WIDE} {TALL}" data-view="{view}"><style>{STYLE}</style>{"".join(parts)}</svg>'
+        f'<p class="names">{_names(poses)}</p><figcaption>{_caption(poses)}</figcaption></figure>'
+    )
+
+
+def _poses(nominal: Nominal, run: Run, most: int) -> _Poses:
+    rows = np.unique(np.linspace(0, run.rows - 1, min(most, run.rows)).round().astype(int))
+    commands = {name: values[rows] for name, values in run.commands.items()}
+    workpiece, tool = nominal.workpiece_rotation(commands), nominal.tool_rotation(commands)
+    return _Poses(run, nominal.ball(commands, run.tool_ball), np.einsum("nji,nj->ni", workpiece, tool[:, :, 2]))
+
+
+def _circle(radius: float) -> Array:
+    angle = np.linspace(0.0, 2.0 * np.pi, 61)
+    return radius * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+
+
+@dataclass(frozen=True)
+class _Pen:
+    """Draws in the first view and leaves the points in space with each shape for the script."""
+
+    centre: Array
+    scale: float
+
+    def path(self, points: Array, each: int, kind: str) -> str:
+        """Strokes of `each` points (1: a dot), mm."""
+        if not len(points):
+            return ""
+        points, end = points.round(1), "h0" if each == 1 else ""
+        places = enumerate(projected(points, self.centre, self.scale))
+        d = "".join(f"{'L' if i % each else 'M'}{_number(u)} {_number(v)}{end}" for i, (u, v) in places)
+        return f'<path class="{kind}" data-each="{each}" data-p="{_numbers(points)}" d="{d}"/>'
+
+    def text(self, point: Array, word: str) -> str:
+        (u, v) = projected(point.round(1)[None], self.centre, self.scale)[0]
+        place = f'data-each="0" data-p="{_numbers(point)}" x="{_number(u)}" y="{_number(v)}"'
+        return f'<text text-anchor="middle" dominant-baseline="middle" {place}>{html.escape(word)}</text>'
+
+    def run(self, poses: _Poses, stick: float, colour: str) -> str:
+        """One run: the tool at each pose, bars, balls, and the post of the ball on the table."""
+        ball, nest = poses.ball, poses.nest
+        bars = "ball_bar" in poses.run.instrument
+        shapes = [
+            self.path(_pairs(ball, ball + stick * poses.up), 2, "tools"),
+            self.path(_pairs(np.broadcast_to(nest, ball.shape), ball), 2, "bars") if bars else "",
+            self.path(_pairs(nest * [1.0, 1.0, 0.0], nest), 2, "grey"),
+            self.path(nest, 1, "nest"),
+            self.path(ball, 1, "dots"),
+        ]
+        return f'<g style="color: {colour}"><title>{html.escape(poses.run.id)}</title>{"".join(shapes)}</g>'
+
+
+def _pairs(first: Array, second: Array) -> Array:
+    return np.stack([first, second], axis=1).reshape(-1, 3)
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.1f}"
+
+
+def _numbers(points: Array) -> str:
+    return " ".join(f"{value + 0.0:.1f}".removesuffix(".0") for value in points.ravel())
+
+
+def _names(poses: Sequence[_Poses]) -> str:
+    buttons = "".join(
+        f'<button type="button"><i style="color: {COLOURS[i % len(COLOURS)]}"></i>{html.escape(p.run.id)}</button>'
+        for i, p in enumerate(poses[:MOST_NAMES])
+    )
+    rest = len(poses) - MOST_NAMES
+    return buttons + (f"<span>and {rest} more</span>" if rest > 0 else "")
+
+
+def _caption(poses: Sequence[_Poses]) -> str:
+    drawn, rows = sum(len(p.ball) for p in poses), sum(p.run.rows for p in poses)
+    said = "The poses as the workpiece sees them: its frame and table, large dots for the balls on the table, small ones for "
+    said += "the ball of the tool, thin lines up along the tool, lines between the balls for bars."
+    said += f" {drawn} of {rows} rows are drawn." if drawn < rows else ""
+    return f'{said} <span class="hint">Drag or use the arrow keys to turn it, Home to go back; a name shows its run alone.</span>'
