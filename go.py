@@ -97,6 +97,8 @@ def demo(*arguments: str) -> int:
 def test(*arguments: str) -> int:
     """Run the quick tests, or all of them with --full; other arguments go to pytest."""
     prepare("test")
+    if "--full" in arguments:
+        prepare("dask")  # its tests are skipped where it is missing
     selection = [] if "--full" in arguments else ["-m", FAST]
     workers = ["-n", "auto", "--dist", "loadscope"]  # one process a core, a module's fixtures made once
     return run("-m", "pytest", *workers, *selection, *(word for word in arguments if word != "--full"))

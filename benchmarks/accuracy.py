@@ -2,6 +2,7 @@
 
     python benchmarks/accuracy.py            # 200 simulated machines
     python benchmarks/accuracy.py --quick    # 20
+    python benchmarks/accuracy.py --workers 2, or --scheduler tcp://host:8786    # the same numbers, sooner
 
 Truth comes from outside: the vectors and the open campaigns were written by an independent plant that shares no code
 with symfive. Only the coverage is over machines that symfive itself simulates.
@@ -12,18 +13,22 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from concurrent.futures import Executor
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from symfive.campaign import read_campaign
+from symfive.executors import executor, finished
 from symfive.identify import fitted_model, identify, predict
 from symfive.kinematics import ball_in_workpiece
 from symfive.machine import Machine, machine_from_data
 from symfive.simulate import simulate
 
 DATA = Path(__file__).resolve().parent.parent / "tests" / "data"
+BATCH = 10
+"""Machines of one task."""
 CLEAN = ("static-none", "static-ball-bar-two-heights", "dynamic-none")
 
 
@@ -71,17 +76,27 @@ def open_campaigns() -> None:
         print(f"{name:<30} {rows:19d} {pull:19.2f} {result.chi2_dof:19.3f} {ratio:19.3f}")
 
 
-def coverage(machines: int) -> None:
-    """Share of true location errors inside their 95 % intervals over simulated machines."""
+def covered(first: int, count: int) -> tuple[int, int]:
+    """How many 95 % intervals hold the truth over machines simulated from these seeds, and how many there are."""
     plan = read_campaign(DATA / "campaigns" / "static-none" / "fit")
     hits = trials = 0
-    for seed in range(machines):
+    for seed in range(first, first + count):
         measured = simulate(plan, seed=seed)
         result = identify(measured.campaign)
         for parameter in (p for p in result.parameters if p.kind == "location_error"):
             low, high = result.interval(parameter.name)
             hits += low <= measured.truth[parameter.name] <= high
             trials += 1
+    return hits, trials
+
+
+def coverage(machines: int, pool: Executor) -> None:
+    """Share of true location errors inside their 95 % intervals over simulated machines."""
+    hits = trials = 0
+    for _, outcome in finished(pool, covered, [(first, BATCH) for first in range(0, machines, BATCH)]):
+        if isinstance(outcome, Exception):
+            raise outcome
+        hits, trials = hits + outcome[0], trials + outcome[1]
     share = 100.0 * hits / trials
     print(f"\n95 % intervals: {hits} of {trials} hold the truth ({share:.1f} %), {machines} machines, static-none")
 
@@ -90,10 +105,13 @@ def main(arguments: list[str] | None = None) -> int:
     """Parse the options and measure."""
     parser = argparse.ArgumentParser(description="Accuracy against an independent plant, and coverage.")
     parser.add_argument("--quick", action="store_true", help="20 machines instead of 200")
+    parser.add_argument("--workers", type=int, default=0, help="processes for the coverage; 0: none but this one")
+    parser.add_argument("--scheduler", help="a Dask scheduler instead, as tcp://host:8786")
     options = parser.parse_args(arguments)
     vectors()
     open_campaigns()
-    coverage(20 if options.quick else 200)
+    with executor(options.workers, options.scheduler) as pool:
+        coverage(20 if options.quick else 200, pool)
     return 0
 
 

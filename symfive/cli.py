@@ -18,11 +18,11 @@ from symfive.design import assess as assess_campaign
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
 from symfive.files import output_folder, write_json
-from symfive.identify import fitted_model
 from symfive.identify import identify as identify_campaign
 from symfive.identify import predict as predict_campaign
 from symfive.machine import Machine, preset, presets, read_machine
-from symfive.model import effects_from_data, read_json, read_model, write_model
+from symfive.model import effects_from_data, read_json, read_model
+from symfive.results import write_diagnosis, write_identification
 from symfive.simulate import simulate as simulate_plan
 
 __all__ = ["app", "main"]
@@ -253,13 +253,7 @@ def identify(
     data = _joined(campaign, also, quiet)
     result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
     with output_folder(output) as folder:
-        write_json(folder / "identification.json", result.to_data())
-        write_model(fitted_model(result), folder / "model.json")
-        if figures:
-            from symfive.report import identification_report
-
-            progress("drawing the figures")
-            identification_report(result, folder, figures=folder / "figures")
+        write_identification(result, folder, figures=figures, progress=progress)
     if not quiet:
         for note in result.notes:
             typer.echo(f"note: {note}", err=True)
@@ -300,21 +294,12 @@ def diagnose(
 ) -> None:
     """Where the model is wrong: locate the mismatch, name the physics left out, model it and show the fit improve."""
     from symfive.diagnose import diagnose as diagnose_campaign
-    from symfive.report import diagnosis_report
 
     progress = _Progress(quiet)
     data = _joined(campaign, also, quiet)
     result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
     with output_folder(output) as folder:
-        write_json(folder / "diagnosis.json", result.to_data())
-        for finding in result.findings:
-            if finding.next_test is not None and finding.test is not None:
-                (folder / finding.next_test).mkdir(parents=True)
-                write_campaign_files(finding.test.test, folder / finding.next_test)
-        write_json(folder / "identification.json", result.after.to_data())
-        write_model(fitted_model(result.after), folder / "model.json")
-        progress("drawing the figures")
-        diagnosis_report(result, folder)
+        write_diagnosis(result, folder, progress=progress)
     _tell(result.to_data(), str(result), as_json)
 
 

@@ -122,7 +122,7 @@ def connect(scheduler: str) -> Executor:
     """The workers of a running Dask scheduler, as "tcp://host:8786".
 
     The scheduler gives the tasks of a worker that died to the others (its setting `allowed-failures`: three deaths are
-    forgiven). A worker must have one thread, as neither CasADi's solvers nor Matplotlib may run in two. Raises `InputError`.
+    forgiven). A worker must have one thread: Matplotlib, for one, may not run in two. Raises `InputError`.
     """
     try:
         import distributed

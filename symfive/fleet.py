@@ -18,17 +18,18 @@ from pathlib import Path
 from typing import Any
 
 from symfive import __version__
-from symfive.campaign import Campaign, read_campaign, write_campaign_files
+from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis
 from symfive.diagnose import diagnose as diagnose_campaign
 from symfive.errors import InputError
 from symfive.executors import Inline, finished
 from symfive.files import output_folder, write_json, write_text
-from symfive.identify import Identification, fitted_model, identify
-from symfive.model import read_json, write_model
+from symfive.identify import Identification, identify
+from symfive.model import read_json
+from symfive.results import write_diagnosis, write_identification
 from symfive.threads import one_thread
 
-__all__ = ["SCHEMA", "Fleet", "Row", "Task", "fleet", "row_of", "write_diagnosis", "write_identification"]
+__all__ = ["SCHEMA", "Fleet", "Row", "Task", "fleet", "row_of"]
 
 SCHEMA = "symfive.fleet/1"
 DONE = "fleet-row.json"
@@ -186,29 +187,6 @@ def row_of(task: Task) -> Row:
     row = _row(task.name, result)
     write_json(done, {"key": key, "row": asdict(row)})
     return row
-
-
-def write_identification(result: Identification, folder: Path, *, figures: bool = True) -> None:
-    """The files of `symfive identify`."""
-    write_json(folder / "identification.json", result.to_data())
-    write_model(fitted_model(result), folder / "model.json")
-    if figures:
-        from symfive.report import identification_report
-
-        identification_report(result, folder, figures=folder / "figures")
-
-
-def write_diagnosis(result: Diagnosis, folder: Path) -> None:
-    """The files of `symfive diagnose`."""
-    from symfive.report import diagnosis_report
-
-    write_json(folder / "diagnosis.json", result.to_data())
-    for finding in result.findings:
-        if finding.next_test is not None and finding.test is not None:
-            (folder / finding.next_test).mkdir(parents=True)
-            write_campaign_files(finding.test.test, folder / finding.next_test)
-    write_identification(result.after, folder, figures=False)
-    diagnosis_report(result, folder)
 
 
 def _key(campaign: Campaign, task: Task) -> str:

@@ -16,12 +16,13 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from examples.blind_study import cases, effects, figures, pool, score, span, stages, store, study  # noqa: E402
+from examples.blind_study import cases, effects, figures, score, span, stages, store, study  # noqa: E402
 from examples.blind_study.oracle import true_effect  # noqa: E402
 from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
 from examples.blind_study.plans import draw_setting  # noqa: E402
 from symfive.campaign import read_campaign  # noqa: E402
 from symfive.effects import EFFECTS  # noqa: E402
+from symfive.executors import executor  # noqa: E402
 
 IDS = ["none-002", "visible-002"]
 
@@ -286,11 +287,12 @@ def test_the_oracle_holds_every_textbook_effect(tmp_path: Path) -> None:
     assert true_effect({"effect": "shock"}, "r_test") is None
 
 
-def test_the_seam_to_parallel_computing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stages, "seal", lambda numerator, id: numerator / int(id))
-    stages.seal.__module__, stages.seal.__name__ = stages.__name__, "seal"
-    with pool.executor(0) as inline:
-        (good, none), (bad, error) = sorted(pool.run(inline, stages.seal, [(1.0, "2"), (1.0, "0")]), reverse=True)
+def test_an_error_is_the_cases_own() -> None:
+    def seal(numerator: float, id: str) -> None:
+        numerator / int(id)
+
+    with executor(0) as inline:
+        (good, none), (bad, error) = sorted(study.run(inline, seal, [(1.0, "2"), (1.0, "0")]), reverse=True)
     assert (good, none, bad) == ("2", "", "0")
     assert "ZeroDivisionError" in error
 

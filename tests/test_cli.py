@@ -395,7 +395,7 @@ def test_an_interruption_writes_nothing(symfive, tmp_path, monkeypatch):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "write_model", interrupted)
+    monkeypatch.setattr("symfive.results.write_model", interrupted)
     answer = symfive("identify", BAR, "-o", tmp_path / "o", "-q", "--no-figures")
     assert answer.code == 130
     assert list(tmp_path.iterdir()) == []

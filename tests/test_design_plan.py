@@ -92,7 +92,7 @@ def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) 
     assert data["expected"]["EX0C"]["std"] < data["expected"]["EX0C"]["prior_std"]
     assert set(data["valuation"]) == {"B", "C"} and min(data["valuation"].values()) > 2.0
     page = (tmp_path / "plan" / "setup.html").read_text()
-    assert "<script" not in page and "&lt;script&gt;" in page and "<svg" in page
+    assert page.count("<script") == 1 and "&lt;script&gt;" in page and "<svg" in page
     for file in ("nc/iso/nest-1.nc", "nc/linuxcnc/nest-1.ngc",
                  "figures/poses-nest-1.svg", "figures/uncertainty.svg", "figures/worth.svg"):  # fmt: skip
         assert (tmp_path / "plan" / file).stat().st_size > 100

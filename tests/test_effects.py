@@ -164,6 +164,7 @@ CASES = [
     Case("counterbalance", "static", "Z", {}, {"amplitude": 5.0, "slope": 0.002, "distance": 1e-3},
          {"drop": 5.0, "slope": 0.01}),
     Case("eccentric_mass", "static", "C"),
+    Case("eccentric_mass", "circle", "C", {}, {"amplitude": -20.0, "phase": 0.5}, polar(20.0, 0.5, "cos", "sin")),
 ]  # fmt: skip
 
 

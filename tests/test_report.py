@@ -250,7 +250,7 @@ def test_report_says_what_the_data_say(backlash, tmp_path):
     text = path.read_text()
     page = Page(text)
     assert path.name == "identification.html" and len(text) < 3_000_000 and list(tmp_path.iterdir()) == [path]
-    assert page.tags.count("table") == 4 and page.tags.count("figure") == 6 and page.tags.count("svg") == 6
+    assert page.tags.count("table") == 4 and page.tags.count("figure") == 7 and page.tags.count("svg") == 7
     for words in confounded_machine(backlash):
         assert words in page.words
     for word in ("EX0C", "µrad", "95 % interval", "χ²/dof", "x110-f800-cw.csv", "correlation time / s", "declared"):

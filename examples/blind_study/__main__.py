@@ -2,7 +2,12 @@
 
 import sys
 
+from symfive.errors import InputError
+
 from .study import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except InputError as error:
+        sys.exit(f"blind study: {error}")

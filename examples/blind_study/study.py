@@ -1,5 +1,7 @@
 """`python -m examples.blind_study --cases N --seed S --workers W -o DIR`: seal all answers, judge, open, score, write.
 
+`--scheduler ADDRESS` takes the workers of a Dask scheduler instead; they are started in the repository and see DIR, too.
+
 Killed anywhere, the same command goes on where it was: every finished stage of a case is a file. `--only STRATUM` and
 `--case ID` run a part, `--redo` judges anew with the present code, `--ablation` repeats every case of one effect with
 that effect taken out of the catalogue, `--rivals` runs the simple rivals on the same recordings.
@@ -11,13 +13,17 @@ import argparse
 import shutil
 import sys
 import time
-from collections.abc import Iterable, Sequence
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
+
+from symfive.executors import executor, finished
 
 from . import stages
 from .cases import STRATA, case_ids
 from .controls import controls
-from .pool import executor, run
 from .rivals import lines
 from .score import Row, score
 from .store import Store
@@ -34,6 +40,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=420, metavar="N")
     parser.add_argument("--seed", type=int, default=1, metavar="S")
     parser.add_argument("--workers", type=int, default=1, metavar="W", help="processes of one thread each; 0: none")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead, as tcp://host:8786")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     parser.add_argument(
         "--only", action="append", choices=tuple(STRATA), metavar="STRATUM", help="this stratum (repeat)"
@@ -67,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.report:
         report(store, ids, options.seed, errors, rows)
         return 0
-    with executor(options.workers) as pool:
+    with executor(options.workers, options.scheduler, fresh=True) as pool:
         _say(f"sealing {len(ids)} cases")
         sealing = run(pool, stages.seal, [(root, options.seed, i) for i in ids if not store.has("seals", i)])
         errors |= {id: error for id, error in sealing if error}
@@ -85,6 +92,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 if count % max(3, len(todo) // REPORTS) == 0 or count == len(todo):
                     report(store, ids, options.seed, errors, rows)
     return int(bool(errors))
+
+
+def run(pool: Executor, stage: Callable[..., None], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[str, str]]:
+    """Case and error (empty if none) as the tasks end; the last argument of a task is its case."""
+    for number, outcome in finished(pool, stage, tasks):
+        error = "".join(traceback.format_exception(outcome)) if isinstance(outcome, Exception) else ""
+        yield tasks[number][-1], error
 
 
 def report(store: Store, ids: Sequence[str], seed: int, errors: dict[str, str], rows: dict[str, Row]) -> None:

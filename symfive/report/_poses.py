@@ -23,7 +23,8 @@ SCRIPT = (files("symfive.report") / "poses.js").read_text(encoding="utf-8")
 TURN, TILT = -60.0, 25.0
 """Where the eye stands at first: angle about Z from X, height over the table, degree."""
 WIDE, TALL, REACH = 720, 480, 215.0
-MOST_POINTS, MOST_NAMES = 1200, 24
+MOST_POINTS, MOST_LINES, MOST_NAMES = 1200, 24, 24
+"""Points of all runs, lines of a recording in motion, names below the drawing."""
 WITH_A_BALL, WITH_A_NEST = {"ball_bar", "r_test", "grid_encoder", "displacement", "tracker"}, {"ball_bar", "r_test"}
 COLOURS = (f"var(--blue, {SERIES[0]})", f"var(--orange, {SERIES[1]})", *SERIES[2:])
 STYLE = """
@@ -32,12 +33,14 @@ STYLE = """
 .poses .tools { opacity: .5; stroke-width: .9; } .poses .grey { color: var(--faint, #5c6975); }
 .poses .ink { color: var(--ink, #1d2a36); } .poses text { fill: var(--ink, #1d2a36); font: 14px system-ui, sans-serif; }
 .poses .off { opacity: .07; } .poses.live svg { cursor: grab; touch-action: none; user-select: none; }
-.poses svg:focus-visible { outline: 2px solid var(--accent, #0072b2); } .poses .hint { display: none; }
+.poses svg:focus { outline: none; } .poses svg:focus-visible { outline: 2px solid var(--accent, #0072b2); }
+.poses .hint { display: none; }
 .poses .names { display: flex; flex-wrap: wrap; gap: .1rem .3rem; max-width: none; }
 .poses button { font: inherit; font-size: .85rem; color: inherit; background: none; padding: .1rem .45rem;
   border: 1px solid transparent; border-radius: .3rem; } .poses.live button { cursor: pointer; }
 .poses button[aria-pressed=true] { border-color: currentColor; }
-.poses i { display: inline-block; width: .7rem; height: .7rem; border-radius: 50%; margin-right: .35rem; background: currentColor; }
+.poses i { display: inline-block; width: .7rem; height: .7rem; margin-right: .35rem; border-radius: 50%;
+  background: currentColor; }
 @media screen { .poses.live .hint { display: inline; } }
 @media print { .poses svg, .poses i { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
@@ -133,10 +136,11 @@ class _Pen:
     def run(self, poses: _Poses, stick: float, colour: str) -> str:
         """One run: the tool at each pose, bars, balls, and the post of the ball on the table."""
         ball, nest = poses.ball, poses.nest
+        step = -(-len(ball) // MOST_LINES) if poses.run.dynamic else 1
         bars = "ball_bar" in poses.run.instrument
         shapes = [
-            self.path(_pairs(ball, ball + stick * poses.up), 2, "tools"),
-            self.path(_pairs(np.broadcast_to(nest, ball.shape), ball), 2, "bars") if bars else "",
+            self.path(_pairs(ball[::step], (ball + stick * poses.up)[::step]), 2, "tools"),
+            self.path(_pairs(np.broadcast_to(nest, ball.shape)[::step], ball[::step]), 2, "bars") if bars else "",
             self.path(_pairs(nest * [1.0, 1.0, 0.0], nest), 2, "grey"),
             self.path(nest, 1, "nest"),
             self.path(ball, 1, "dots"),
@@ -169,5 +173,5 @@ def _caption(poses: Sequence[_Poses]) -> str:
     drawn, rows = sum(len(p.ball) for p in poses), sum(p.run.rows for p in poses)
     said = "The poses as the workpiece sees them: its frame and table, large dots for the balls on the table, small ones for "
     said += "the ball of the tool, thin lines up along the tool, lines between the balls for bars."
-    said += f" {drawn} of {rows} rows are drawn." if drawn < rows else ""
+    said += f" {drawn} of {rows} rows are drawn, with fewer lines." if drawn < rows else ""
     return f'{said} <span class="hint">Drag or use the arrow keys to turn it, Home to go back; a name shows its run alone.</span>'

@@ -168,11 +168,11 @@ def structural_resonance(state: RunState, spec: Spec) -> None:
 
 
 def eccentric_mass(state: RunState, spec: Spec) -> None:
-    """Outside: a mass off the axis tilts the table, urad, turning with `axis`: EA = a.sin(q + phase), EB =
-    -a.cos(q + phase), times
-    cos of the tilting axis `tilt` if one is named."""
+    """Outside: a mass off the axis tilts the table, urad, turning with `axis`: EA = a.sin(s.q + phase), EB =
+    -a.cos(s.q + phase), s = -1 where the axis carries the workpiece, times cos of the tilting axis `tilt` if one is
+    named."""
     name = spec["axis"]
-    angle = state.x[name] + float(spec.get("phase", 0.0))
+    angle = state.axis(name).side * state.x[name] + float(spec.get("phase", 0.0))
     size = float(spec["amplitude"]) * (np.cos(state.x[spec["tilt"]]) if "tilt" in spec else 1.0)
     state.add_motion(f"EA{name}", size * np.sin(angle))
     state.add_motion(f"EB{name}", -size * np.cos(angle))

@@ -1,0 +1,43 @@
+"""The files that identification and diagnosis leave in a folder of results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from symfive.campaign import write_campaign_files
+from symfive.diagnose import Diagnosis
+from symfive.files import write_json
+from symfive.identify import Identification, fitted_model
+from symfive.model import write_model
+
+__all__ = ["write_diagnosis", "write_identification"]
+
+Progress = Callable[[str], None]
+
+
+def write_identification(
+    result: Identification, folder: Path, *, figures: bool = True, progress: Progress = lambda message: None
+) -> None:
+    """identification.json, model.json and, with `figures`, the page and its figures."""
+    write_json(folder / "identification.json", result.to_data())
+    write_model(fitted_model(result), folder / "model.json")
+    if figures:
+        from symfive.report import identification_report
+
+        progress("drawing the figures")
+        identification_report(result, folder, figures=folder / "figures")
+
+
+def write_diagnosis(result: Diagnosis, folder: Path, *, progress: Progress = lambda message: None) -> None:
+    """diagnosis.json, the plans of the next tests, the identification with the findings, the page and its figures."""
+    from symfive.report import diagnosis_report
+
+    write_json(folder / "diagnosis.json", result.to_data())
+    for finding in result.findings:
+        if finding.next_test is not None and finding.test is not None:
+            (folder / finding.next_test).mkdir(parents=True)
+            write_campaign_files(finding.test.test, folder / finding.next_test)
+    write_identification(result.after, folder, figures=False)
+    progress("drawing the figures")
+    diagnosis_report(result, folder)
