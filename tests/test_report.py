@@ -2,12 +2,12 @@
 
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 import pytest
+from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.errors import InputError
@@ -38,7 +38,6 @@ CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 PLANAR = ("xy-f800-ccw-1", "xy-f800-cw-1", "xy-f2400-ccw-1", "xy-f2400-cw-2")
 SYNCHRONOUS = ("x090-f800-ccw", "x110-f800-cw", "x110-f1600-ccw")
 PNG = b"\x89PNG\r\n\x1a\n"
-HOSTILE = "<script>alert('x')</script> & \"$\\frac{\" 铣床"
 
 
 @pytest.fixture(scope="module")
@@ -225,24 +224,6 @@ def test_save_figures_writes_every_format_whole(small, tmp_path, monkeypatch):
     assert sorted(tmp_path.rglob("*")) == sorted([tmp_path / "figures", *paths])
     with pytest.raises(InputError, match="gif"):
         save_figures(small, tmp_path, formats=("gif",))
-
-
-class Page(HTMLParser):
-    """What a browser would make of the page: its tags and its text."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str | None]] = []
-        self.words = ""
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-
-    def handle_data(self, data):
-        self.words += data
 
 
 def test_report_says_what_the_data_say(backlash, tmp_path):

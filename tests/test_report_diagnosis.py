@@ -2,11 +2,11 @@
 
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import HOSTILE, Page
 
 from symfive.campaign import read_campaign
 from symfive.design import Discrimination, Separation
@@ -35,25 +35,6 @@ from symfive.report._geometry import geometry_chart
 from symfive.report._visible import visible_parts
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
-HOSTILE = "<script>alert('x')</script> & \"$\\frac{\" 铣床"
-
-
-class Page(HTMLParser):
-    """What a browser would make of the page: its tags, attributes and text."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str | None]] = []
-        self.words = ""
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-
-    def handle_data(self, data):
-        self.words += data
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.identify import identify
@@ -24,24 +24,18 @@ from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 STATIC, DYNAMIC = (read_campaign(CAMPAIGNS / name / "fit") for name in ("static-ball-bar-two-heights", "dynamic-none"))
-HOSTILE = "<script>alert('x')</script> & \"$\\frac{\" 铣床"
 
 
-class Drawing(HTMLParser):
+class Drawing(Page):
     """The shapes of a figure by run: kind → (points in space (N, 3), as drawn (N, 2))."""
 
     def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str | None]] = []
         self.runs: list[dict[str, tuple[np.ndarray, np.ndarray]]] = [{}]
         self.view: list[float] = []
-        self.words = ""
-        self.feed(text)
+        super().__init__(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += attrs
+        super().handle_starttag(tag, attrs)
         given = {key: value or "" for key, value in attrs}
         if "data-view" in given:
             self.view = [float(word) for word in given["data-view"].split()]
@@ -52,9 +46,6 @@ class Drawing(HTMLParser):
             drawn = given.get("d", f"{given.get('x')} {given.get('y')}").replace("h0", "")
             flat = np.array([float(word) for word in re.findall(r"-?[\d.]+", drawn)]).reshape(-1, 2)
             self.runs[-1][given.get("class", "text") + ("" if tag == "path" else str(len(self.runs[-1])))] = space, flat
-
-    def handle_data(self, data: str) -> None:
-        self.words += data
 
 
 def rows_of(run: Run, runs: int) -> np.ndarray:

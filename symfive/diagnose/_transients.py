@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -73,9 +73,9 @@ def bursts(channels: Channels) -> Iterator[Finding]:
     name. What comes back at every reversal or place is no burst."""
     best: tuple[float, Run, int, int] | None = None
     tried, total = 0, 0.0
-    usual = _usual(channels)
+    excesses = _excesses(channels)
     for run in channels.campaign.runs:
-        excess, unit = _excess(channels, run, usual)
+        excess, unit = excesses[run.id]
         total += max(float(excess[-1]), 0.0)
         length = SHORTEST
         while length <= run.rows // LONGEST:
@@ -89,7 +89,7 @@ def bursts(channels: Channels) -> Iterator[Finding]:
     if best is None or best[0] < CLEAR:
         return
     _, run, first, last = best
-    excess, unit = _excess(channels, run, usual)
+    excess, unit = excesses[run.id]
     piece = max(SHORTEST // 2, (last - first) // 4)
     clear = CLEAR * unit * np.sqrt(piece)
     while first > 0 and excess[first] - excess[max(first - piece, 0)] > clear:
@@ -107,18 +107,20 @@ def bursts(channels: Channels) -> Iterator[Finding]:
     yield Finding(make_effect("unknown", over=("t",), span=span, **options), tried)
 
 
-def _usual(channels: Channels) -> dict[str, float]:
-    """Of every run the usual square of a row's whitened residual, from its median: half of a run may be unusual, but then it
-    is not less than that of half of the runs."""
+def _excesses(channels: Channels) -> dict[str, tuple[Array, float]]:
+    """Of every run the running sum (N + 1,) of the residual's square over its usual size, less 1, and the 1σ that noise gives
+    one row.
+
+    Usual is the run's median: half of a run may be unusual, but then it is not more than that of half of the runs.
+    """
     energies = {run.id: channels.energy(run) for run in channels.campaign.runs}
-    own = {id: k * float(np.median(e) / chi2.median(k)) if k else 0.0 for id, (e, k) in energies.items()}
-    share = float(np.median([own[id] / k for id, (_, k) in energies.items() if k] or [0.0]))
-    return {id: min(own[id], share * k) for id, (_, k) in energies.items()}
-
-
-def _excess(channels: Channels, run: Run, usual: Mapping[str, float]) -> tuple[Array, float]:
-    """Running sum (N + 1,) of the residual's square over its usual size, less 1, and the 1σ that noise gives one row."""
-    energy, columns = channels.energy(run)
-    if usual[run.id] <= 0.0:
-        return np.zeros(run.rows + 1), 1.0
-    return np.append(0.0, np.cumsum(energy / usual[run.id] - 1.0)), float(np.sqrt(2.0 / columns))
+    share = {id: float(np.median(e) / chi2.median(k)) if k else 0.0 for id, (e, k) in energies.items()}
+    common = float(np.median([share[id] for id, (_, k) in energies.items() if k] or [0.0]))
+    found = {}
+    for id, (energy, columns) in energies.items():
+        usual = columns * min(share[id], common)
+        if usual > 0.0:
+            found[id] = np.append(0.0, np.cumsum(energy / usual - 1.0)), float(np.sqrt(2.0 / columns))
+        else:
+            found[id] = np.zeros(len(energy) + 1), 1.0
+    return found

@@ -63,7 +63,6 @@ class Model:
         self.index = {p.name: i for i, p in enumerate(self.parameters)}
         self._freed = self._collect_freed()
         self._functions: dict[tuple[object, ...], RowFunction] = {}
-        self._motions: dict[str, RunMotion] = {}
         self._inputs: dict[str, tuple[tuple[float, ...], Array, list[Series]]] = {}
 
     def _collect(self) -> tuple[Parameter, ...]:
@@ -243,9 +242,7 @@ class Model:
         if cached is not None and cached[0] == stamp and len(cached[2]) == len(function.inputs):
             return cached[1], cached[2]
         values = {name: float(vector[i]) * self.parameters[i].scale for name, i in active.items()}
-        previous = self._motions.get(run.id)
-        motion = RunMotion(run, self.machine, self._freed, values, previous)
-        self._motions[run.id] = motion
+        motion = RunMotion(run, self.machine, self._freed, values)
         series = [motion.series(signal) for signal in function.inputs]
         delay = self._freed.get(("", "delay"))
         if delay is not None and run.dynamic:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["AxisMotion", "RunMotion", "Series"]
 
+T = TypeVar("T")
 Array = NDArray[np.float64]
 SMOOTHING_S = 0.03
 LEAD_S, LEAD_ROWS = 0.5, 5
@@ -60,35 +61,35 @@ def _remembered(
     return response
 
 
-_KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float | None, ...], Series]]] = WeakKeyDictionary()
-"""Of every run: signal and the parameters that move it → their values and the series, shared by all models."""
+_KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float | None, ...], Any]]] = WeakKeyDictionary()
+"""Of every run: what was computed, with the parameters that move it → machine, their values, result; for all models."""
 
 
 class RunMotion:
     """The motion of every axis in a run, given the parameters (internal units, by name).
 
-    `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place. Axes whose drives
-    have the same gains as in `previous` are taken over from it.
+    `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place. Nothing is computed again
+    until a parameter that moves it changes.
     """
 
     def __init__(
-        self,
-        run: Run,
-        machine: Machine,
-        freed: Mapping[tuple[str, str], str],
-        values: Mapping[str, float],
-        previous: RunMotion | None = None,
+        self, run: Run, machine: Machine, freed: Mapping[tuple[str, str], str], values: Mapping[str, float]
     ) -> None:
         self.run = run
         self.machine = machine
         self._freed = freed
         self.values = values
-        self._axes: dict[str, AxisMotion] = {}
-        self._fine: dict[tuple[str, float], tuple[Series, NDArray[np.int64], float]] = {}
-        if previous is not None:
-            changed = {axis for (axis, _), name in freed.items() if values[name] != previous.values[name]}
-            self._axes = {name: motion for name, motion in previous._axes.items() if name not in changed}
-            self._fine = {key: fine for key, fine in previous._fine.items() if key[0] not in changed}
+
+    def _kept(self, what: object, axis: str | None, parameters: Sequence[str], make: Callable[[], T]) -> T:
+        """The result of `make`, which depends on `parameters` and the freed gains of an axis (None: of all axes)."""
+        gains = tuple((place, name) for place, name in self._freed.items() if axis in (None, place[0]))
+        stamp = tuple(self.values.get(name) for name in (*(name for _, name in gains), *parameters))
+        kept = _KEPT.setdefault(self.run, {})
+        found = kept.get((what, gains))
+        if found is None or found[0] is not self.machine or found[1] != stamp:
+            found = kept[what, gains] = self.machine, stamp, make()
+        result: T = found[2]
+        return result
 
     @cached_property
     def clock(self) -> Array:
@@ -101,22 +102,12 @@ class RunMotion:
         return float(np.median(np.diff(self.run.time))) if self.run.rows > 1 else 1.0
 
     def series(self, signal: Signal) -> Series:
-        """The values of a signal along the run; not computed again until a parameter that moves it changes."""
-        axis = getattr(signal, "axis", None)
-        gains = tuple((place, name) for place, name in self._freed.items() if place[0] == axis or axis is None)
-        stamp = tuple(self.values.get(name) for name in (*(name for _, name in gains), *signal.parameters))
-        kept = _KEPT.setdefault(self.run, {})
-        machine, known, series = kept.get((signal, gains), (None, (), None))
-        if series is None or machine is not self.machine or known != stamp:
-            series = signal.series(self)
-            kept[signal, gains] = self.machine, stamp, series
-        return series
+        """The values of a signal along the run."""
+        return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""
-        if name not in self._axes:
-            self._axes[name] = self._move(self.machine.axes[name])
-        return self._axes[name]
+        return self._kept(("axis", name), name, (), lambda: self._move(self.machine.axes[name]))
 
     def _move(self, axis: Axis) -> AxisMotion:
         command = np.asarray(self.run.commands[axis.name]) * axis.to_internal
@@ -189,9 +180,8 @@ class RunMotion:
     def fine_acceleration(self, name: str, interval: float) -> tuple[Series, NDArray[np.int64], float]:
         """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows,
         interval)."""
-        if (name, interval) not in self._fine:
-            self._fine[name, interval] = self._finely(name, max(1, int(np.ceil(self.interval / interval - 1e-9))))
-        return self._fine[name, interval]
+        factor = max(1, int(np.ceil(self.interval / interval - 1e-9)))
+        return self._kept(("fine", name, factor), name, (), lambda: self._finely(name, factor))
 
     def _finely(self, name: str, factor: int) -> tuple[Series, NDArray[np.int64], float]:
         axis, motion = self.machine.axes[name], self.axis(name)
