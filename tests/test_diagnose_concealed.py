@@ -11,7 +11,7 @@ import plant
 import pytest
 
 from symfive.campaign import Campaign, read_campaign
-from symfive.diagnose import Diagnosis, diagnose, name_effects
+from symfive.diagnose import Diagnosis, diagnose, locate, name_effects
 from symfive.diagnose._findings import doubted
 from symfive.diagnose._refit import Trial
 from symfive.diagnose._scores import log_tail
@@ -185,6 +185,27 @@ def test_one_feed_cannot_tell_play_from_the_servo_and_the_second_feed_that_is_as
     second = _measured(tmp_path / "d", machine, _circles(machine, (1600.0,), dt=0.3, sweep_deg=420.0), play, seed=7)
     both = diagnose(first.joined(second), exclude=("lateral_play",))
     assert _names(both)[0] == ("backlash", "X") and both.findings[0].confidence > 0.99
+
+
+@pytest.mark.slow
+def test_a_play_that_could_as_well_be_sideways_is_named_with_it_and_with_the_height_that_parts_them(tmp_path):
+    """A circle in the plane of the table reads a carriage that rolls by w/z like a play of w."""
+    machine = plant.planar_table()
+    play = [{"effect": "backlash", "axis": "Y", "width": 2.4}]
+    finding = diagnose(_measured(tmp_path / "c", machine, _circles(machine, (1000.0, 2500.0)), play)).findings[0]
+    assert (finding.name, finding.axis) == ("backlash", "Y")
+    assert "lateral_play.EAY" in finding.alias
+    assert finding.test is not None and finding.test.separation > 10.0
+    assert finding.test.table[0].name.endswith("-z")
+
+
+def test_friction_that_holds_an_axis_for_long_is_found_though_its_slope_at_zero_tells_nothing(tmp_path):
+    machine = plant.planar_table()
+    runs = _circles(machine, (1000.0, 2500.0))
+    found = locate(_measured(tmp_path / "c", machine, runs, [{"effect": "friction", "axis": "X", "coulomb": 900.0}]))
+    first = found.survey.scores[0]
+    assert first.effect.key == "friction.X"
+    assert first.step["friction.X.coulomb"] == pytest.approx(900.0, rel=0.3)
 
 
 @pytest.mark.slow

@@ -130,6 +130,8 @@ CASES = [
     Case("lateral_play", "circle", None, {"component": "EYX", "shape": "pre_sliding"},
          {"component": "EYX", "form": "presliding", "width": 8.0, "distance": 90.0, "start": START},
          {"width": 8.0, "distance": 90.0}),
+    Case("lateral_play", "planar", None, {"component": "EYX", "shape": "play"},
+         {"component": "EYX", "width": 8.0, "takeup": 20.0, "start": START}, {"width": 8.0, "distance": 20.0}),
     Case("vibration", "planar", None, {"frequency_hz": 12.3},
          {"frequency_hz": 12.3, "amplitude": 2.0, "direction": SLANTED, "phase": 0.4},
          TONE | {"y.sin": 0.0, "y.cos": 0.0, "frequency_hz": 12.3}),

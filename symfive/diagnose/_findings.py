@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.campaign import Campaign
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of
 from symfive.diagnose._refit import lacking
 from symfive.diagnose._result import Finding, RivalName
@@ -22,6 +23,8 @@ __all__ = ["amend", "doubted", "findings_of", "moved"]
 
 Array = NDArray[np.float64]
 ALIAS_EVIDENCE = 3.0
+SAME = 4.0
+"""What leaves less than this more of χ², 2σ, fits as well."""
 
 
 @one_thread
@@ -71,7 +74,7 @@ def _finding(found: Naming, member: Member) -> Finding:
     covariance = _pairs(after, effect)
     contribution = after.model.contribution(effect, after.values)
     without = lacking(after, effect)
-    rivals, alias, confidence = _rivals(effect, member)
+    rivals, alias, confidence = _rivals(campaign, effect, member)
     shape = _shape_share(after, effect, contribution)
     parameters = effect.describe(campaign, values, covariance)
     square = {run: float(np.mean(c**2)) for run, c in contribution.items()}
@@ -127,23 +130,31 @@ def moved(before: Identification, after: Identification, most: int = 8) -> dict[
     return {name: (before[name], after[name]) for _, name in sorted(ranked, reverse=True)[:most]}
 
 
-def _rivals(effect: Effect, member: Member) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
-    """Rivals with their probabilities, forms of the same effect that read alike, and the probability of the name.
+def _rivals(
+    campaign: Campaign, effect: Effect, member: Member
+) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
+    """Rivals with their probabilities, forms that read alike, and the probability of the name.
 
-    Probabilities from the log evidence of exact refits under the final noise, every name weighed by its best form.
+    Probabilities from the log evidence of exact refits under the final noise, every name weighed by its best form. Forms
+    that read alike are other forms of the same effect with nearly its evidence, and all with no more amplitudes that fit as
+    well: however improbable they are, these readings do not tell them apart.
     """
-    own = next((t.evidence for t in member.trials if t.effect.key == effect.key), None)
+    own = next((t for t in member.trials if t.effect.key == effect.key), None)
     if own is None:
         return (), (), 0.999
     behind: dict[tuple[str, str | None], tuple[float, Effect]] = {}
     alias = []
+    freedom = _amplitudes(campaign, effect)
     for trial in member.trials:
-        gap = own - trial.evidence
+        if trial.effect.key == effect.key:
+            continue
+        gap = own.evidence - trial.evidence
         who = (trial.effect.vocabulary, axis_of(trial.effect))
-        if who == (effect.vocabulary, axis_of(effect)):
-            if trial.effect.key != effect.key and gap < ALIAS_EVIDENCE:
-                alias.append(trial.effect.key)
-        elif who not in behind or gap < behind[who][0]:
+        same = who == (effect.vocabulary, axis_of(effect))
+        alike = trial.misfit - own.misfit < SAME and _amplitudes(campaign, trial.effect) <= freedom
+        if (same and gap < ALIAS_EVIDENCE) or (alike and trial.effect.id != "unknown"):
+            alias.append(trial.effect.key)
+        if not same and (who not in behind or gap < behind[who][0]):
             behind[who] = (gap, trial.effect)
     weights = {who: float(np.exp(-np.clip(gap, -30.0, 700.0))) for who, (gap, _) in behind.items()}
     total = 1.0 + sum(weights.values())
@@ -152,6 +163,10 @@ def _rivals(effect: Effect, member: Member) -> tuple[tuple[RivalName, ...], tupl
         for who in sorted(weights, key=lambda w: -weights[w])
     )
     return names, tuple(alias), min(1.0 / total, 0.999)
+
+
+def _amplitudes(campaign: Campaign, effect: Effect) -> int:
+    return sum(p.mean == 0.0 for p in effect.parameters(campaign))
 
 
 def _sentence(finding: Finding) -> str:

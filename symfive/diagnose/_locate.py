@@ -17,9 +17,10 @@ from symfive.diagnose._catalogue import catalogue
 from symfive.diagnose._channels import probes
 from symfive.diagnose._detect import Detection, detect
 from symfive.diagnose._places import Interval, axis_of, coordinate_of, direction_of, intervals_of, link_of
+from symfive.diagnose._refit import start_of
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scan import scan
-from symfive.diagnose._scores import Board, Score, score_catalogue
+from symfive.diagnose._scores import Board, Score, Secant, score_catalogue
 from symfive.diagnose._unknown import unknowns
 from symfive.effects import Effect
 from symfive.identify import Identification
@@ -31,6 +32,7 @@ __all__ = ["Location", "Observability", "Survey", "Suspect", "locate", "observab
 
 Array = NDArray[np.float64]
 ALIAS = 0.999
+CLEAR = float(np.log(1e-3))
 SEEN = 3.0
 """σ by which an effect of usual size must stand out to be told apart from anything."""
 
@@ -150,13 +152,33 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     found = [f for f in (scan(board) if scanning else []) if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}
     nameless = list(unknowns(campaign, held))
-    second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes)
+    secants = _secants(result, scores)
+    second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes, secants=secants)
     for f in unique.values():
         score = second.score(f.effect)
         scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks)), looks=f.looks))
     scores += [second.score(effect) for effect in nameless]
+    for secant in secants:
+        finite = second.score_secant(secant)
+        scores = [finite if s.effect.key == finite.effect.key and s.drop < finite.drop else s for s in scores]
     seen = sorted((s for s in scores if s.dof > 0.5), key=lambda s: s.log_p)
     return Survey(board, tuple(seen), max(1, len(seen)))
+
+
+def _secants(result: Identification, scores: Sequence[Score]) -> list[Secant]:
+    """Effects at sizes that their slopes at zero do not foretell, where something over the same coordinate stands out."""
+    fitted = result.model
+    values = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+    clear = {coordinate_of(s.effect) for s in scores if s.log_p < CLEAR}
+    found = []
+    for effect in (s.effect for s in scores if coordinate_of(s.effect) in clear):
+        for levels in effect.levels(fitted.campaign):
+            model = Model(fitted.campaign, (*fitted.added, effect))
+            at = model.vector({**values, **levels})
+            adds = {r.id: model.predict_run(r, at) - fitted.predict_run(r, result.values) for r in fitted.campaign.runs}
+            if all(np.isfinite(a).all() for a in adds.values()):
+                found.append(Secant(effect, levels, adds))
+    return found
 
 
 def _observability(board: Board) -> tuple[Observability, ...]:
@@ -244,9 +266,7 @@ def _suspect(fit: Identification, link: str, axis: str | None, score: Score, loo
     if log_p < -1.0:
         model = Model(fit.model.campaign, [*fit.model.added, effect])
         fitted = {p.name: float(v) for p, v in zip(fit.parameters, fit.values, strict=True)}
-        values = model.vector(
-            {**fitted, **{n: v + model.parameters[model.index[n]].mean for n, v in score.step.items()}}
-        )
+        values = model.vector(fitted | start_of(model, score))
         acts = {r.id: model.predict_run(r, values) - fit.model.predict_run(r, fit.values) for r in model.campaign.runs}
         where = intervals_of(model.campaign, acts)
     direction = direction_of(fit.model.machine, effect, score.step)

@@ -39,14 +39,16 @@ START_STEPS = 3
 
 @dataclass(frozen=True)
 class Trial:
-    """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, and its
-    `size`, the mean square of its readings about their mean over that of the declared noise."""
+    """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, its `size`, the
+    mean square of its readings about their mean over that of the declared noise, and the `misfit` that is left: χ² of the
+    readings and of all priors but the effect's own."""
 
     effect: Effect
     evidence: float
     values: Mapping[str, float]
     size: float
     looks: int = 1
+    misfit: float = np.inf
 
 
 def tried(result: Identification, base: float, score: Score, forms: Forms) -> Trial | None:
@@ -75,20 +77,27 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
         evidence -= float(np.log(score.looks))
         evidence -= float(np.log(max(forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
         evidence += float(np.log(2.0 * score.effect.chance(campaign, named)))
-    return Trial(score.effect, evidence, named, _size(result, model, score.effect, values), score.looks)
+    size = _size(result, model, score.effect, values)
+    return Trial(score.effect, evidence, named, size, score.looks, _misfit(problem, score.effect, values))
+
+
+def _misfit(problem: Problem, effect: Effect, values: Array) -> float:
+    own = {p.name for p in effect.parameters(problem.model.campaign)}
+    others = np.array([p.name not in own for p in problem.model.parameters])
+    departure = np.where(others, values - problem.model.prior_mean, 0.0)
+    return float(problem.information(problem.blocks(values)).square + departure**2 @ problem.prior_precision)
 
 
 def start_of(model: Model, score: Score) -> dict[str, float]:
-    """Where the refit begins: the score's own step, from the prior mean, inside the bounds."""
+    """Where the refit begins: the score's own step from the prior mean; where that leads beyond a bound, half way to it."""
     start = {}
     for name, step in score.step.items():
         p = model.parameters[model.index[name]]
         value = p.mean + step
         if p.start is not None and p.start != p.mean and step == 0.0:
             value = p.start
-        start[name] = float(
-            np.clip(value, p.lower if np.isfinite(p.lower) else value, p.upper if np.isfinite(p.upper) else value)
-        )
+        bound = p.lower if value < p.lower else p.upper
+        start[name] = float(value if p.lower <= value <= p.upper else 0.5 * (p.mean + bound))
     return start
 
 
@@ -137,9 +146,10 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     The plain shape keeps its place unless another one's evidence is better under the same noise.
     """
     campaign = result.model.campaign
-    plain = refitted(Model(campaign, (*result.model.added, trial.effect)), trial.values, result)
+    effect = _roomy(campaign, trial.effect, trial.values)
+    plain = refitted(Model(campaign, (*result.model.added, effect)), trial.values, result)
     best, best_evidence = plain, evidence_of(plain.problem(), plain.values)
-    for other in variants(trial.effect):
+    for other in variants(effect):
         try:
             prepared = other.prepare(campaign)
             model = Model(campaign, (*result.model.added, prepared))
@@ -172,19 +182,24 @@ def _best_start(problem: Problem, effect: Effect, start: Mapping[str, float]) ->
 
 
 def widened(result: Identification) -> Identification:
-    """The fit with the newest effect's prior no narrower than twice what came out: an effect far larger than usual is not
-    pulled back, and nothing else has to make up for it."""
+    """The fit with the newest effect's prior no narrower than what came out: an effect far larger than usual is not pulled
+    back, and nothing else has to make up for it."""
     for _ in range(WIDENINGS):
         last = newest(result)
-        parameters = [p for p in last.parameters(result.model.campaign) if p.mean == 0.0]
-        most = max((abs(result[p.name]) / p.sigma for p in parameters), default=0.0)
-        if most <= 1.0 or last.id == "unknown":
-            return result
-        wider = replace(last, spread=2.0 * most * last.spread)
-        model = Model(result.model.campaign, [wider if e.key == last.key else e for e in result.model.added])
         start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+        wider = _roomy(result.model.campaign, last, start)
+        if wider.spread == last.spread:
+            return result
+        model = Model(result.model.campaign, [wider if e.key == last.key else e for e in result.model.added])
         result = refitted(model, start, result)
     return result
+
+
+def _roomy(campaign: Campaign, effect: Effect, values: Mapping[str, float]) -> Effect:
+    """An effect whose prior is twice as wide as its values where they exceed it."""
+    parameters = [p for p in effect.parameters(campaign) if p.mean == 0.0]
+    most = max((abs(values[p.name]) / p.sigma for p in parameters), default=0.0)
+    return effect if most <= 1.0 or effect.id == "unknown" else replace(effect, spread=2.0 * most * effect.spread)
 
 
 def with_families(result: Identification) -> Identification:

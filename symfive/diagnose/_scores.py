@@ -24,9 +24,10 @@ from symfive.identify import Identification
 from symfive.inference import whiten
 from symfive.model import Model
 
-__all__ = ["Board", "Score", "log_tail", "score_catalogue"]
+__all__ = ["Board", "Score", "Secant", "log_tail", "score_catalogue"]
 
 Array = NDArray[np.float64]
+REACH = 3.0
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,18 @@ class Score:
     looks: int = 1
 
 
+@dataclass(frozen=True, eq=False)
+class Secant:
+    """An effect at a finite size, `levels` by parameter: what it adds to the readings, id → (N, ny)."""
+
+    effect: Effect
+    levels: Mapping[str, float]
+    adds: Mapping[str, Array] = field(repr=False)
+
+
 @dataclass
 class Board:
-    """The whitened system of one fit: Gram matrix of [fitted | shapes | candidates | residual], and who is where; `gradient`
+    """The whitened system of one fit: Gram matrix of [fitted | shapes | candidates | residual | secants], and who is where; `gradient`
     of the fitted ones and the shapes, their priors' pull included (0 at the fit but for shapes)."""
 
     result: Identification
@@ -62,6 +72,7 @@ class Board:
     effects: Sequence[Effect]
     tangents: dict[str, Array] = field(default_factory=dict)
     residual_index: int = -1
+    secants: Sequence[Secant] = ()
 
     def columns_of(self, effect: Effect) -> NDArray[np.int64]:
         """Columns of an effect's parameters."""
@@ -92,6 +103,20 @@ class Board:
             float(np.sqrt(max(left, 0.0))),
             step,
         )
+
+    def score_secant(self, secant: Secant) -> Score:
+        """The score of an effect at a finite size: how far the readings go towards it, between a third of the way and three
+        times as far."""
+        column = np.array([self.residual_index + 1 + self.secants.index(secant)])
+        h, s, full = (float(part.item()) for part in self.reduced(column))
+        sigma = {p.name: p.sigma for p in secant.effect.parameters(self.model.campaign)}
+        usual = min(sigma[name] / abs(level) for name, level in secant.levels.items())
+        far = s / (h + usual**-2)
+        drop = s * far if far > 0.0 else 0.0
+        step = {name: float(np.clip(far, 1.0 / REACH, REACH)) * level for name, level in secant.levels.items()}
+        h = max(h, 0.0)
+        visible = h / full if full > 0.0 else 0.0
+        return Score(secant.effect, drop, 1.0, log_tail(drop, 1.0), visible, h**0.5 * usual, step)
 
     def reduced(self, columns: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         """(H, s, GᵀG) of some columns."""
@@ -131,9 +156,13 @@ def _canonical(a: Array, b: Array, cross: Array) -> float:
 
 
 def score_catalogue(
-    result: Identification, effects: Sequence[Effect], shapes: Sequence[Effect] = (), probes: Sequence[Effect] = ()
+    result: Identification,
+    effects: Sequence[Effect],
+    shapes: Sequence[Effect] = (),
+    probes: Sequence[Effect] = (),
+    secants: Sequence[Secant] = (),
 ) -> Board:
-    """Tangents of all `effects` (and `probes`) in one linearisation, whitened and gathered.
+    """Tangents of all `effects` (and `probes`) in one linearisation, and `secants`, whitened and gathered.
 
     `shapes` join the fit at zero with their priors: what they can explain does not count for any effect.
     """
@@ -141,7 +170,7 @@ def score_catalogue(
     model = Model(fitted.campaign, [*fitted.added, *shapes, *effects, *probes])
     values = model.vector({p.name: float(v) for p, v in zip(fitted.parameters, result.values, strict=True)})
     size = len(model.parameters)
-    gram = np.zeros((size + 1, size + 1))
+    gram = np.zeros((size + 1 + len(secants), size + 1 + len(secants)))
     problem = result.problem()
     tangents: dict[str, Array] = {}
     probe_columns = [model.index[p.name] for probe in probes for p in probe.parameters(model.campaign)]
@@ -151,10 +180,11 @@ def score_catalogue(
         if probe_columns:
             place = {int(c): i for i, c in enumerate(line.columns)}
             tangents[run.id] = np.stack([line.jacobian[:, :, place[c]] for c in probe_columns], axis=2)
-        where = np.append(line.columns, size)
+        where = np.concatenate([line.columns, np.arange(size, len(gram))])
         for name, part in problem.parts(run):
             block = blocks[run.id, name]
-            stacked = np.concatenate([line.jacobian[:, part], block.residual[:, :, None]], axis=2)
+            added = [secant.adds[run.id][:, part, None] for secant in secants]
+            stacked = np.concatenate([line.jacobian[:, part], block.residual[:, :, None], *added], axis=2)
             table = np.where(block.left_out[:, :, None], 0.0, stacked)
             white, _ = whiten(table, result.noises[run.id, name], block.interval)
             flat = white.reshape(-1, white.shape[2])
@@ -164,4 +194,4 @@ def score_catalogue(
     base = np.array([model.index[name] for name in names], dtype=np.int64)
     prior = model.prior_sigma[base] ** -2.0
     gradient = gram[base, size] - prior * (values - model.prior_mean)[base]
-    return Board(result, model, gram, base, prior, gradient, effects, tangents, size)
+    return Board(result, model, gram, base, prior, gradient, effects, tangents, size, secants)

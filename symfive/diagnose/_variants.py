@@ -14,7 +14,7 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "backlash": ({"shape": "pre_sliding"}, {"shape": "wind_up"}),
     "friction": ({"shape": "stribeck"},),
     "reversal_spike": ({"shape": "pulse"},),
-    "lateral_play": ({"shape": "pre_sliding"},),
+    "lateral_play": ({"shape": "pre_sliding"}, {"shape": "play"}),
     "thermal_drift": ({"shape": "mixture"}, {"shape": "linear"}),
     "setup_shift": ({"shape": "creep"},),
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),

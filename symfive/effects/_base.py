@@ -89,6 +89,10 @@ class Effect:
         """Parameters at which it is of usual size: 1σ of the prior of each amplitude, the prior mean of each shape."""
         return {p.name: p.sigma if p.mean == 0.0 else p.mean for p in self.parameters(campaign)}
 
+    def levels(self, campaign: Campaign) -> tuple[dict[str, float], ...]:
+        """Parameters at which a diagnosis looks at it beside its slope at zero, where that slope does not foretell it."""
+        return ()
+
     def starts(self, run: Run) -> tuple[Parameter, ...]:
         """What is not known of the state in which the recording of a run begins, as parameters of its set-up."""
         return ()

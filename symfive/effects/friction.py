@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 SHAPES = ("coulomb", "stribeck")
+LARGE = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +54,10 @@ class Friction(Effect):
                 self.own("stribeck_speed", "rad/s" if rotary else "mm/s", speed, mean=speed, lower=0.05 * speed)
             )
         return tuple(found)
+
+    def levels(self, campaign: Campaign) -> tuple[dict[str, float], ...]:
+        """The longer the axis stands, the less the readings have the shape of little friction."""
+        return tuple({p.name: LARGE * p.sigma} for p in self.parameters(campaign)[:1])
 
     def frees(self) -> Mapping[tuple[str, str], str]:
         names = ("coulomb",) if self.shape == "coulomb" else ("coulomb", "stiction", "stribeck_speed")

@@ -9,7 +9,7 @@ from symfive.effects._base import Effect
 from symfive.effects._component import component_of
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
-from symfive.motion import Direction, PreSliding
+from symfive.motion import Direction, Play, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
-SHAPES = ("step", "pre_sliding")
+SHAPES = ("step", "pre_sliding", "play")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,8 @@ class LateralPlay(Effect):
     """`component` (`EYX`) -= (width/2)·s of the direction of motion s of the component's axis, µm or µrad.
 
     `shape`: `step`, s = ±1 at once; `pre_sliding`, s = ±(1 - 2·exp(-ξ/distance)), ξ the distance since the
-    reversal. Static rows: s is the direction from which the axis came. Typical 1–10 µm.
+    reversal; `play`, s changes in proportion to ξ until `distance`. Static rows: s is the direction from which the
+    axis came. Typical 1–10 µm.
     """
 
     id = "lateral_play"
@@ -59,18 +60,21 @@ class LateralPlay(Effect):
             return (width,)
         rotary = campaign.machine.axes[component.axis].rotary
         distance = 300.0 if rotary else 50.0
+        if self.shape == "play":
+            distance *= 0.1
         return (
             width,
             self.own("distance", "urad" if rotary else "um", distance, mean=distance, lower=0.02 * distance),
         )
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
-        return self.start_of_contact(run, self._moving) if self.shape == "pre_sliding" else ()
+        return () if self.shape == "step" else self.start_of_contact(run, self._moving)
 
     def signals(self) -> tuple[Signal, ...]:
         if self.shape == "step":
             return (Direction(self._moving),)
-        return (PreSliding(self._moving, f"{self.key}.distance", f"setup.{self.key}.start"),)
+        contact = Play if self.shape == "play" else PreSliding
+        return (contact(self._moving, f"{self.key}.distance", start=f"setup.{self.key}.start"),)
 
     def apply(self, row: Row) -> None:
         row.add_motion(self.component, -0.5 * self.parameter(row, "width") * row.signal(self.signals()[0]))

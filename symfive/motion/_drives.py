@@ -32,7 +32,7 @@ GAINS = (*LOOP, *FRICTION)
 """The quantities of a drive that can be parameters."""
 
 SUBSTEP_S = 1e-3
-BLOCK = 1024
+ROWS, BLOCKS = 16, 64
 _SQUARINGS = 14
 _TERMS = 8
 
@@ -177,9 +177,10 @@ def _friction_level() -> Any:
 
 @lru_cache(maxsize=32)
 def _friction_rows(substeps: int, wanted: tuple[str, ...]) -> Any:
-    """A block of rows with friction: (state and tangents, c, dc/dt, constants) → the states after each row.
+    """Rows with friction: (state and tangents, c, dc/dt, constants) → the last state, the states after each row.
 
-    The constants, one column a row: the step matrix, its slopes in the wanted loop gains, the friction, the substep.
+    The constants, one column a block of ROWS: the step matrix, its slopes in the wanted loop gains, the friction, the substep.
+    A block is one graph of scalars, since calling a function takes longer than a row.
     """
     loop = [name for name in wanted if name in LOOP]
     state, tangent = ca.SX.sym("s", 3), ca.SX.sym("t", 3, len(wanted))
@@ -214,7 +215,11 @@ def _friction_rows(substeps: int, wanted: tuple[str, ...]) -> Any:
     packed = ca.vertcat(state, ca.vec(tangent))
     constants = ca.vertcat(*(ca.vec(matrix) for matrix in (step, *changes)), friction, h)
     row = ca.Function("row", [packed, command, rate, constants], [ca.vertcat(s, ca.vec(t))], {"cse": True})
-    return row.mapaccum(BLOCK)
+    commands, rates, after = ca.SX.sym("c", 1, ROWS), ca.SX.sym("dc", 1, ROWS), [packed]
+    for i in range(ROWS):
+        after.append(row(after[-1], commands[i], rates[i], constants))
+    block = ca.Function("block", [packed, commands, rates, constants], [after[-1], ca.horzcat(*after[1:])])
+    return block.mapaccum(BLOCKS)
 
 
 def _with_friction(
@@ -224,13 +229,14 @@ def _with_friction(
     step, slopes = _step_matrices(dt / substeps, vector, wanted)
     rows = _friction_rows(substeps, wanted)
     constants = np.concatenate([*(m.ravel(order="F") for m in (step, *slopes)), friction, [dt / substeps]])
-    repeated = np.repeat(constants[:, None], BLOCK, axis=1)
+    repeated = np.repeat(constants[:, None], BLOCKS, axis=1)
     count = 1 + len(wanted)
     states = np.zeros((len(relative), 3 * count))
-    for first in range(0, len(relative) - 1, BLOCK):
-        n = min(BLOCK, len(relative) - 1 - first)
-        inputs = np.zeros((2, BLOCK))
+    reach = ROWS * BLOCKS
+    for first in range(0, len(relative) - 1, reach):
+        n = min(reach, len(relative) - 1 - first)
+        inputs = np.zeros((2, reach))
         inputs[:, :n] = relative[first : first + n], slope[first : first + n]
-        out = np.asarray(rows(states[first], inputs[:1], inputs[1:], repeated))
+        out = np.asarray(rows(states[first], inputs[:1], inputs[1:], repeated)[1])
         states[first + 1 : first + 1 + n] = out.T[:n]
     return states.reshape(-1, count, 3).transpose(0, 2, 1)
