@@ -14,12 +14,12 @@ import pytest
 from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
+from symfive.drawing._poses import MOST_LINES, MOST_NAMES, MOST_POINTS, SCRIPT, poses_figure, projected
 from symfive.identify import identify
 from symfive.machine import preset
 from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid
 from symfive.report import identification_report
 from symfive.report._page import write_page
-from symfive.report._poses import MOST_LINES, MOST_NAMES, MOST_POINTS, SCRIPT, poses_figure, projected
 from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"

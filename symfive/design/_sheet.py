@@ -10,6 +10,7 @@ from symfive.campaign import Run
 from symfive.design._assess import FIRST_LINE
 from symfive.design._figures import UNITS
 from symfive.design._schedule import SETUP_S
+from symfive.drawing import SCRIPT, poses_figure
 
 if TYPE_CHECKING:
     from symfive.design._plan import Plan
@@ -28,8 +29,6 @@ ol { margin: .2rem 0 } .quiet, figcaption { color: #555 } figure { margin: .6rem
 
 def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]) -> str:
     """One HTML page that loads nothing; its script turns the picture of all poses. All text from files is escaped."""
-    from symfive.report._poses import SCRIPT, poses_figure  # the report builds on this package
-
     title = f"Set-up sheet: {plan.machine.name}"
     name = {"r_test": "R-test", "ball_bar": "ball bar"}.get(plan.instrument, plan.instrument)
     parts = [

@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from symfive.drawing import BLUE, INK
 from symfive.errors import InputError
 from symfive.identify import Identification, MotionCurve
 from symfive.report._palette import DIVERGING, SEQUENTIAL
-from symfive.report._style import BLUE, INK, blank, footnote, styled, unit_words
+from symfive.report._style import blank, footnote, styled, unit_words
 
 __all__ = ["error_motion_bands"]
 

@@ -9,10 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from symfive.drawing import FAINT, INK
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.report._palette import DIVERGING
-from symfive.report._style import FAINT, INK, blank, footnote, short, styled
+from symfive.report._style import blank, footnote, short, styled
 
 __all__ = ["correlation_matrix"]
 

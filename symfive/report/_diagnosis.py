@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from symfive.diagnose import Diagnosis, Finding
+from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.files import output_folder
 from symfive.report._bands import error_motion_bands
@@ -31,7 +32,6 @@ from symfive.report._geometry import geometry_chart, geometry_table
 from symfive.report._over_time import residuals_over_time
 from symfive.report._page import embedded, write_page
 from symfive.report._polar import polar_trace
-from symfive.report._poses import poses_figure
 from symfive.report._save import keep
 from symfive.report._spectrum import residual_spectrum
 from symfive.report._tables import noise_table, outlier_table, setup_table

@@ -13,22 +13,11 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from symfive.diagnose import Diagnosis, Finding
+from symfive.drawing import BLUE, FAINT, INK, ORANGE
 from symfive.identify import Identification
 from symfive.report._coordinate import Coordinate, coordinates_of
 from symfive.report._over_coordinates import means_along
-from symfive.report._style import (
-    BLUE,
-    FAINT,
-    INK,
-    ORANGE,
-    blank,
-    footnote,
-    plain_number,
-    robust_limit,
-    short,
-    styled,
-    unit_words,
-)
+from symfive.report._style import blank, footnote, plain_number, robust_limit, short, styled, unit_words
 from symfive.report._traces import Array, Trace, direction_of, running_mean, spread, traces_of
 
 __all__ = ["Tips", "finding_figure"]

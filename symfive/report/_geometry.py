@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from symfive.diagnose import Diagnosis, Finding
+from symfive.drawing import BLUE, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.parameters import Parameter
-from symfive.report._style import BLUE, INK, ORANGE, blank, footnote, plain_number, rounded, short, styled, unit_words
+from symfive.report._style import blank, footnote, plain_number, rounded, short, styled, unit_words
 from symfive.report._tables import Cell, table
 from symfive.report._words import meaning
 

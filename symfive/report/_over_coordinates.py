@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from symfive.campaign import Run
+from symfive.drawing import BLUE, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.machine import Axis
-from symfive.report._style import BLUE, INK, ORANGE, blank, footnote, robust_limit, styled, unit_words
+from symfive.report._style import blank, footnote, robust_limit, styled, unit_words
 from symfive.report._traces import Array, Trace, direction_of, moving_axes, spread, traces_of
 
 __all__ = ["means_along", "residuals_over_coordinates"]

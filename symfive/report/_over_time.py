@@ -10,19 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from symfive.drawing import FAINT, INK, SERIES
 from symfive.identify import Identification
-from symfive.report._style import (
-    FAINT,
-    INK,
-    SERIES,
-    blank,
-    footnote,
-    plain_number,
-    robust_limit,
-    short,
-    styled,
-    unit_words,
-)
+from symfive.report._style import blank, footnote, plain_number, robust_limit, short, styled, unit_words
 from symfive.report._traces import Array, Trace, running_mean, spread, traces_of
 
 __all__ = ["residuals_over_time"]

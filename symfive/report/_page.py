@@ -14,9 +14,10 @@ from string import Template
 from matplotlib.figure import Figure
 
 from symfive import __version__
+from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAPER
+from symfive.drawing import SCRIPT as POSES
 from symfive.files import write_text
-from symfive.report._poses import SCRIPT as POSES
-from symfive.report._style import BLUE, FAINT, GRID, INK, ORANGE, PAPER, rendered
+from symfive.report._style import rendered
 
 __all__ = ["embedded", "sentences", "write_page"]
 

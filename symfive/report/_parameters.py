@@ -8,10 +8,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from symfive.drawing import BLUE, FAINT, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.parameters import Parameter
-from symfive.report._style import BLUE, FAINT, INK, ORANGE, blank, footnote, rounded, short, styled, unit_words
+from symfive.report._style import blank, footnote, rounded, short, styled, unit_words
 
 __all__ = ["LEARNT", "parameters_chart"]
 

@@ -10,11 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from symfive.campaign import Campaign
+from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
 from symfive.report._circles import Circle, CircleFinder, grouped
-from symfive.report._style import BLUE, FAINT, GRID, INK, ORANGE, blank, footnote, plain_number, styled
+from symfive.report._style import blank, footnote, plain_number, styled
 from symfive.report._traces import Array, chosen_runs, running_mean, spread
 
 __all__ = ["polar_trace"]

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from symfive.drawing import FAINT, INK, SERIES
 from symfive.errors import InputError
-from symfive.report._style import FAINT, INK, SERIES, blank, footnote, plain_number, styled, unit_words
+from symfive.report._style import blank, footnote, plain_number, styled, unit_words
 from symfive.report._traces import spread
 
 __all__ = ["prediction_chart"]

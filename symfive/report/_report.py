@@ -6,9 +6,9 @@ import html
 from collections.abc import Iterator
 from pathlib import Path
 
+from symfive.drawing import poses_figure
 from symfive.identify import Identification
 from symfive.report._page import embedded, sentences, write_page
-from symfive.report._poses import poses_figure
 from symfive.report._save import drawings, keep
 from symfive.report._style import unit_words
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table

@@ -16,16 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
+from symfive.drawing import FAINT, GRID, INK, PAPER
+
 __all__ = [
-    "BLUE", "FAINT", "GREEN", "GRID", "INK", "ORANGE", "PAPER", "PURPLE", "SERIES", "blank", "footnote", "label_of",
+    "blank", "footnote", "label_of",
     "plain_log", "plain_number", "rendered", "robust_limit", "rounded", "short", "styled", "unit_words",
 ]  # fmt: skip
-
-BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
-SERIES = (BLUE, ORANGE, GREEN, PURPLE, "#e69f00", "#56b4e9")
-"""Okabe & Ito (2008), the yellow left out (too pale on paper)."""
-INK, FAINT, GRID, PAPER = "#1d2a36", "#6b7885", "#d9dfe5", "#fdfefe"
-"""Lines of the page itself; the report replaces them by the colours of the reader's light or dark theme."""
 
 _LOOK: Any = {
     "font.family": "sans-serif", "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0,

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
+from symfive.drawing._colours import SERIES
 from symfive.procedures import Nominal
-from symfive.report._style import SERIES
 
 __all__ = ["SCRIPT", "poses_figure", "projected"]
 
 Array = NDArray[np.float64]
-SCRIPT = (files("symfive.report") / "poses.js").read_text(encoding="utf-8")
+SCRIPT = (files("symfive.drawing") / "poses.js").read_text(encoding="utf-8")
 """Turns every such figure of a page by dragging and by the arrow keys."""
 TURN, TILT = -60.0, 25.0
 """Where the eye stands at first: angle about Z from X, height over the table, degree."""
