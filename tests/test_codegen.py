@@ -437,3 +437,9 @@ def test_the_batch_kernel_is_the_symbolic_model(compiled, tmp_path, name, compil
     expected = np.einsum("nij,ni->j", by_p, target - position)
     assert np.abs(gradient - expected).max() < 1e-12 * np.abs(expected).max()
     assert square == pytest.approx(np.sum((target - position) ** 2), rel=1e-12)
+    for rank in (1, 4, len(p)):  # a remainder, one block, all
+        factor = np.linalg.qr(generator.normal(size=(len(p), rank)))[0] * generator.uniform(0.1, 9.0, rank)
+        expected = by_p @ (factor @ factor.T) @ by_p.transpose(0, 2, 1)
+        assert np.abs(batch.leverage(q, TOOL, p, factor) - expected).max() < 1e-12 * np.abs(expected).max()
+    with pytest.raises(ValueError, match="shape"):
+        batch.leverage(q, TOOL, p, np.eye(len(p) + 1))

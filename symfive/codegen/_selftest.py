@@ -5,9 +5,9 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 
-from symfive.codegen._scalar import number
 from symfive.codegen._sources import Sources, filled
 from symfive.codegen._vectors import spread_vectors
+from symfive.compiled._scalar import number
 
 __all__ = ["selftest"]
 

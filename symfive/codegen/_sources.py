@@ -11,17 +11,15 @@ from string import Template
 import numpy as np
 
 from symfive.codegen._chain import TOOL_AXIS, Chain, chain_of
-from symfive.codegen._graph import Graph, graph_of
-from symfive.codegen._scalar import Body, number, scalar_body
 from symfive.codegen._subject import Subject
+from symfive.compiled._graph import Graph, graph_of
+from symfive.compiled._scalar import CALLS, Body, number, scalar_body
 from symfive.machine import Machine
 
 __all__ = ["FUNCTIONS", "Sources", "filled", "solved_axes", "turning_axes"]
 
 REAL_BYTES = 8
 FRAME_BYTES = 256
-_MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "pow", "fabs", "floor", "ceil",
-         "fmin", "fmax", "sinh", "cosh", "tanh")  # fmt: skip
 _CHAIN = ("position", "direction")
 
 FUNCTIONS: dict[str, dict[str, str]] = {
@@ -161,7 +159,7 @@ class Sources:
             parts += [filled("orient.c", **self._turning_values(), **self.names),
                       filled("compensate_direction.c", **self._turning_values(), **self.names)]  # fmt: skip
         functions = "\n".join(parts)
-        used = [name for name in _MATH if f"{self.prefix.upper()}_{name.upper()}(" in functions]
+        used = [name for name in CALLS if f"{self.prefix.upper()}_{name.upper()}(" in functions]
         return filled(
             "kinematics.c", functions=functions.rstrip("\n"), **self.names,
             float_macros=self._macros(used, "f", "1.0e-3", "1.0e-6", "1.0e-6"),

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.codegen._lines import table_axes
-from symfive.codegen._scalar import number
 from symfive.codegen._subject import Subject
 from symfive.codegen._workspace import Poses, workspace_poses
+from symfive.compiled._scalar import number
 from symfive.errors import InputError
 
 __all__ = ["fit_trunnion", "setp_files"]

@@ -6,57 +6,17 @@ reading by its noise. Only these small kernels are differentiated; criteria are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Batch", "Kernel"]
+from symfive.compiled import Mapped
+
+__all__ = ["Kernel"]
 
 Array = NDArray[np.float64]
-BLOCK = 128
-
-
-@dataclass
-class Batch:
-    """A CasADi function evaluated for many rows at once: arrays (n, inputs) in, arrays (n, outputs) out."""
-
-    function: Any
-    _mapped: dict[int, Any] = field(default_factory=dict)
-
-    def __call__(self, *inputs: Array) -> list[Array]:
-        """Every output as (n, number of its elements), elements in column-major order."""
-        n = len(inputs[0])
-        if n == 0:
-            return [np.empty((0, self.function.numel_out(i))) for i in range(self.function.n_out())]
-        block = min(n, BLOCK)
-        buffer, trigger, sources, outputs = self._prepared(block)
-        results = [np.empty((n, output.shape[1])) for output in outputs]
-        del buffer
-        for first in range(0, n, block):
-            count = min(block, n - first)
-            for source, values in zip(sources, inputs, strict=True):
-                source[:count] = values[first : first + count]
-                source[count:] = values[first]
-            trigger()
-            for result, output in zip(results, outputs, strict=True):
-                result[first : first + count] = output[:count]
-        return results
-
-    def _prepared(self, block: int) -> Any:
-        if block not in self._mapped:
-            mapped = self.function.map(block)
-            buffer, trigger = mapped.buffer()
-            sources = [np.zeros((block, self.function.numel_in(i))) for i in range(self.function.n_in())]
-            outputs = [np.zeros((block, self.function.numel_out(i))) for i in range(self.function.n_out())]
-            for i, array in enumerate(sources):
-                buffer.set_arg(i, array.data)
-            for i, array in enumerate(outputs):
-                buffer.set_res(i, array.data)
-            self._mapped[block] = (buffer, trigger, sources, outputs)
-        return self._mapped[block]
 
 
 class Kernel:
@@ -76,15 +36,15 @@ class Kernel:
         slope = ca.densify(ca.jacobian(flat, z))
         bent = ca.densify(ca.hessian(ca.dot(weights, flat), z)[0])
         limits = ca.densify(limits)
-        self._rows = Batch(ca.Function("rows", [z, k], [flat], options))
-        self._slopes = Batch(ca.Function("slopes", [z, k], [flat, slope], options))
-        self._bent = Batch(ca.Function("bent", [z, k, weights], [bent], options))
-        self._limits = Batch(ca.Function("limits", [z, k], [limits], options))
+        self._rows = Mapped(ca.Function("rows", [z, k], [flat], options))
+        self._slopes = Mapped(ca.Function("slopes", [z, k], [flat, slope], options))
+        self._bent = Mapped(ca.Function("bent", [z, k, weights], [bent], options))
+        self._limits = Mapped(ca.Function("limits", [z, k], [limits], options))
         bounded = ca.densify(ca.jacobian(limits, z)) if self.limit_count else ca.DM(0, 1)
-        self._bounded = Batch(ca.Function("bounded", [z, k], [bounded], options))
+        self._bounded = Mapped(ca.Function("bounded", [z, k], [bounded], options))
         multipliers = ca.SX.sym("multipliers", self.limit_count)
         curved = ca.densify(ca.hessian(ca.dot(multipliers, limits), z)[0]) if self.limit_count else ca.DM(0, 1)
-        self._curved = Batch(ca.Function("curved", [z, k, multipliers], [curved], options))
+        self._curved = Mapped(ca.Function("curved", [z, k, multipliers], [curved], options))
 
     def rows(self, z: Array, k: Array) -> Array:
         """Scaled sensitivities (n, width, ny)."""

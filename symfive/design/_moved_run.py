@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
+from symfive.compiled import Mapped
 from symfive.design._information import inverse
-from symfive.design._kernel import Batch
 from symfive.design._paths import CirclePath
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -76,8 +76,8 @@ class MovedRun:
         self.parameters = [vector[self.index[:count]], vector[self.index[count:]]]
         self.inside = np.arange(len(names)) < count
         self.noise = model.noise(run)
-        self.derived = Batch(_along(self.function))
-        self.sloped = Batch(self.function.slopes)
+        self.derived = Mapped(_along(self.function))
+        self.sloped = Mapped(self.function.slopes)
 
     def information(self, values: Array) -> tuple[Array, Array]:
         """About the shared parameters, the run's own set-up errors marginalised: (k, k) and derivatives (nv, k, k)."""

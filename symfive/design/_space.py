@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.compiled import Mapped
 from symfive.design._bodies import angle_clearance, nose_may_reach_post, nose_over_table, post_clearance
-from symfive.design._kernel import Batch, Kernel
+from symfive.design._kernel import Kernel
 from symfive.errors import InputError
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
@@ -66,8 +67,8 @@ class Space:
     noise_um: float
     setup_sigma: SetupSigma
     kernel: Kernel
-    centre: Batch
-    axes: Batch
+    centre: Mapped
+    axes: Mapped
     limit_names: tuple[str, ...]
 
     def commands(self, z: Array, k: Array) -> dict[str, Array]:
@@ -127,8 +128,8 @@ def make_space(
     return Space(
         machine, instrument, names, lower, upper, len(names) - len(SETUP_VARIABLES),
         lengths if instrument == "ball_bar" else (0.0,), shared, own, own_sigma, noise_um, sigma,
-        Kernel(z, k, rows, limits), Batch(ca.Function("centre", [z, k], [ca.densify(centre[:, : len(shared)])])),
-        Batch(ca.Function("axes", [z, k], [ca.densify(commands)])), limit_names,
+        Kernel(z, k, rows, limits), Mapped(ca.Function("centre", [z, k], [ca.densify(centre[:, : len(shared)])])),
+        Mapped(ca.Function("axes", [z, k], [ca.densify(commands)])), limit_names,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
+from symfive.compiled import Mapped
 from symfive.effects._base import STAGES, Effect
 from symfive.instruments import Column, instruments_of
 from symfive.kinematics import basis_of, first_order
@@ -22,7 +23,6 @@ from symfive.parameters import Parameter
 __all__ = ["RowFunction", "apply_errors", "assemble", "machine_parameters", "sensed_columns"]
 
 Array = NDArray[np.float64]
-BLOCK = 64
 
 
 def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:
@@ -58,31 +58,16 @@ class RowFunction:
     moving: tuple[int, ...]
     value: Any
     slopes: Any
-    _mapped: dict[tuple[bool, int], Any] = field(default_factory=dict)
+    _mapped: dict[bool, Mapped] = field(default_factory=dict)
 
     def evaluate(self, inputs: Array, shared: Array, own: Array, constants: Array, *, slopes: bool) -> Array:
         """Readings and, where asked, behind them their slopes in shared, own and moving inputs: (N, ny, 1 + …); `inputs` are
         (N, ni)."""
-        n, ny = len(inputs), len(self.columns)
-        width = 1 + (len(shared) + len(own) + len(self.moving) if slopes else 0)
-        block = min(BLOCK, 1 << max(0, n - 1).bit_length())
-        if (slopes, block) not in self._mapped:
-            # nothing reduced: an input held for all rows would cost a graph of copies
-            self._mapped[slopes, block] = self._table(slopes).map(block)
-        buffer, trigger = self._mapped[slopes, block].buffer()
-        rows, output = np.empty((block, inputs.shape[1])), np.empty((block, ny, width))
-        given = [rows, *(np.tile(np.asarray(a, dtype=float), (block, 1)) for a in (shared, own, constants))]
-        for i, array in enumerate(given):
-            buffer.set_arg(i, array.data)
-        buffer.set_res(0, output.data)
-        result = np.empty((n, ny, width))
-        for first in range(0, n, block):
-            count = min(block, n - first)
-            rows[:count] = inputs[first : first + count]
-            rows[count:] = inputs[first]
-            trigger()
-            result[first : first + count] = output[:count]
-        return result
+        if slopes not in self._mapped:
+            self._mapped[slopes] = Mapped(self._table(slopes), held=(1, 2, 3))
+        (table,) = self._mapped[slopes](inputs, shared, own, constants)
+        ny = len(self.columns)
+        return table.reshape(len(inputs), ny, table.shape[1] // ny)
 
     def _table(self, slopes: bool) -> Any:
         """All outputs of a row in one table (1 + …, ny), which lies in memory by columns of readings."""

@@ -13,6 +13,7 @@
 #define COLUMNS ${columns}U
 #define CHUNK ${chunk}U
 #define ROWS (3U * CHUNK)
+#define FETCHED_BYTES 1000000U /* results larger than this are not in the caches: their lines are fetched before they are written */
 #define UNUSED __attribute__((unused))
 #define INLINED static inline __attribute__((always_inline, unused))
 
@@ -171,7 +172,13 @@ void ${prefix}_batch_jacobian(size_t tiles, const double *q, const double *c, do
         }
         finish_stores();
     } else {
+        const size_t lines = 3U * ${parameters}U;
+        const size_t fetched = (tiles * lines * sizeof(v) > FETCHED_BYTES) ? lines : 0U;
+
         for (size_t i = 0; i < tiles; ++i) {
+            for (size_t k = 0; k < fetched; ++k) { /* what is about to be written */
+                __builtin_prefetch(slopes + (i * lines) + k, 1, 3);
+            }
             jacobian_kept(from + (i * ${axes}U), c, points + (i * 3U), slopes + (i * 3U * ${parameters}U), 3U);
         }
     }
@@ -203,6 +210,64 @@ static __attribute__((noinline)) void block_products(const v *restrict a, const 
     }
     sum[0] = s00; sum[1] = s01; sum[2] = s02; sum[3] = s03; sum[4] = s10; sum[5] = s11; sum[6] = s12; sum[7] = s13;
     sum[8] = s20; sum[9] = s21; sum[10] = s22; sum[11] = s23; sum[12] = s30; sum[13] = s31; sum[14] = s32; sum[15] = s33;
+}
+
+/* Adds one column of J F to the products of its components: xx, xy, xz, yy, yz, zz. */
+INLINED void add_products(v x, v y, v z, v *sum)
+{
+    sum[0] += x * x; sum[1] += x * y; sum[2] += x * z; sum[3] += y * y; sum[4] += y * z; sum[5] += z * z;
+}
+
+/* J F F'J' of one vector of poses, four columns of F at a time. */
+static __attribute__((noinline)) void tile_leverage(const v *restrict by_p, const double *restrict factor, const size_t rank,
+                                                    v *restrict result)
+{
+    const v zero = { 0.0 };
+    v sum[6] = { zero, zero, zero, zero, zero, zero };
+    size_t r = 0;
+
+    for (; r + 4U <= rank; r += 4U) {
+        v x0 = zero, x1 = zero, x2 = zero, x3 = zero, y0 = zero, y1 = zero, y2 = zero, y3 = zero;
+        v z0 = zero, z1 = zero, z2 = zero, z3 = zero;
+
+        for (size_t k = 0; k < ${parameters}U; ++k) {
+            const v x = by_p[3U * k], y = by_p[(3U * k) + 1U], z = by_p[(3U * k) + 2U];
+            const double *const f = factor + (k * rank) + r;
+
+            x0 += x * f[0]; x1 += x * f[1]; x2 += x * f[2]; x3 += x * f[3];
+            y0 += y * f[0]; y1 += y * f[1]; y2 += y * f[2]; y3 += y * f[3];
+            z0 += z * f[0]; z1 += z * f[1]; z2 += z * f[2]; z3 += z * f[3];
+        }
+        add_products(x0, y0, z0, sum);
+        add_products(x1, y1, z1, sum);
+        add_products(x2, y2, z2, sum);
+        add_products(x3, y3, z3, sum);
+    }
+    for (; r < rank; ++r) {
+        v x = zero, y = zero, z = zero;
+
+        for (size_t k = 0; k < ${parameters}U; ++k) {
+            const double f = factor[(k * rank) + r];
+
+            x += by_p[3U * k] * f; y += by_p[(3U * k) + 1U] * f; z += by_p[(3U * k) + 2U] * f;
+        }
+        add_products(x, y, z, sum);
+    }
+    for (size_t i = 0; i < 6U; ++i) {
+        result[i] = sum[i];
+    }
+}
+
+void ${prefix}_batch_leverage(size_t tiles, const double *q, const double *c, const double *factor, size_t rank,
+                       double *leverage, double *work)
+{
+    v *const by_p = (v *)work;
+    v position[3];
+
+    for (size_t i = 0; i < tiles; ++i) {
+        jacobian_kept((const v *)q + (i * ${axes}U), c, position, by_p, 3U);
+        tile_leverage(by_p, factor, rank, (v *)leverage + (i * 6U));
+    }
 }
 
 /* The columns of one vector of poses; lanes from `used` on are set to zero. */

@@ -175,6 +175,16 @@ class Batch:
         self._c.sf_batch_information(ctypes.c_size_t(poses), *arrays)
         return normal[:-1, :-1], normal[:-1, -1], normal[-1, -1]
 
+    def leverage(self, q, tool, p, factor):
+        """J M J' (N, 3, 3) for a covariance M = F F' of the parameters; `factor` F (parameters, rank)."""
+        tiles, c, f = self._tiles(q), self._prepared(tool, p), np.ascontiguousarray(factor, dtype=float)
+        if f.ndim != 2 or len(f) != len(PARAMETERS):
+            raise ValueError(f"the factor has the shape {f.shape}, not ({len(PARAMETERS)}, rank)")
+        found, work = _aligned((len(tiles), 6, self.lanes)), _aligned((672, self.lanes))
+        rank, count = ctypes.c_size_t(f.shape[1]), ctypes.c_size_t(len(tiles))
+        self._c.sf_batch_leverage(count, _pointer(tiles), _pointer(c), _pointer(f), rank, *map(_pointer, (found, work)))
+        return _rows(found, len(q))[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
     def _prepared(self, tool, p):
         arrays = [np.ascontiguousarray(value, dtype=float) for value in (tool, p)]
         c = _aligned((17,))

@@ -36,8 +36,8 @@ void sf_batch_prepare(const double *tool, const double *p, double *c);
 /* The point of every pose: position, 3 a pose. */
 void sf_batch_forward(size_t tiles, const double *q, const double *c, double *position);
 
-/* The point and its Jacobian, column by column: 3 * 9 a pose. `stream`: 1 writes past the caches, for results that
- * are larger than these; 0 keeps them. */
+/* The point and its Jacobian, column by column: 3 * 9 a pose. `stream`: 1 writes past the caches; 0 through them, each
+ * line fetched before it is written. Which is faster for results larger than the caches depends on the processor. */
 void sf_batch_jacobian(size_t tiles, const double *q, const double *c, double *position, double *by_p, int stream);
 
 /*
@@ -48,6 +48,14 @@ void sf_batch_jacobian(size_t tiles, const double *q, const double *c, double *p
  */
 void sf_batch_information(size_t poses, const double *q, const double *c, const double *target, double *normal,
                           double *work);
+
+/*
+ * J M J' of every pose for a covariance M = F F' of the parameters, 6 a pose in tiles: xx, xy, xz, yy, yz, zz. Its trace and its
+ * determinant are what an exchange of poses asks for. `factor`: F, row by row, 9 rows of `rank` numbers; `work`:
+ * SF_WORK doubles. J never leaves the tile.
+ */
+void sf_batch_leverage(size_t tiles, const double *q, const double *c, const double *factor, size_t rank,
+                       double *leverage, double *work);
 
 /* First-order prediction, 3 a pose in tiles: point + J d for a step d of the parameters; J never leaves the tile. */
 void sf_batch_predict(size_t tiles, const double *q, const double *c, const double *d, double *predicted);

@@ -8,14 +8,15 @@ from typing import Any
 
 import casadi as ca
 
-__all__ = ["Graph", "Node", "graph_of"]
+__all__ = ["Graph", "Node", "exact_graph", "graph_of"]
 
 _NAMES = {
     getattr(ca, f"OP_{name}"): name.lower()
     for name in (
         "ADD", "SUB", "MUL", "DIV", "NEG", "SQ", "TWICE", "INV", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2",
         "EXP", "LOG", "SQRT", "POW", "CONSTPOW", "FABS", "SIGN", "FLOOR", "CEIL", "FMIN", "FMAX", "LT", "LE", "EQ", "NE",
-        "NOT", "AND", "OR", "IF_ELSE_ZERO", "SINH", "COSH", "TANH",
+        "NOT", "AND", "OR", "IF_ELSE_ZERO", "SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "LOG1P", "EXPM1", "ERF", "HYPOT",
+        "FMOD",
     )
 }  # fmt: skip
 HIGHEST_HARMONIC = 60
@@ -84,14 +85,28 @@ class Graph:
 
 
 def graph_of(inputs: Mapping[str, Any], outputs: Mapping[str, Any]) -> Graph:
-    """The graph of symbolic expressions; common subexpressions once. Outputs are dense, column by column."""
+    """The graph of symbolic expressions; common subexpressions once, rewritten where that saves operations.
+
+    Outputs are dense, column by column."""
     dense = [ca.densify(value) for value in outputs.values()]
     function = ca.Function("graph", list(inputs.values()), dense, {"cse": True})
-    names = list(inputs)
+    return _graph(function, list(inputs), list(outputs), exact=False)
+
+
+def exact_graph(function: Any, inputs: Sequence[str], outputs: Sequence[str]) -> Graph:
+    """The graph of a CasADi function of scalars (SX) with dense arguments, under the given names.
+
+    Every operation is the function's own in its order, those that occur twice once: evaluated in double precision without
+    contraction it gives the same bits. Raises `NotImplementedError` for an operation that is not written in C here.
+    """
+    return _graph(function, inputs, outputs, exact=True)
+
+
+def _graph(function: Any, names: Sequence[str], results: Sequence[str], *, exact: bool) -> Graph:
     nodes: list[Node] = []
     known: dict[Node, int] = {}
     work: dict[int, int] = {}
-    found: dict[str, list[int]] = {name: [-1] * value.numel() for name, value in zip(outputs, dense, strict=True)}
+    found: dict[str, list[int]] = {name: [-1] * function.nnz_out(i) for i, name in enumerate(results)}
 
     def add(node: Node) -> int:
         if node not in known:
@@ -102,22 +117,31 @@ def graph_of(inputs: Mapping[str, Any], outputs: Mapping[str, Any]) -> Graph:
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         if op == ca.OP_CONST:
-            work[function.instruction_output(k)[0]] = add(Node("const", value=float(function.instruction_constant(k))))
+            work[function.instruction_output(k)[0]] = add(_constant(float(function.instruction_constant(k))))
         elif op == ca.OP_INPUT:
             which, place = function.instruction_input(k)
             work[function.instruction_output(k)[0]] = add(Node("input", text=f"{names[which]}[{place}]"))
         elif op == ca.OP_OUTPUT:
             which, place = function.instruction_output(k)
-            found[list(outputs)[which]][place] = work[function.instruction_input(k)[0]]
+            found[results[which]][place] = work[function.instruction_input(k)[0]]
         elif op == ca.OP_ASSIGN:
             work[function.instruction_output(k)[0]] = work[function.instruction_input(k)[0]]
         elif op in _NAMES:
             args = tuple(work[i] for i in function.instruction_input(k))
             name = _NAMES[op]
-            work[function.instruction_output(k)[0]] = _simplest(add, nodes, name, args)
+            if exact:
+                made = add(Node(name, tuple(sorted(args)) if name in ("add", "mul") else args))
+            else:
+                made = _simplest(add, nodes, name, args)
+            work[function.instruction_output(k)[0]] = made
         else:
             raise NotImplementedError(f"no C for CasADi's operation {op}")
     return Graph(tuple(nodes), {name: tuple(values) for name, values in found.items()})
+
+
+def _constant(value: float) -> Node:
+    """A number; its text tells -0 from 0, which are equal."""
+    return Node("const", value=value, text=repr(value))
 
 
 def _simplest(add: Any, nodes: list[Node], op: str, args: tuple[int, ...]) -> int:
@@ -131,7 +155,7 @@ def _simplest(add: Any, nodes: list[Node], op: str, args: tuple[int, ...]) -> in
     if op == "neg" and first.op == "sub":
         return int(add(Node("sub", (first.args[1], first.args[0]))))
     if op == "neg" and first.op == "const":
-        return int(add(Node("const", value=-first.value)))
+        return int(add(_constant(-first.value)))
     if op in ("add", "sub"):
         second = nodes[args[1]]
         if second.op == "neg":
@@ -143,7 +167,7 @@ def _simplest(add: Any, nodes: list[Node], op: str, args: tuple[int, ...]) -> in
     if op in ("sin", "cos") and (times := _harmonic(nodes, first)) is not None:
         return _multiple_angle(add, nodes, *times)[op == "sin"]
     if op == "div" and nodes[args[1]].op == "const":
-        return int(add(Node("mul", tuple(sorted((args[0], add(Node("const", value=1.0 / nodes[args[1]].value))))))))
+        return int(add(Node("mul", tuple(sorted((args[0], add(_constant(1.0 / nodes[args[1]].value))))))))
     if op == "mul" and first.op == "neg" and nodes[args[1]].op == "neg":
         return int(add(Node("mul", tuple(sorted((first.args[0], nodes[args[1]].args[0]))))))
     if op in COMMUTATIVE:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from symfive.codegen._graph import Graph, Node
+from symfive.compiled._graph import Graph, Node
 
-__all__ = ["Body", "number", "scalar_body"]
+__all__ = ["CALLS", "ONE", "TWO", "Body", "number", "scalar_body"]
 
 INLINE = 48
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _TWICE = ("sq", "twice", "sign")  # their argument stands twice in the text
 _COMPARE = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
-_CALLS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "pow", "fabs", "floor", "ceil",
-          "fmin", "fmax", "sinh", "cosh", "tanh")  # fmt: skip
+TWO = ("atan2", "pow", "fmin", "fmax", "hypot", "fmod")
+CALLS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "pow", "fabs", "floor", "ceil",
+         "fmin", "fmax", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "log1p", "expm1", "erf", "hypot", "fmod")  # fmt: skip
+ONE = tuple(name for name in CALLS if name not in TWO)
+"""Operations that C's mathematical library has under the same name, of two arguments and of one."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,8 @@ class Body:
 
 def number(value: float) -> str:
     """A number as C writes it, exact in double."""
+    if not math.isfinite(value):
+        return "NAN" if math.isnan(value) else "HUGE_VAL" if value > 0.0 else "(-HUGE_VAL)"
     text = repr(float(value))
     return text if any(c in text for c in ".en") else f"{text}.0"
 
@@ -91,7 +97,7 @@ def _expression(node: Node, args: list[str], real: str, macro: str) -> str:
         return f"{a} {_INFIX[op]} {b}"
     if op in _COMPARE:
         return f"({a} {_COMPARE[op]} {b}) ? ({real})1.0 : ({real})0.0"
-    if op in _CALLS:
+    if op in CALLS:
         return f"{macro}_{op.upper()}({', '.join(args)})"
     zero = f"({real})0.0"
     return {
@@ -100,5 +106,5 @@ def _expression(node: Node, args: list[str], real: str, macro: str) -> str:
         "not": f"({a} == {zero}) ? ({real})1.0 : {zero}",
         "and": f"(({a} != {zero}) && ({b} != {zero})) ? ({real})1.0 : {zero}",
         "or": f"(({a} != {zero}) || ({b} != {zero})) ? ({real})1.0 : {zero}",
-        "sign": f"(({a} > {zero}) ? ({real})1.0 : {zero}) - (({a} < {zero}) ? ({real})1.0 : {zero})",
+        "sign": f"({a} > {zero}) ? ({real})1.0 : (({a} < {zero}) ? -({real})1.0 : {a})",
     }[op]  # fmt: skip

@@ -1,0 +1,228 @@
+"""A CasADi function over rows: by CasADi's interpreter at first, by machine code once that is cheaper, with the same bits.
+
+Whether a function will be asked for often enough to be worth compiling is not known beforehand. As with skis, which one rents
+until the rent has reached their price (R. Karp 1992), a function is interpreted until that has cost what compiling costs: then
+no order of calls costs more than twice the least. Costs are counted in operations, not in seconds, so that the same work is
+done in the same way every time. Machine code that an earlier run has left on disk costs little and is looked for early, and
+what earlier runs have paid in vain counts as well.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.compiled._cache import cache_folder
+from symfive.compiled._compiler import SWITCH, Compiler, find_compiler
+from symfive.compiled._library import Library, compiled, found, key_of, note_rent, rent
+
+__all__ = ["Mapped", "Status", "status"]
+
+Array = NDArray[np.float64]
+BLOCK = 64
+PIECE = 4096
+"""Rows that are interpreted before the question is asked again whether to go on so."""
+INTERPRETED_S = 5e-9
+"""Of one operation on one row. These costs are of one processor; only their ratios matter, which vary little."""
+LOOKED_UP_S, LOOKED_UP_OPERATION_S = 3e-3, 3e-6
+COMPILED_S, COMPILED_OPERATION_S = 0.1, 4.2e-4
+NOTED_S = 0.05
+"""Interpretation is noted for later runs from here on, and again whenever it has doubled."""
+MOST_OPERATIONS = 40_000
+
+
+@dataclass(frozen=True)
+class Status:
+    """What became of the functions of this process: `compiler` (its path, None without one or where `SYMFIVE_COMPILER` is
+    `none`), `folder` of the libraries (None where it cannot be used), how many functions were `compiled` or `loaded` from
+    disk, and why others stayed interpreted (`refused`: reason → how many)."""
+
+    compiler: str | None
+    folder: str | None
+    compiled: int
+    loaded: int
+    refused: dict[str, int]
+
+
+@dataclass
+class _State:
+    """What is known of a function: seconds of interpretation so far and how many are noted, its library, whether all has
+    been tried."""
+
+    spent: float = 0.0
+    noted: float = 0.0
+    looked: bool = False
+    settled: bool = False
+    key: str = ""
+    library: Library | None = None
+
+
+_STATES: dict[str, _State] = {}
+_TOLD: Counter[str] = Counter()
+_REFUSED: Counter[str] = Counter()
+_LOCK = threading.RLock()
+
+
+def status() -> Status:
+    """How the functions of this process are evaluated."""
+    compiler = find_compiler()
+    try:
+        folder = str(cache_folder())
+    except OSError:
+        folder = None
+    name = compiler.program if compiler else None
+    return Status(name, folder, _TOLD["compiled"], _TOLD["loaded"], dict(_REFUSED))
+
+
+@dataclass
+class Mapped:
+    """A CasADi function over rows.
+
+    `function`: dense inputs and results. Inputs of the indices `held` are the same for all rows and given once, shape
+    (elements,); the others have one row each, (n, elements), elements column by column. Each result is (n, elements).
+    """
+
+    function: Any
+    held: tuple[int, ...] = ()
+    _state: _State = field(default_factory=_State, repr=False)
+    _blocks: dict[int, Any] = field(default_factory=dict, repr=False)
+    _lock: Any = field(default_factory=threading.Lock, repr=False)
+
+    def __post_init__(self) -> None:
+        self._inputs = [self.function.numel_in(i) for i in range(self.function.n_in())]
+        self._outputs = [self.function.numel_out(i) for i in range(self.function.n_out())]
+        self._operations = self.function.n_instructions()
+
+    def __reduce__(self) -> tuple[type[Mapped], tuple[Any, tuple[int, ...]]]:
+        return Mapped, (self.function, self.held)
+
+    def __call__(self, *inputs: Array) -> list[Array]:
+        """Every result for all rows. Raises `ValueError` for inputs of other shapes."""
+        given, rows = self._checked(inputs)
+        results = [np.empty((rows, size)) for size in self._outputs]
+        first = 0
+        while first < rows:
+            if (library := self._state.library) is not None:
+                library(rows - first, self._from(given, first), [result[first:] for result in results])
+                break
+            last = min(rows, first + PIECE)
+            self._interpret(given, results, first, last)
+            self._count(given, results, first, last)
+            first = last
+        return results
+
+    def _checked(self, inputs: Sequence[Array]) -> tuple[list[Array], int]:
+        given = [np.ascontiguousarray(value, dtype=float) for value in inputs]
+        rows = next(len(value) for i, value in enumerate(given) if i not in self.held)
+        wanted = [(size,) if i in self.held else (rows, size) for i, size in enumerate(self._inputs)]
+        if [value.shape for value in given] != wanted:
+            raise ValueError(f"inputs of the shapes {[value.shape for value in given]}, not {wanted}")
+        return given, rows
+
+    def _from(self, given: Sequence[Array], first: int) -> list[Array]:
+        return [value if i in self.held else value[first:] for i, value in enumerate(given)]
+
+    # ---- by the interpreter
+
+    def _interpret(self, given: Sequence[Array], results: Sequence[Array], first: int, last: int) -> None:
+        block = min(BLOCK, 1 << max(0, last - first - 1).bit_length())
+        with self._lock:
+            trigger, sources, outputs = self._block(block)
+            for i in self.held:
+                sources[i][:] = given[i]
+            for start in range(first, last, block):
+                count = min(block, last - start)
+                for i, source in enumerate(sources):
+                    if i not in self.held:
+                        source[:count] = given[i][start : start + count]
+                        source[count:] = given[i][start]
+                trigger()
+                for result, output in zip(results, outputs, strict=True):
+                    result[start : start + count] = output[:count]
+
+    def _block(self, block: int) -> tuple[Callable[[], None], list[Array], list[Array]]:
+        if block not in self._blocks:
+            # nothing reduced: an input held for all rows would cost a graph of copies
+            buffer, trigger = self.function.map(block).buffer()
+            sources = [np.zeros((block, size)) for size in self._inputs]
+            outputs = [np.zeros((block, size)) for size in self._outputs]
+            for i, array in enumerate(sources):
+                buffer.set_arg(i, array.data)
+            for i, array in enumerate(outputs):
+                buffer.set_res(i, array.data)
+            self._blocks[block] = buffer, trigger, sources, outputs
+        return self._blocks[block][1:]  # type: ignore[no-any-return]
+
+    # ---- by machine code
+
+    def _count(self, given: Sequence[Array], results: Sequence[Array], first: int, last: int) -> None:
+        """Add what the interpreter has cost; look for machine code, or compile, once that has become the cheaper."""
+        state = self._state
+        state.spent += (last - first) * self._operations * INTERPRETED_S
+        if state.settled or state.spent < LOOKED_UP_S + LOOKED_UP_OPERATION_S * self._operations:
+            return
+        with _LOCK:
+            self._decide(lambda library: self._agrees(library, given, results, first, last))
+
+    def _decide(self, agrees: Callable[[Library], bool]) -> None:
+        state, bought = self._state, COMPILED_S + COMPILED_OPERATION_S * self._operations
+        if state.looked and state.spent < bought:
+            if not state.library and state.spent > max(NOTED_S, 2.0 * state.noted):
+                state.noted = state.spent
+                note_rent(state.key, state.spent)
+            return
+        try:
+            compiler = self._compiler()
+            if not state.looked:
+                state.looked, state.key = True, key_of(self.function, self.held, compiler)
+                known = _STATES.setdefault(state.key, state)
+                if known is state:
+                    state.noted = rent(state.key)
+                    state.spent += state.noted
+                else:
+                    known.spent += state.spent
+                    self._state = state = known
+            if state.library is not None or state.settled:
+                return
+            way, library = "loaded", found(state.key)
+            if library is None and state.spent >= bought:
+                way, library = "compiled", compiled(self.function, self.held, compiler, state.key)
+            if library is None:
+                return
+            if not agrees(library):
+                raise OSError("machine code differs from the interpreter")
+            state.library = library
+            _TOLD[way] += 1
+        except (OSError, NotImplementedError) as error:
+            state.settled = True
+            _REFUSED[str(error)] += 1
+
+    def _compiler(self) -> Compiler:
+        function = self.function
+        arguments = [function.sparsity_in(i) for i in range(len(self._inputs))]
+        arguments += [function.sparsity_out(i) for i in range(len(self._outputs))]
+        if not function.is_a("SXFunction") or not all(part.is_dense() for part in arguments):
+            raise NotImplementedError("not a function of dense scalars")
+        if self._operations > MOST_OPERATIONS:
+            raise NotImplementedError(f"more than {MOST_OPERATIONS} operations")
+        compiler = find_compiler()
+        if compiler is None:
+            raise OSError(f"no C compiler, or {SWITCH} is none")
+        return compiler
+
+    def _agrees(
+        self, library: Library, given: Sequence[Array], results: Sequence[Array], first: int, last: int
+    ) -> bool:
+        """Whether machine code gives what the interpreter has given for the same rows, to the last bit."""
+        again = [np.full_like(result[first:last], np.inf) for result in results]
+        part = [value if i in self.held else value[first:last] for i, value in enumerate(given)]
+        library(last - first, part, again)
+        return all(
+            np.array_equal(one, other[first:last], equal_nan=True) for one, other in zip(again, results, strict=True)
+        )

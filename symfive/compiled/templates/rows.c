@@ -1,0 +1,105 @@
+/* A function over rows, as many at a time as a vector holds. Made by symfive for itself; never with -ffast-math. */
+#include <math.h>
+#include <stddef.h>
+
+#if defined(__FLT_EVAL_METHOD__) && (__FLT_EVAL_METHOD__ != 0)
+#error "double precision is not kept"
+#endif
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic ignored "-Wpsabi"
+#endif
+
+#if defined(__AVX512F__)
+#define LANES 8
+#else
+#define LANES 4
+#endif
+#define fmin(a, b) ((((a) <= (b)) || ((b) != (b))) ? (a) : (b)) /* of two zeros the first, as CasADi */
+#define fmax(a, b) ((((a) >= (b)) || ((b) != (b))) ? (a) : (b))
+#define UNUSED __attribute__((unused))
+#define INLINED static inline __attribute__((always_inline, unused))
+
+typedef double v __attribute__((vector_size(LANES * 8), may_alias));
+typedef long long w __attribute__((vector_size(LANES * 8), may_alias));
+
+INLINED v where(w condition, v yes, v no)
+{
+    return (v)((condition & (w)yes) | (~condition & (w)no));
+}
+
+INLINED v flag(w condition)
+{
+    const v zero = { 0.0 };
+    return where(condition, zero + 1.0, zero);
+}
+
+INLINED v lanes(double (*function)(double), v x)
+{
+    v y;
+    for (int i = 0; i < LANES; ++i) {
+        y[i] = function(x[i]);
+    }
+    return y;
+}
+
+INLINED v lane_pairs(double (*function)(double, double), v a, v b)
+{
+    v y;
+    for (int i = 0; i < LANES; ++i) {
+        y[i] = function(a[i], b[i]);
+    }
+    return y;
+}
+
+/* Rows into vectors; lanes that are not used repeat the last row. */
+static void gather(const double *from, size_t size, size_t row, size_t used, v *x)
+{
+    for (size_t lane = 0; lane < LANES; ++lane) {
+        const double *const source = from + ((row + (lane < used ? lane : used - 1U)) * size);
+
+        for (size_t i = 0; i < size; ++i) {
+            x[i][lane] = source[i];
+        }
+    }
+}
+
+static void scatter(const v *y, size_t size, double *to, size_t used)
+{
+    for (size_t lane = 0; lane < used; ++lane) {
+        for (size_t i = 0; i < size; ++i) {
+            to[(lane * size) + i] = y[i][lane];
+        }
+    }
+}
+
+static void one_vector(const v *restrict x UNUSED, const double *restrict c UNUSED, v *restrict y UNUSED)
+{
+    const v zero UNUSED = { 0.0 };
+$offsets
+$body
+}
+
+/* Bytes that a call works in. */
+size_t symfive_work(void)
+{
+    return (sizeof(v) * (${inputs}U + ${outputs}U)) + (sizeof(double) * ${constants}U);
+}
+
+void symfive_rows(size_t rows, const double *const *given UNUSED, double *const *results UNUSED, double *work)
+{
+    const v zero UNUSED = { 0.0 };
+    v *const x = (v *)work;
+    v *const y = x + ${inputs}U;
+    double *const c = (double *)(y + ${outputs}U);
+$load
+$prepare
+$fixed
+
+    for (size_t row = 0; row < rows; row += LANES) {
+        const size_t used = (rows - row < LANES) ? rows - row : LANES;
+
+$gather
+        one_vector(x, c, y);
+$scatter
+    }
+}
