@@ -303,3 +303,20 @@ def test_output_over_a_file_is_refused(folder, tmp_path):
         write_campaign(read_campaign(folder), tmp_path / "taken")
     with pytest.raises(InputError, match="cannot be written"):
         write_campaign(read_campaign(folder), tmp_path / "taken" / "below")
+
+
+@pytest.mark.parametrize("stamp", [0.0, 1e-3, "jitter"])
+def test_the_interval_of_a_run_is_right_however_its_stamps_are_rounded_and_where_rows_are_missing(stamp):
+    """300 a second for 76 s, stamped to 1 ms or with 0.1 ms of jitter; five rows in a row were lost."""
+    rate, rng = 300.0, np.random.default_rng(3)
+    number = np.delete(np.arange(22_711), np.r_[4000, 9000:9005])
+    time = number / rate
+    if stamp == "jitter":
+        time = np.sort(time + rng.uniform(-1e-4, 1e-4, len(time)))
+    elif stamp:
+        time = np.round(time / stamp) * stamp
+    commands = {axis: np.zeros(len(time)) for axis in "XYZBC"}
+    run = Run(id="r", instrument=("ball_bar",), sampling="dynamic", time=time, commands=commands, length=100.0)
+    assert np.array_equal(run.steps, number)
+    assert run.interval == pytest.approx(1.0 / rate, rel=1e-5)
+    assert replace(run, time=time[:1], commands={a: v[:1] for a, v in commands.items()}).interval == 1.0

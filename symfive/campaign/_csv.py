@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from symfive.campaign._data import Array, Run
+from symfive.campaign._disk import Spool
+from symfive.campaign._lines import lines_of
 from symfive.errors import InputError
-from symfive.files import read_text, shown, write_text
-from symfive.machine import Machine
+from symfive.files import shown, write_text
+from symfive.machine import Axis, Machine
 
 __all__ = ["read_columns", "write_columns"]
 
@@ -23,35 +27,45 @@ def read_columns(
 ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
     """Time, commands and readings of a CSV. `readings` are the columns that the run's instruments write.
 
-    Either all reading columns are there or none (a plan). Raises `InputError` with line and column.
+    Either all reading columns are there or none (a plan). Columns of files above `BLOCK_BYTES` lie on disk. Raises
+    `InputError` with line and column.
     """
-    text = read_text(path)
-    lines = text.split("\n")
-    while lines and not lines[-1].strip():
-        lines.pop()
+    blocks = lines_of(path)
+    _, lines = next(blocks, (1, []))
     if not lines:
         raise InputError("the file is empty", path=path, line=1, remedy="write a header row and at least one row")
     header = [name.strip() for name in lines[0].split(",")]
     commands = {axis.column: axis.name for axis in machine.axes.values()}
     measured = _check_header(path, header, tuple(commands), readings)
-    if len(lines) == 1:
+    clock = _Clock(path, header.index("t_s"))
+
+    def tables() -> Iterator[Array]:
+        for first, rows in itertools.chain([(2, lines[1:])], blocks):
+            if rows:
+                table = _numbers(path, rows, header, first)
+                clock.check(table, first)
+                for name, axis in commands.items():
+                    _check_travel(path, table, header.index(name), machine.axes[axis], first)
+                yield table
+
+    columns = _turned(tables())
+    if columns is None:
         raise InputError("the run has a header and no rows", path=path, line=1, remedy="record at least one row")
-    table = _numbers(path, lines, header)
-    column = {name: table[:, i] for i, name in enumerate(header)}
-    time = column["t_s"]
-    _check_time(path, time, header.index("t_s") + 1, dynamic)
-    for name, axis_name in commands.items():
-        axis = machine.axes[axis_name]
-        low, high = axis.travel
-        slack = 1e-9 * max(1.0, abs(low), abs(high))
-        outside = np.flatnonzero((column[name] < low - slack) | (column[name] > high + slack))
-        if outside.size:
-            row = int(outside[0])
-            limits = f"outside its travel {low:g}…{high:g}"
-            problem = f"axis {axis.name} is commanded to {column[name][row]:g} {axis.unit}, {limits}"
-            remedy = f"correct the command or the travel of {axis.name} in the machine file"
-            raise InputError(problem, path=path, line=row + 2, column=header.index(name) + 1, remedy=remedy)
-    return time, {axis: column[name] for name, axis in commands.items()}, {name: column[name] for name in measured}
+    if dynamic:
+        clock.check_pauses()
+    column = dict(zip(header, columns, strict=True))
+    return column["t_s"], {a: column[name] for name, a in commands.items()}, {name: column[name] for name in measured}
+
+
+def _turned(tables: Iterator[Array]) -> Array | None:
+    """Tables of rows (n, columns) as one table of columns (columns, N), on disk if there are many; None without any."""
+    first, second = next(tables, None), next(tables, None)
+    if first is None or second is None:
+        return None if first is None else first.T
+    with Spool(first.shape[1]) as spool:
+        for table in itertools.chain([first, second], tables):
+            spool.append(table)
+        return spool.finish()
 
 
 def _check_header(
@@ -108,16 +122,17 @@ def _unknown_column(path: Path, header: list[str], i: int, expected: tuple[str, 
     return InputError(problem, path=path, line=1, column=i + 1, remedy=f"the file may hold {', '.join(expected)}")
 
 
-def _numbers(path: Path, lines: list[str], header: list[str]) -> Array:
+def _numbers(path: Path, lines: list[str], header: list[str], first: int) -> Array:
+    """A block of rows (N, columns); `first` is the number of its first line."""
     width = len(header)
     try:
-        table = np.loadtxt(lines[1:], delimiter=",", comments=None, ndmin=2, dtype=float)
-        if table.shape == (len(lines) - 1, width) and np.isfinite(table).all():
+        table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2, dtype=float)
+        if table.shape == (len(lines), width) and np.isfinite(table).all():
             return np.asarray(table)
     except ValueError:
         pass
     rows = []
-    for number, line in enumerate(lines[1:], start=2):
+    for number, line in enumerate(lines, start=first):
         cells = line.split(",")
         if not line.strip():
             raise InputError("the row is empty", path=path, line=number, remedy="remove it")
@@ -154,20 +169,55 @@ def _number(path: Path, cell: str, line: int, i: int, name: str) -> float:
     return value
 
 
-def _check_time(path: Path, time: Array, column: int, dynamic: bool) -> None:
-    steps = np.diff(time)
-    backwards = np.flatnonzero(steps <= 0.0)
-    if backwards.size:
-        row = int(backwards[0]) + 1
-        problem = f"time does not increase: {time[row]:g} s after {time[row - 1]:g} s"
-        raise InputError(problem, path=path, line=row + 2, column=column, remedy="put the rows in time order")
-    if dynamic and steps.size:
-        row = int(np.argmax(steps)) + 1
-        usual = float(np.median(steps))
-        if (time[-1] - time[0]) > MOST_GAPS * usual * time.size + 1000.0 * usual:
-            problem = f"the recording pauses {steps[row - 1]:g} s, its rate is one row in {usual:g} s"
-            remedy = 'split the run there, or write sampling = "static"'
-            raise InputError(problem, path=path, line=row + 2, column=column, remedy=remedy)
+def _check_travel(path: Path, table: Array, i: int, axis: Axis, first: int) -> None:
+    low, high = axis.travel
+    slack = 1e-9 * max(1.0, abs(low), abs(high))
+    outside = np.flatnonzero((table[:, i] < low - slack) | (table[:, i] > high + slack))
+    if outside.size:
+        row = int(outside[0])
+        limits = f"outside its travel {low:g}…{high:g}"
+        problem = f"axis {axis.name} is commanded to {table[row, i]:g} {axis.unit}, {limits}"
+        remedy = f"correct the command or the travel of {axis.name} in the machine file"
+        raise InputError(problem, path=path, line=first + row, column=i + 1, remedy=remedy)
+
+
+class _Clock:
+    """The time of a recording, block by block: it increases and, where the axes move, does not pause."""
+
+    def __init__(self, path: Path, column: int) -> None:
+        self._path, self._column = path, column
+        self._rows = 0
+        self._begin = self._last = self._usual = self._longest = 0.0
+        self._longest_line = 0
+
+    def check(self, table: Array, first: int) -> None:
+        """A block whose first line has the number `first`."""
+        time = table[:, self._column]
+        known = np.concatenate([[self._last], time]) if self._rows else time
+        steps, line = np.diff(known), first + len(time) - len(known) + 1
+        backwards = np.flatnonzero(steps <= 0.0)
+        if backwards.size:
+            row = int(backwards[0])
+            problem = f"time does not increase: {known[row + 1]:g} s after {known[row]:g} s"
+            self._refuse(problem, line + row, "put the rows in time order")
+        if steps.size:
+            row = int(np.argmax(steps))
+            if steps[row] > self._longest:
+                self._longest, self._longest_line = float(steps[row]), line + row
+            self._usual = self._usual or float(np.median(steps))
+        if not self._rows:
+            self._begin = float(time[0])
+        self._last = float(time[-1])
+        self._rows += len(time)
+
+    def check_pauses(self) -> None:
+        """At the end: the recording has a rate."""
+        if self._last - self._begin > MOST_GAPS * self._usual * self._rows + 1000.0 * self._usual:
+            problem = f"the recording pauses {self._longest:g} s, its rate is one row in {self._usual:g} s"
+            self._refuse(problem, self._longest_line, 'split the run there, or write sampling = "static"')
+
+    def _refuse(self, problem: str, line: int, remedy: str) -> None:
+        raise InputError(problem, path=self._path, line=line, column=self._column + 1, remedy=remedy)
 
 
 def write_columns(path: Path, run: Run, machine: Machine) -> None:

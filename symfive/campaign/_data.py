@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.campaign._disk import let_go
 from symfive.campaign._options import check_options
 from symfive.errors import InputError
 from symfive.files import shown
@@ -22,11 +24,14 @@ __all__ = ["Campaign", "Run", "SetupSigma"]
 Vector = tuple[float, float, float]
 Array = NDArray[np.float64]
 _RESERVED = ("campaign.toml", "machine.toml")
+LONG = 50_000
+"""Rows from which the interval of a run is taken."""
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ +-]*\Z")
 
 
 def _frozen_array(values: Any) -> Array:
-    array = np.array(values, dtype=float)
+    on_disk = isinstance(values, np.memmap) and values.dtype == np.float64
+    array = values.view() if on_disk else np.array(values, dtype=float)
     array.flags.writeable = False
     return array
 
@@ -68,9 +73,9 @@ class Run:
     """One test: what stood where, what was commanded and, once measured, what was read. Equal only to itself.
 
     `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
-    empty in a plan. `table_ball` and `tool_ball` mm in the workpiece and the tool frame; `length` mm; `u`,
-    `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one reading, one number or one per
-    instrument.
+    empty in a plan; all three stay on disk where they are given as `numpy.memmap`. `table_ball` and `tool_ball` mm in
+    the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one
+    reading, one number or one per instrument.
     """
 
     id: str
@@ -159,6 +164,21 @@ class Run:
             return float(self.noise_um)
         return float(self.noise_um.get(instrument, 1.0))
 
+    @cached_property
+    def steps(self) -> NDArray[np.int64]:
+        """The number of the interval at which each row was recorded (N,): a missing row leaves a gap."""
+        return _steps(self.time)
+
+    @cached_property
+    def interval(self) -> float:
+        """The row interval, s (1 for a single row). Missing rows do not count nor, in a recording, that its stamps are a little
+        off; of a long run, over its first rows."""
+        time = np.asarray(self.time[:LONG])
+        if len(time) < 2:
+            return 1.0
+        usual = float(np.median(np.diff(time)))
+        return (float(time[-1]) - float(time[0])) / int(_steps(time)[-1]) if self.dynamic and usual > 0.0 else usual
+
     @property
     def duration(self) -> float:
         """Time from the first row to the last, s."""
@@ -175,9 +195,31 @@ class Run:
             np.allclose(v, other.commands[n], atol=1e-6) for n, v in self.commands.items() if n in other.commands
         )
 
+    def part(self, first: int, last: int) -> Run:
+        """Its rows `first` … `last` - 1 in memory, as a run of the same name."""
+
+        def cut(column: Array) -> Array:
+            rows = np.array(column[first:last])
+            let_go(column)
+            return rows
+
+        commands, readings = ({n: cut(v) for n, v in columns.items()} for columns in (self.commands, self.readings))
+        return replace(self, time=cut(self.time), commands=commands, readings=readings)
+
     def with_readings(self, readings: Mapping[str, Array]) -> Run:
         """The same run with other readings."""
         return replace(self, readings=readings)
+
+
+def _steps(time: Array) -> NDArray[np.int64]:
+    """Every change of the time in whole intervals, at least one: of the usual length, and then of the mean one that follows."""
+    changes = np.diff(time)
+    usual = float(np.median(changes)) if changes.size else 0.0
+    whole = np.ones(changes.size)
+    for _ in range(2 if usual > 0.0 else 0):
+        whole = np.maximum(1.0, np.rint(changes / usual))
+        usual = float(np.sum(changes) / np.sum(whole))
+    return np.concatenate([[0], np.cumsum(whole).astype(np.int64)])
 
 
 @dataclass(frozen=True, kw_only=True)

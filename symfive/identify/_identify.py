@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.identify._ipopt import solve_with_ipopt
 from symfive.identify._result import Identification
-from symfive.inference import Block, Noise, Problem, confounded_combinations, data_rank, solve
+from symfive.inference import Noise, Problem, confounded_combinations, data_rank, solve, square_of
 from symfive.model import Model
 from symfive.threads import one_thread
 
@@ -46,7 +47,7 @@ def identify(
     declared one), a coloured part and outliers; `repeats` does so from differences of runs that repeat each other, where
     these say that it is less; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
     (bounds by an interior point); `loss`: `square` or `huber` (IPOPT). `start` and `start_noise` (by run and instrument)
-    are where to begin.
+    are where to begin. Runs of more than 50,000 rows are worked through window by window, and their residuals lie on disk.
 
     Raises `InputError` where there are no readings. Source of the estimator: Gaussian prior and noise (A. Tarantola
     2005, ch. 3), restricted likelihood for the noise.
@@ -77,7 +78,9 @@ def identify(
         notes += [note] if note else []
     if not converged:
         notes.append("the fit did not converge; the values are the best found and their uncertainties may be wrong")
-    return summarise(problem, values, converged, tuple(notes))
+    result = summarise(problem, values, converged, tuple(notes))
+    held = [f"run {run} was held in memory as a whole: its rows depend on rows far away" for run in problem.held_whole]
+    return replace(result, notes=(*result.notes, *held))
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
@@ -96,16 +99,15 @@ def summarise(
 ) -> Identification:
     """Covariance, rank, confounded combinations and residual statistics at the solution."""
     model = problem.model
-    blocks = problem.blocks(values)
-    information = problem.information(blocks)
+    information, residuals = problem.information_at(values), problem.residuals_at(values)
     free = np.flatnonzero(problem.free)
     inner = np.ix_(free, free)
     covariance = np.zeros_like(information.matrix)
     covariance[inner] = np.linalg.inv(information.matrix[inner] + np.diag(problem.prior_precision[free]))
-    excess = problem.excess(blocks)[inner]
+    excess = problem.excess_at(values)[inner]
     covariance[inner] += covariance[inner] @ excess @ covariance[inner]
     spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
-    declared = _square_over_declared(blocks, problem.noises)
+    declared, rms = _squares(problem, residuals)
     dof = max(information.count - spent, 1.0)
     if information.count <= spent:
         notes = (*notes, "there are no more readings than parameters: the fit cannot be judged")
@@ -120,8 +122,8 @@ def summarise(
         confounded=confounded_combinations(information.matrix[inner], active),
         outliers=tuple(problem.outliers),
         noises=dict(problem.noises),
-        residuals={run.id: model.readings(run) - model.predict_run(run, values) for run in model.campaign.runs},
-        rms=_rms(problem, blocks),
+        residuals=residuals,
+        rms=rms,
         chi2_dof=declared / dof,
         chi2_dof_whitened=information.square / dof,
         dof=dof,
@@ -130,18 +132,17 @@ def summarise(
     )
 
 
-def _square_over_declared(blocks: Mapping[tuple[str, str], Block], noises: Mapping[tuple[str, str], Noise]) -> float:
-    return float(sum(np.sum(b.residual[~b.left_out] ** 2) / noises[key].declared ** 2 for key, b in blocks.items()))
-
-
-def _rms(problem: Problem, blocks: Mapping[tuple[str, str], Block]) -> dict[str, float]:
-    """Root mean square of the kept residuals by unit of reading."""
+def _squares(problem: Problem, residuals: Mapping[str, Array]) -> tuple[float, dict[str, float]]:
+    """Sum of the kept residuals' squares over the declared noise's, and their root mean square by unit of reading."""
+    declared = 0.0
     sums: dict[str, list[float]] = {}
-    places = {(run.id, n): part for run in problem.model.campaign.runs for n, part in problem.parts(run)}
-    for (run, name), block in blocks.items():
-        units = {column.unit for column in problem.model.columns(run)[places[run, name]]}
-        unit = units.pop() if len(units) == 1 else "mixed"
-        entry = sums.setdefault(unit, [0.0, 0.0])
-        entry[0] += float(np.sum(block.residual[~block.left_out] ** 2))
-        entry[1] += block.kept
-    return {unit: float(np.sqrt(square / max(count, 1.0))) for unit, (square, count) in sums.items()}
+    for run in problem.model.campaign.runs:
+        for name, part in problem.parts(run):
+            left_out = problem.left_out[run.id][:, part]
+            square = square_of(residuals[run.id][:, part], left_out)
+            declared += square / problem.noises[run.id, name].declared ** 2
+            units = {column.unit for column in problem.model.columns(run)[part]}
+            entry = sums.setdefault(units.pop() if len(units) == 1 else "mixed", [0.0, 0.0])
+            entry[0] += square
+            entry[1] += left_out.size - int(left_out.sum())
+    return declared, {unit: float(np.sqrt(square / max(count, 1.0))) for unit, (square, count) in sums.items()}

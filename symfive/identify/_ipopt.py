@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.inference import Problem, whiten
+from symfive.inference import Problem
 
 __all__ = ["solve_with_ipopt"]
 
@@ -46,8 +46,7 @@ class _Objective:
     def _evaluate(self, x: Array) -> tuple[float, Array, Array]:
         size = len(self.problem.model.parameters)
         value, gradient, hessian = 0.0, np.zeros(size), np.zeros((size, size))
-        for key, block in self.problem.blocks(self.full(x)).items():
-            white, _ = whiten(block.stacked(), self.problem.noises[key], block.interval)
+        for _, block, white in self.problem.whitened_at(self.full(x)):
             flat = white.reshape(-1, white.shape[2])
             residual, jacobian = flat[:, -1], flat[:, :-1]
             weight = np.ones_like(residual)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from symfive.campaign._disk import let_go
 from symfive.errors import InputError
 from symfive.inference import Confounding, Noise, Outlier, Problem
 from symfive.kinematics import basis_of
@@ -42,7 +43,8 @@ class Identification:
 
     `values`, `std` (k,) in the order and units of `model.parameters`; `covariance` (k, k); `rank` directions in which
     the data outweigh the prior; `rms_um` root mean square of the residuals that were kept, per unit of reading;
-    `chi2_dof` their mean square over the *declared* noise per degree of freedom; `residuals` run → (N, ny).
+    `chi2_dof` their mean square over the *declared* noise per degree of freedom; `residuals` run → (N, ny), on disk where a
+    run is long.
     """
 
     model: Model
@@ -126,8 +128,9 @@ class Identification:
 
     def _reach(self, axis: str, count: int) -> Array:
         """The part of the travel that the campaign used (of a turning axis at most one turn)."""
-        used = np.concatenate([run.commands[axis] for run in self.model.campaign.runs])
-        low, high = float(used.min()), float(used.max())
+        used = [run.commands[axis] for run in self.model.campaign.runs]
+        low, high = float(min(map(np.min, used))), float(max(map(np.max, used)))
+        let_go(*used)
         if high - low < 1e-9:
             low, high = self.model.machine.axes[axis].travel
         if self.model.machine.axes[axis].rotary and high - low > 360.0:

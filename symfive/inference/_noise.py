@@ -1,18 +1,14 @@
-"""Noise of a recording: a white part and a slow one, estimated together with the fit, as a whitening filter.
+"""The noise of a recording, estimated together with the fit: which parts it has, and how large they are.
 
-    y = white + coloured,   white ~ N(0, σ_w²),   coloured: Gauss–Markov with σ_c and correlation time τ
-
-Both parts together are an ARMA(1,1) process; its innovations (Kalman filter, steady state after the first rows) are
-white. The white part is never below what the data sheet declares. Which parts exist is decided by likelihood ratios
-at 1 %; their sizes maximise the restricted likelihood (REML: Patterson & Thompson 1971), in which the parameters that the
-fit has already spent are accounted for.
+The white part is never below what the data sheet declares. Which parts exist is decided by likelihood ratios at 1 %; their
+sizes maximise the restricted likelihood (REML: Patterson & Thompson 1971), in which the parameters that the fit has already
+spent are accounted for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,36 +16,23 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-__all__ = ["Block", "Noise", "estimate_noise", "long_run_variance", "plain_noise", "whiten"]
+from symfive.campaign._disk import let_go
+from symfive.inference._whitening import Noise, steady_variance, whiten
+from symfive.inference._windows import spans_of
+
+__all__ = ["Block", "estimate_noise", "long_run_variance", "plain_noise", "square_of"]
 
 Array = NDArray[np.float64]
 LEVEL = 0.01
-MAX_ROWS = 60_000
-TRANSIENT = 64
 ROUNDING = 1e-12
 """What is added to the diagonal so that rounding cannot make an eigenvalue negative."""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of one kind of reading, in its unit: `white` 1σ, `coloured` 1σ (0: none), `time_constant` s."""
-
-    white: float
-    coloured: float = 0.0
-    time_constant: float = 0.0
-    declared: float = 0.0
-
-    @property
-    def total(self) -> float:
-        """1σ of one reading."""
-        return float(np.hypot(self.white, self.coloured))
 
 
 @dataclass(frozen=True)
 class Block:
     """One run's readings of one instrument: `residual` (N, ny), `jacobian` (N, ny, k), `columns` (k,), row `interval` s.
 
-    Rows in `left_out` (N, ny) are outliers: they carry no information.
+    Of a long run `jacobian` may hold the first rows only. Rows in `left_out` (N, ny) are outliers: they carry no information.
     """
 
     residual: Array
@@ -68,61 +51,22 @@ class Block:
         table = np.concatenate([self.jacobian, self.residual[:, :, None]], axis=2)
         return np.where(self.left_out[:, :, None], 0.0, table)
 
-    def head(self, rows: int) -> Block:
-        """Its first rows only."""
+    @property
+    def whole(self) -> bool:
+        """Whether the slopes of all rows are there."""
+        return len(self.jacobian) == len(self.residual)
+
+    @property
+    def head(self) -> Block:
+        """Its first rows, of which the slopes are there."""
+        rows = len(self.jacobian)
         return Block(self.residual[:rows], self.jacobian[:rows], self.columns, self.interval, self.left_out[:rows])
 
 
-def whiten(table: Array, noise: Noise, interval: float) -> tuple[Array, float]:
-    """Standardised innovations of every column of (N, …) along the rows, and Σ log of their variances per column."""
-    flat = table.reshape(len(table), -1)
-    n = len(flat)
-    if noise.coloured <= 0.0:
-        return (flat / noise.white).reshape(table.shape), 2.0 * n * float(np.log(noise.white))
-    phi = float(np.exp(-interval / noise.time_constant))
-    power, white = noise.coloured**2, noise.white**2
-    first = min(n, TRANSIENT)
-    filtered, predicted, logs = _transient(phi, power, white, first)
-    out = np.empty_like(flat)
-    out[:first] = filtered @ flat[:first]
-    if n > first:
-        variance = _steady(phi, power, white)
-        total = variance + white
-        theta = phi * (1.0 - variance / total)
-        rest, _ = lfilter([1.0, -phi], [1.0, -theta], flat[first:], axis=0, zi=-(predicted @ flat[:first])[None, :])
-        out[first:] = rest / np.sqrt(total)
-        logs += (n - first) * np.log(total)
-    return out.reshape(table.shape), float(logs)
-
-
-@lru_cache(maxsize=64)
-def _transient(phi: float, power: float, white: float, rows: int) -> tuple[Array, Array, float]:
-    """The Kalman filter of the first `rows` as a matrix (rows, rows) on the readings, the prediction of the next one (rows,),
-    and Σ log of the innovations' variances."""
-    filtered, predicted = np.zeros((rows, rows)), np.zeros(rows)
-    variance, logs = power, 0.0
-    for t in range(rows):
-        total = variance + white
-        gain = variance / total
-        innovation = -predicted
-        innovation[t] += 1.0
-        filtered[t] = innovation / np.sqrt(total)
-        logs += float(np.log(total))
-        predicted = phi * (predicted + gain * innovation)
-        variance = phi**2 * variance * (1.0 - gain) + (1.0 - phi**2) * power
-    return filtered, predicted, logs
-
-
-def _steady(phi: float, power: float, white: float) -> float:
-    """Steady prediction variance P = φ²·P·W/(P + W) + (1 - φ²)·σ_c² (scalar Riccati equation)."""
-    source = (1.0 - phi**2) * power
-    b = white * (1.0 - phi**2) - source
-    return 0.5 * (-b + float(np.sqrt(b * b + 4.0 * source * white)))
-
-
 def estimate_noise(blocks: Sequence[Block], declared: float, precision: Array) -> Noise:
-    """The noise of these blocks. `precision` (k, k) is what the prior and all other data say about the parameters."""
-    blocks = _head(blocks)
+    """The noise of these blocks, of long ones of their heads. `precision` (k, k) is what the prior and all other data say
+    about the parameters."""
+    blocks = [block.head for block in blocks]
     count = sum(block.kept for block in blocks)
     white_only = Noise(declared, declared=declared)
     if count < 4:
@@ -147,8 +91,17 @@ def estimate_noise(blocks: Sequence[Block], declared: float, precision: Array) -
 
 def plain_noise(blocks: Sequence[Block], declared: float) -> Noise:
     """All of the residual as white, from its mean square."""
-    residual = np.concatenate([block.residual[~block.left_out] for block in blocks])
-    return Noise(max(declared, float(np.sqrt(np.mean(residual**2)))), declared=declared)
+    square = sum(square_of(block.residual, block.left_out) for block in blocks)
+    return Noise(max(declared, float(np.sqrt(square / max(sum(b.kept for b in blocks), 1)))), declared=declared)
+
+
+def square_of(residual: Array, left_out: NDArray[np.bool_]) -> float:
+    """Sum of the squares that are not left out, (N, ny)."""
+    total = 0.0
+    for rows in spans_of(len(residual)):
+        total += float(np.sum(residual[rows][~left_out[rows]] ** 2))
+        let_go(residual)
+    return total
 
 
 def long_run_variance(scores: Array) -> Array:
@@ -164,13 +117,6 @@ def long_run_variance(scores: Array) -> Array:
         part = scores[lag:].T @ scores[:-lag]
         total += (1.0 - lag / (window + 1.0)) * (part + part.T)
     return np.asarray(total)
-
-
-def _head(blocks: Sequence[Block]) -> list[Block]:
-    total = sum(len(block.residual) for block in blocks)
-    if total <= MAX_ROWS:
-        return list(blocks)
-    return [block.head(max(TRANSIENT, len(block.residual) * MAX_ROWS // total)) for block in blocks]
 
 
 def _scaled(blocks: Sequence[Block], declared: float) -> Noise:
@@ -231,7 +177,7 @@ def _first_look(blocks: Sequence[Block], interval: float) -> Callable[[Noise], f
         if noise.coloured <= 0.0:
             return float(residual @ residual) / noise.white**2 + 2.0 * len(residual) * float(np.log(noise.white))
         phi = float(np.exp(-interval / noise.time_constant))
-        variance = _steady(phi, noise.coloured**2, noise.white**2)
+        variance = steady_variance(phi, noise.coloured**2, noise.white**2)
         total = variance + noise.white**2
         innovations = lfilter([1.0, -phi], [1.0, -phi * (1.0 - variance / total)], residual)
         return float(innovations @ innovations) / total + len(residual) * float(np.log(total))

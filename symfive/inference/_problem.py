@@ -2,62 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from symfive.campaign import Run
-from symfive.inference._noise import Block, Noise, estimate_noise, long_run_variance, plain_noise, whiten
+from symfive.campaign._disk import let_go, new_table
+from symfive.inference._information import Information, NormalEquations
+from symfive.inference._noise import Block, estimate_noise, long_run_variance, plain_noise
+from symfive.inference._outliers import Outlier, isolated_outliers, outlier_limit
+from symfive.inference._whitening import TRANSIENT, Noise, Whitening, whiten
+from symfive.inference._windows import spans_of, windows_of
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.model import Model
 
-__all__ = ["Information", "Outlier", "Problem"]
+__all__ = ["Key", "Problem"]
 
 Array = NDArray[np.float64]
-OUTLIER_LEVEL = 0.01
+Key = tuple[str, str]
 SHORT = 100
 LOUD = 2.0
 """An instrument's noise does not differ from run to run by more than this factor."""
-LONGEST_OUTLIER = 3
-RESPONSE_ROWS = 200
-
-
-@dataclass(frozen=True)
-class Outlier:
-    """A reading that the noise cannot explain: run, row (from 0), column, residual in the column's unit, in σ."""
-
-    run: str
-    row: int
-    column: str
-    residual: float
-    sigmas: float
-
-
-@dataclass(frozen=True)
-class Information:
-    """Of the data, without the priors: `matrix` (k, k), `gradient` (k,) towards the readings, `square` Σ of whitened
-    residuals squared, `count` readings that entered."""
-
-    matrix: Array
-    gradient: Array
-    square: float
-    count: int
+NOISE_ROWS = 60_000
+"""The noise of an instrument is estimated from so many rows, the first ones of each of its runs."""
 
 
 @dataclass
 class Problem:
     """Readings, priors and noise of a model. `free` marks the parameters that may move; `noises` by (run, instrument);
-    `repeats` groups of runs whose differences may show the noise."""
+    `repeats` groups of runs whose differences may show the noise. What is said `at` parameter values is computed window by
+    window and takes no more memory for long runs."""
 
     model: Model
     free: NDArray[np.bool_]
-    noises: dict[tuple[str, str], Noise] = field(default_factory=dict)
+    noises: dict[Key, Noise] = field(default_factory=dict)
     left_out: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
     outliers: list[Outlier] = field(default_factory=list)
     repeats: tuple[tuple[str, ...], ...] = ()
+    _margins: dict[str, int] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -78,6 +62,12 @@ class Problem:
         """Diagonal of the prior's information (k,)."""
         return np.asarray(self.model.prior_sigma**-2.0)
 
+    @property
+    def held_whole(self) -> tuple[str, ...]:
+        """Long runs that went through memory as a whole, because windows of them did not agree."""
+        runs = self.model.campaign.runs
+        return tuple(run.id for run in runs if 2 * self._margins.get(run.id, 0) > run.rows)
+
     def parts(self, run: Run) -> list[tuple[str, slice]]:
         """The instruments of a run whose readings are fitted, each with its columns."""
         found, first = [], 0
@@ -90,71 +80,134 @@ class Problem:
                 found.append((instrument.name, part))
         return found
 
-    def blocks(self, values: Array, *, readings: bool = True) -> dict[tuple[str, str], Block]:
-        """Residuals and sensitivities of every run and instrument at `values`."""
-        found: dict[tuple[str, str], Block] = {}
+    def blocks(self, values: Array, *, readings: bool = True) -> dict[Key, Block]:
+        """Residuals and sensitivities of every run and instrument at `values`, all rows."""
+        found: dict[Key, Block] = {}
         for run in self.model.campaign.runs:
             line = self.model.linearise(run, values)
             residual = self.model.readings(run) - line.prediction if readings else np.zeros_like(line.prediction)
-            used = self.free[line.columns]
-            jacobian, columns = line.jacobian if used.all() else line.jacobian[:, :, used], line.columns[used]
-            interval = float(np.median(np.diff(run.time))) if run.rows > 1 else 1.0
-            for name, part in self.parts(run):
-                found[run.id, name] = Block(
-                    residual[:, part], jacobian[:, part], columns, interval, self.left_out[run.id][:, part]
-                )
+            found |= self._cut(run, slice(0, run.rows), residual, line.jacobian, line.columns)
         return found
 
-    def information(self, blocks: Mapping[tuple[str, str], Block]) -> Information:
-        """Sum over the blocks, each whitened by its own noise."""
-        size = len(self.model.parameters)
-        gram = np.zeros((size + 1, size + 1))
-        count = 0
-        for key, block in blocks.items():
-            white, _ = whiten(block.stacked(), self.noises[key], block.interval)
-            flat = white.reshape(-1, white.shape[2])
-            where = np.append(block.columns, size)
-            gram[np.ix_(where, where)] += flat.T @ flat
-            count += block.kept
-        return Information(gram[:size, :size], gram[:size, size], float(gram[size, size]), count)
+    def _cut(
+        self, run: Run, rows: slice, residual: Array, slopes: Array, columns: NDArray[np.int64]
+    ) -> dict[Key, Block]:
+        """Residuals (n, ny) of some rows of a run and slopes (n, ny, k), by instrument, with the free parameters' slopes."""
+        used, interval = self.free[columns], run.interval
+        if not used.all():
+            slopes, columns = slopes[:, :, used], columns[used]
+        return {
+            (run.id, name): Block(
+                residual[:, part], slopes[:, part], columns, interval, self.left_out[run.id][rows, part]
+            )
+            for name, part in self.parts(run)
+        }
 
-    def estimate_noises(self, blocks: Mapping[tuple[str, str], Block]) -> None:
+    def whitened_at(self, values: Array, only: Container[Key] | None = None) -> Iterator[tuple[Key, Block, Array]]:
+        """Every recording (or `only` some) by blocks of rows, each with its whitened table (n, ny, k + 1)."""
+        for run in self.model.campaign.runs:
+            wanted = [name for name, _ in self.parts(run) if only is None or (run.id, name) in only]
+            whitenings: dict[str, Whitening] = {}
+            for window in windows_of(self.model, run, values, self._margins) if wanted else ():
+                assert window.jacobian is not None
+                residual = self.model.readings(window.run) - window.prediction
+                inside = window.inside
+                cut = self._cut(run, window.rows, residual[inside], window.jacobian[inside], window.columns)
+                for name in wanted:
+                    key, block = (run.id, name), cut[run.id, name]
+                    whitening = whitenings.setdefault(name, Whitening(self.noises[key], block.interval))
+                    yield key, block, whitening(block.stacked())
+
+    def information_at(self, values: Array, only: Container[Key] | None = None) -> Information:
+        """Sum over all recordings (or `only` some), each whitened by its own noise."""
+        total = NormalEquations(len(self.model.parameters))
+        for _, block, white in self.whitened_at(values, only):
+            total.add(block, white)
+        return total.information
+
+    def information(self, blocks: Mapping[Key, Block]) -> Information:
+        """Sum over the blocks, each whitened by its own noise."""
+        total = NormalEquations(len(self.model.parameters))
+        for key, block in blocks.items():
+            total.add(block, whiten(block.stacked(), self.noises[key], block.interval)[0])
+        return total.information
+
+    def residuals_at(self, values: Array) -> dict[str, Array]:
+        """Readings less predictions: run → (N, ny), all columns, on disk where they are long."""
+        return {run.id: self._residuals(run, values, 0)[0] for run in self.model.campaign.runs}
+
+    def _residuals(self, run: Run, values: Array, head: int) -> tuple[Array, list[Array], NDArray[np.int64]]:
+        """Residuals (N, ny), slopes of the first `head` rows piece by piece, and the parameters that these are of."""
+        residual, slopes, columns = new_table(run.rows, len(self.model.columns(run))), [], np.zeros(0, dtype=np.int64)
+        for window in windows_of(self.model, run, values, self._margins, head):
+            residual[window.rows] = (self.model.readings(window.run) - window.prediction)[window.inside]
+            let_go(residual)
+            if window.jacobian is not None:
+                slopes.append(window.jacobian[window.inside][: head - window.first])
+                columns = window.columns
+        return residual, slopes, columns
+
+    def survey(self, values: Array) -> dict[Key, Block]:
+        """What the noise is estimated from: residuals of all rows, sensitivities of the first ones."""
+        found: dict[Key, Block] = {}
+        heads = {key: rows for keys in self._groups().values() for key, rows in self._heads(keys).items()}
+        for run in self.model.campaign.runs:
+            rows = {name: heads[run.id, name] for name, _ in self.parts(run)}
+            if rows:
+                residual, slopes, columns = self._residuals(run, values, max(rows.values()))
+                table = slopes[0] if len(slopes) == 1 else np.concatenate(slopes)
+                for key, block in self._cut(run, slice(0, run.rows), residual, table, columns).items():
+                    found[key] = replace(block, jacobian=block.jacobian[: rows[key[1]]])
+        return found
+
+    def _groups(self) -> dict[tuple[str, bool, float], list[Key]]:
+        """Recordings that share their noise: of one instrument and sampling that declare the same."""
+        groups: dict[tuple[str, bool, float], list[Key]] = {}
+        for run in self.model.campaign.runs:
+            for name, _ in self.parts(run):
+                groups.setdefault((name, run.dynamic, self.noises[run.id, name].declared), []).append((run.id, name))
+        return groups
+
+    def _heads(self, keys: Sequence[Key]) -> dict[Key, int]:
+        """How many rows of each recording of a group the noise is estimated from."""
+        rows = {key: self.model.campaign.run(key[0]).rows for key in keys}
+        total = sum(rows.values())
+        if total <= NOISE_ROWS:
+            return rows
+        return {key: min(n, max(TRANSIENT, n * NOISE_ROWS // total)) for key, n in rows.items()}
+
+    def estimate_noises(self, survey: Mapping[Key, Block], values: Array) -> None:
         """Noise per instrument and sampling, shared by all runs that declare the same.
 
         What the model lacks swells the noise of the residuals, what changes in time that of differences between repeats:
         where both can be had, the smaller one counts. Runs far louder than most do not count: what happened in them is
         no noise.
         """
-        groups: dict[tuple[str, bool, float], list[tuple[str, str]]] = {}
-        for run, instrument in blocks:
-            data = self.model.campaign.run(run)
-            groups.setdefault((instrument, data.dynamic, self.noises[run, instrument].declared), []).append(
-                (run, instrument)
-            )
-        for (_, _, declared), keys in groups.items():
-            others = {key: block for key, block in blocks.items() if key not in keys}
-            quiet = self._quiet({key: blocks[key] for key in keys})
-            chosen = [blocks[key] for key in quiet]
-            if INSTRUMENTS[keys[0][1]].plain_weights:
+        for (instrument, _, declared), keys in self._groups().items():
+            quiet = self._quiet({key: survey[key] for key in keys})
+            chosen = [survey[key] for key in quiet]
+            if INSTRUMENTS[instrument].plain_weights:
                 noise = plain_noise(chosen, declared)
             else:
-                precision = np.diag(self.prior_precision) + self.information(others).matrix
+                precision = np.diag(self.prior_precision) + self._elsewhere(survey, values, keys)
                 noise = estimate_noise(chosen, declared, precision)
-                differences = self._differences({key: blocks[key] for key in quiet})
+                differences = self._differences({key: survey[key].head for key in quiet})
                 if differences:
                     repeated = estimate_noise(differences, declared, np.diag(self.prior_precision))
                     noise = min(noise, repeated, key=lambda n: n.total)
             for key in keys:
                 self.noises[key] = noise
 
-    def _quiet(self, blocks: Mapping[tuple[str, str], Block]) -> list[tuple[str, str]]:
-        """Recordings that are no more than `LOUD` times as loud, once whitened, as their median, or too short to tell. The
-        largest tenth of a recording's readings does not count: these may be outliers."""
-        powers = {}
-        for key, block in blocks.items():
-            white, _ = whiten(np.where(block.left_out, 0.0, block.residual), self.noises[key], block.interval)
-            squares = np.sort(white[~block.left_out] ** 2)
-            powers[key] = float(np.mean(squares[: max(1, int(0.9 * len(squares)))])) if len(squares) else 0.0
+    def _elsewhere(self, survey: Mapping[Key, Block], values: Array, keys: Sequence[Key]) -> Array:
+        """Information (k, k) of all recordings but these."""
+        others = {key: block for key, block in survey.items() if key not in keys}
+        if all(block.whole for block in others.values()):
+            return self.information(others).matrix
+        return self.information_at(values, others).matrix
+
+    def _quiet(self, blocks: Mapping[Key, Block]) -> list[Key]:
+        """Recordings that are no more than `LOUD` times as loud, once whitened, as their median, or too short to tell."""
+        powers = {key: _power(block, self.noises[key]) for key, block in blocks.items()}
         limit = LOUD**2 * float(np.median(list(powers.values())))
         return [key for key, power in powers.items() if power <= limit or len(blocks[key].residual) < SHORT]
 
@@ -169,51 +222,58 @@ class Problem:
                     found.append(_contrast(members[: count + 1], weights))
         return found
 
-    def excess(self, blocks: Mapping[tuple[str, str], Block]) -> Array:
+    def excess_at(self, values: Array) -> Array:
         """What correlation of the residual adds to the information matrix' variance, for instruments of plain weights.
 
         Σ over lags l of w_l·(Γ_l + Γ_lᵀ) of the score series u = J·e, Bartlett weights, with the lag window of
-        D. W. K. Andrews (1991) for a first-order process; minus JᵀJ, plus ΣuuT (W. Newey & K. West 1987).
+        D. W. K. Andrews (1991) for a first-order process; minus JᵀJ, plus ΣuuT (W. Newey & K. West 1987). The series of all
+        rows are held.
         """
         size = len(self.model.parameters)
         total = np.zeros((size, size))
-        for key, block in blocks.items():
-            if INSTRUMENTS[key[1]].plain_weights:
-                white, _ = whiten(block.stacked(), self.noises[key], block.interval)
-                jacobian, residual = white[:, :, :-1], white[:, :, -1]
-                scores = np.einsum("ncj,nc->nj", jacobian, residual)
-                flat = jacobian.reshape(-1, jacobian.shape[2])
-                total[np.ix_(block.columns, block.columns)] += long_run_variance(scores) - flat.T @ flat
+        series: dict[Key, list[Array]] = {}
+        columns: dict[Key, NDArray[np.int64]] = {}
+        plain = {key for key in self.noises if INSTRUMENTS[key[1]].plain_weights}
+        for key, block, white in self.whitened_at(values, plain):
+            jacobian, residual = white[:, :, :-1], white[:, :, -1]
+            series.setdefault(key, []).append(np.einsum("ncj,nc->nj", jacobian, residual))
+            flat = jacobian.reshape(-1, jacobian.shape[2])
+            total[np.ix_(block.columns, block.columns)] -= flat.T @ flat
+            columns[key] = block.columns
+        for key, parts in series.items():
+            total[np.ix_(columns[key], columns[key])] += long_run_variance(np.concatenate(parts))
         return total
 
-    def flag_outliers(self, blocks: Mapping[tuple[str, str], Block]) -> bool:
-        """Mark isolated readings beyond what noise gives once in 1/OUTLIER_LEVEL campaigns; True where the set changed.
-
-        More than a few neighbouring rows, or a level that stays, are no outlier but a mismatch, and count.
-        """
-        total = sum(block.residual.size for block in blocks.values())
-        limit = float(norm.isf(0.5 * OUTLIER_LEVEL / max(total, 1)))
-        fresh: dict[str, NDArray[np.bool_]] = {run: np.zeros_like(mask) for run, mask in self.left_out.items()}
+    def flag_outliers(self, survey: Mapping[Key, Block]) -> bool:
+        """Mark isolated readings beyond what noise gives; True where the set changed."""
+        limit = outlier_limit(sum(block.residual.size for block in survey.values()))
+        fresh = {run: np.zeros(mask.shape, dtype=bool) for run, mask in self.left_out.items()}
         found: list[Outlier] = []
         places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
-        for (run, name), block in blocks.items():
+        for (run, name), block in survey.items():
             first = places[run, name]
-            table, _ = whiten(block.residual, self.noises[run, name], block.interval)
-            response = _response(self.noises[run, name], block.interval)
-            for j in range(block.residual.shape[1]):
-                for rows in _isolated(np.flatnonzero(np.abs(table[:, j]) > limit)):
-                    if not _returns(table[rows[0] :, j], response):
-                        continue
-                    worst = max(rows, key=lambda r: abs(block.residual[r, j]))
-                    fresh[run][worst, first + j] = True
-                    column = self.model.columns(run)[first + j].name
-                    sigmas = float(table[worst, j])
-                    found.append(Outlier(run, int(worst), column, float(block.residual[worst, j]), sigmas))
+            for row, j, sigmas in isolated_outliers(block, self.noises[run, name], limit):
+                fresh[run][row, first + j] = True
+                column = self.model.columns(run)[first + j].name
+                found.append(Outlier(run, row, column, float(block.residual[row, j]), sigmas))
         changed = any(not np.array_equal(fresh[run], self.left_out[run]) for run in fresh)
         for run, mask in fresh.items():
             self.left_out[run] = mask
         self.outliers = found
         return changed
+
+
+def _power(block: Block, noise: Noise) -> float:
+    """Mean square of a whitened recording. The largest tenth of the readings does not count: these may be outliers."""
+    whitening, total, count = Whitening(noise, block.interval), 0.0, 0
+    for rows in spans_of(len(block.residual)):
+        left_out = block.left_out[rows]
+        squares = np.sort(whitening(np.where(left_out, 0.0, block.residual[rows]))[~left_out] ** 2)
+        let_go(block.residual)
+        if len(squares):
+            total += len(squares) * float(np.mean(squares[: max(1, int(0.9 * len(squares)))]))
+            count += len(squares)
+    return total / max(count, 1)
 
 
 def _contrast(blocks: Sequence[Block], weights: Array) -> Block:
@@ -225,30 +285,3 @@ def _contrast(blocks: Sequence[Block], weights: Array) -> Block:
         jacobian[:, :, np.searchsorted(columns, b.columns)] += w * b.jacobian
     left_out = np.any([b.left_out for b in blocks], axis=0)
     return Block(residual, jacobian, columns, blocks[0].interval, left_out)
-
-
-def _response(noise: Noise, interval: float) -> Array:
-    """Innovations that a disturbance of one reading causes, long after the start of a run."""
-    impulse = np.zeros((2 * RESPONSE_ROWS, 1))
-    impulse[RESPONSE_ROWS] = 1.0
-    return whiten(impulse, noise, interval)[0][RESPONSE_ROWS:, 0]
-
-
-def _returns(innovations: Array, response: Array) -> bool:
-    """Whether a disturbance is one of a single reading and not a new level, by the larger of both likelihood ratios
-    (I. Chang, G. Tiao & C. Chen 1988)."""
-    count = min(len(innovations), len(response))
-    single, level = response[:count], np.cumsum(response[:count])
-    part = innovations[:count]
-    return bool(abs(part @ single) / np.linalg.norm(single) >= abs(part @ level) / np.linalg.norm(level))
-
-
-def _isolated(rows: NDArray[np.int64]) -> list[list[int]]:
-    """Groups of neighbouring rows short enough to be an outlier (an outlier also disturbs the innovation after it)."""
-    groups: list[list[int]] = []
-    for row in rows.tolist():
-        if groups and row - groups[-1][-1] <= 1:
-            groups[-1].append(row)
-        else:
-            groups.append([row])
-    return [group for group in groups if len(group) <= LONGEST_OUTLIER]

@@ -42,7 +42,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
     history: list[float] = []
     for _ in range(steps):
         with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make a drive unstable
-            information = problem.information(problem.blocks(values))
+            information = problem.information_at(values)
         departure = values - model.prior_mean
         total = information.square + float(np.sum((departure**2 * precision)[free]))
         history.append(min(total, last))
@@ -98,9 +98,9 @@ def solve(problem: Problem, values: Array, *, noise: str, progress: Progress) ->
         return values, converged
     for number in range(MAX_NOISE_ROUNDS):
         before = dict(problem.noises)
-        blocks = problem.blocks(values)
-        problem.estimate_noises(blocks)
-        changed = problem.flag_outliers(blocks)
+        survey = problem.survey(values)
+        problem.estimate_noises(survey, values)
+        changed = problem.flag_outliers(survey)
         progress(f"noise round {number + 1}: {len(problem.outliers)} outliers")
         values, converged = gauss_newton(problem, values, 1e-3)
         settled = all(abs(np.log(problem.noises[k].total / before[k].total)) < 0.01 for k in before)

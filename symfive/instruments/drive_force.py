@@ -72,7 +72,7 @@ class FilteredMotion:
             return Series(spline.derivative(1 if self.quantity == "velocity" else 2)(time))
         fine = np.interp(np.arange(FINER * (len(time) - 1) + 1) / FINER, np.arange(len(time)), time)
         sign = np.clip(spline.derivative(1)(fine) / self.rest, -1.0, 1.0)
-        return Series(low_pass(sign, self.cut_off_hz, motion.interval / FINER)[::FINER])
+        return Series(low_pass(sign, self.cut_off_hz, motion.run.interval / FINER)[::FINER])
 
 
 class DriveForce(Instrument):

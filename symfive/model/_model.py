@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,7 @@ class Model:
         self.index = {p.name: i for i, p in enumerate(self.parameters)}
         self._freed = self._collect_freed()
         self._functions: dict[tuple[object, ...], RowFunction] = {}
-        self._inputs: dict[str, tuple[tuple[float, ...], Array, list[Series]]] = {}
+        self._inputs: WeakKeyDictionary[Run, tuple[tuple[float, ...], Array, list[Series]]] = WeakKeyDictionary()
 
     def _collect(self) -> tuple[Parameter, ...]:
         found = {p.name: p for p in machine_parameters(self.machine)}
@@ -238,7 +239,7 @@ class Model:
             name: self.index[full] for name in sorted(wanted) if (full := self.full_name(run, name)) in self.index
         }
         stamp = tuple(float(vector[i]) for i in active.values())
-        cached = self._inputs.get(run.id)
+        cached = self._inputs.get(run)
         if cached is not None and cached[0] == stamp and len(cached[2]) == len(function.inputs):
             return cached[1], cached[2]
         values = {name: float(vector[i]) * self.parameters[i].scale for name, i in active.items()}
@@ -251,7 +252,7 @@ class Model:
                 for s, signal in zip(series, function.inputs, strict=True)
             ]
         inputs = np.stack([motion.clock, run.time, *(s.value for s in series)], axis=1)
-        self._inputs[run.id] = (stamp, inputs, series)
+        self._inputs[run] = (stamp, inputs, series)
         return inputs, series
 
 

@@ -96,11 +96,6 @@ class RunMotion:
         """Time on the campaign's clock, s (N,)."""
         return self.run.start_s + self.run.time
 
-    @cached_property
-    def interval(self) -> float:
-        """The row interval of a dynamic run, s: the median, so that missing rows do not count."""
-        return float(np.median(np.diff(self.run.time))) if self.run.rows > 1 else 1.0
-
     def series(self, signal: Signal) -> Series:
         """The values of a signal along the run."""
         return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
@@ -127,22 +122,17 @@ class RunMotion:
         """Motion as the encoder recorded it, smoothed by a local cubic over `smoothing_s` (Savitzky & Golay 1964)."""
         measured = np.asarray(self.run.readings[f"{axis.name}_act_{axis.unit}"]) * axis.to_internal
         span = float(self.run.options.get("smoothing_s", SMOOTHING_S))
-        window = min(2 * round(span / self.interval / 2) + 1, (len(measured) - 1) // 2 * 2 + 1)
+        window = min(2 * round(span / self.run.interval / 2) + 1, (len(measured) - 1) // 2 * 2 + 1)
         if window < 5:
             derivatives = [measured, np.gradient(measured, self.run.time)]
             derivatives.append(np.gradient(derivatives[1], self.run.time))
         else:
-            derivatives = [savgol_filter(measured, window, 3, deriv=k, delta=self.interval) for k in range(3)]
+            derivatives = [savgol_filter(measured, window, 3, deriv=k, delta=self.run.interval) for k in range(3)]
         return AxisMotion(command, *(Series(values) for values in derivatives))
-
-    @cached_property
-    def _steps(self) -> NDArray[np.int64]:
-        """The number of the interval at which each row was recorded (a missing row leaves a gap)."""
-        return np.asarray(np.round((self.run.time - self.run.time[0]) / self.interval), dtype=np.int64)
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
         motion, names = self._response(axis, command, 1)
-        motion = motion[self._steps]
+        motion = motion[self.run.steps]
         parts = [Series(motion[:, k, 0], {n: motion[:, k, 1 + i] for i, n in enumerate(names)}) for k in range(3)]
         return AxisMotion(command, *parts)
 
@@ -151,19 +141,19 @@ class RunMotion:
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        rows = np.arange(self._steps[-1] + 1)
+        rows = np.arange(self.run.steps[-1] + 1)
         if len(rows) != len(command):  # rows that the recorder lost: the programme went on smoothly meanwhile
             command = np.where(
-                np.isin(rows, self._steps),
-                np.interp(rows, self._steps, command),
-                CubicSpline(self._steps, command)(rows),
+                np.isin(rows, self.run.steps),
+                np.interp(rows, self.run.steps, command),
+                CubicSpline(self.run.steps, command)(rows),
             )
         lead = self._lead(command)
         command, first = np.concatenate([lead, command]), len(lead)
         filled = command
         if factor > 1:
             filled = np.interp(np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command)), command)
-        interval, order = self.interval / factor, tuple(sorted(gains.items()))
+        interval, order = self.run.interval / factor, tuple(sorted(gains.items()))
         response = _remembered(np.ascontiguousarray(filled).tobytes(), interval, order, tuple(wanted))
         return response[first * factor :], tuple(wanted.values())
 
@@ -172,7 +162,7 @@ class RunMotion:
         first rows carried on backwards as a polynomial, for so long that the drive has forgotten how that began."""
         if self.run.options.get("start") != "moving" or len(command) < LEAD_ROWS:
             return np.zeros(0)
-        count = int(np.ceil(LEAD_S / self.interval))
+        count = int(np.ceil(LEAD_S / self.run.interval))
         stride = min(max(1, count // (4 * LEAD_ROWS)), (len(command) - 1) // (LEAD_ROWS - 1))
         known = stride * np.arange(LEAD_ROWS)
         return np.asarray(np.polynomial.Polynomial.fit(known, command[known], LEAD_ROWS - 1)(np.arange(-count, 0)))
@@ -180,16 +170,16 @@ class RunMotion:
     def fine_acceleration(self, name: str, interval: float) -> tuple[Series, NDArray[np.int64], float]:
         """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows,
         interval)."""
-        factor = max(1, int(np.ceil(self.interval / interval - 1e-9)))
+        factor = max(1, int(np.ceil(self.run.interval / interval - 1e-9)))
         return self._kept(("fine", name, factor), name, (), lambda: self._finely(name, factor))
 
     def _finely(self, name: str, factor: int) -> tuple[Series, NDArray[np.int64], float]:
         axis, motion = self.machine.axes[name], self.axis(name)
-        rows, fine = self._steps * factor, np.arange(self._steps[-1] * factor + 1)
+        rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
         driven = axis.drive is not None and self.run.options.get("motion_from") != "encoder"
         if driven and np.any(motion.command != motion.command[0]):
             response, names = self._response(axis, motion.command, factor)
             series = Series(response[:, 2, 0], {n: response[:, 2, 1 + i] for i, n in enumerate(names)})
         else:
             series = Series(np.interp(fine, rows, motion.acceleration.value))
-        return series, rows, self.interval / factor
+        return series, rows, self.run.interval / factor

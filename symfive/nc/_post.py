@@ -166,7 +166,7 @@ class _Writer:
 
     def _recording(self) -> list[Step]:
         """A dynamic run: its own rows, thinned to blocks that a control can read ahead."""
-        step = max(1, int(np.ceil(SHORTEST_BLOCK_S / max(float(np.median(np.diff(self.run.time))), 1e-6) - 1e-9)))
+        step = max(1, int(np.ceil(SHORTEST_BLOCK_S / max(self.run.interval, 1e-6) - 1e-9)))
         rows = list(range(0, self.run.rows, step))
         if rows[-1] != self.run.rows - 1:
             rows.append(self.run.rows - 1)

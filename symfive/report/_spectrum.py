@@ -77,7 +77,7 @@ def _recorded(traces: list[Trace]) -> bool:
 def _frequencies(traces: list[Trace]) -> tuple[Array, Array, float]:
     """Frequencies 1/s, amplitudes, and the threshold for declared noise."""
     run = traces[0].run
-    interval = float(np.median(np.diff(run.time)))
+    interval = run.interval
     time = np.arange(run.time[0], run.time[-1] + 0.5 * interval, interval)
     window = np.hanning(len(time))
     padded = next_fast_len(4 * len(time), real=True)  # so that a tone between two lines keeps its size

@@ -1,0 +1,87 @@
+"""Isolated readings that noise cannot explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from symfive.campaign._disk import let_go, new_table
+from symfive.inference._noise import Block
+from symfive.inference._whitening import Noise, Whitening, whiten
+from symfive.inference._windows import spans_of
+
+__all__ = ["Outlier", "isolated_outliers", "outlier_limit"]
+
+Array = NDArray[np.float64]
+OUTLIER_LEVEL = 0.01
+LONGEST_OUTLIER = 3
+RESPONSE_ROWS = 200
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A reading that the noise cannot explain: run, row (from 0), column, residual in the column's unit, in σ."""
+
+    run: str
+    row: int
+    column: str
+    residual: float
+    sigmas: float
+
+
+def outlier_limit(readings: int) -> float:
+    """What noise exceeds once in 1/`OUTLIER_LEVEL` campaigns of so many readings, in σ."""
+    return float(norm.isf(0.5 * OUTLIER_LEVEL / max(readings, 1)))
+
+
+def isolated_outliers(block: Block, noise: Noise, limit: float) -> list[tuple[int, int, float]]:
+    """(row, column, σ) of isolated innovations beyond `limit` σ.
+
+    More than a few neighbouring rows, or a level that stays, are no outlier but a mismatch.
+    """
+    count, columns = block.residual.shape
+    table, whitening = new_table(count, columns), Whitening(noise, block.interval)
+    beyond: list[list[int]] = [[] for _ in range(columns)]
+    for rows in spans_of(count):
+        table[rows] = whitening(np.array(block.residual[rows]))
+        for j in range(columns):
+            beyond[j] += (rows.start + np.flatnonzero(np.abs(table[rows, j]) > limit)).tolist()
+        let_go(table, block.residual)
+    response = _response(noise, block.interval)
+    found = []
+    for j in range(columns):
+        for group in _isolated(beyond[j]):
+            if _returns(np.array(table[group[0] : group[0] + RESPONSE_ROWS, j]), response):
+                worst = max(group, key=lambda r: abs(float(block.residual[r, j])))
+                found.append((worst, j, float(table[worst, j])))
+    return found
+
+
+def _response(noise: Noise, interval: float) -> Array:
+    """Innovations that a disturbance of one reading causes, long after the start of a run."""
+    impulse = np.zeros((2 * RESPONSE_ROWS, 1))
+    impulse[RESPONSE_ROWS] = 1.0
+    return whiten(impulse, noise, interval)[0][RESPONSE_ROWS:, 0]
+
+
+def _returns(innovations: Array, response: Array) -> bool:
+    """Whether a disturbance is one of a single reading and not a new level, by the larger of both likelihood ratios
+    (I. Chang, G. Tiao & C. Chen 1988)."""
+    count = min(len(innovations), len(response))
+    single, level = response[:count], np.cumsum(response[:count])
+    part = innovations[:count]
+    return bool(abs(part @ single) / np.linalg.norm(single) >= abs(part @ level) / np.linalg.norm(level))
+
+
+def _isolated(rows: list[int]) -> list[list[int]]:
+    """Groups of neighbouring rows short enough to be an outlier (an outlier also disturbs the innovation after it)."""
+    groups: list[list[int]] = []
+    for row in rows:
+        if groups and row - groups[-1][-1] <= 1:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    return [group for group in groups if len(group) <= LONGEST_OUTLIER]

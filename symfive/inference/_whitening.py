@@ -1,0 +1,104 @@
+"""Whitening of a recording: white and slow noise together, filtered so that what is left is white.
+
+    y = white + coloured,   white ~ N(0, σ_w²),   coloured: Gauss–Markov with σ_c and correlation time τ
+
+Both parts together are an ARMA(1,1) process; its innovations (Kalman filter, steady state after the first rows) are white.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+__all__ = ["TRANSIENT", "Noise", "Whitening", "steady_variance", "whiten"]
+
+Array = NDArray[np.float64]
+TRANSIENT = 64
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one kind of reading, in its unit: `white` 1σ, `coloured` 1σ (0: none), `time_constant` s."""
+
+    white: float
+    coloured: float = 0.0
+    time_constant: float = 0.0
+    declared: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """1σ of one reading."""
+        return float(np.hypot(self.white, self.coloured))
+
+
+class Whitening:
+    """Standardised innovations of a table that comes by stretches of its rows, the first of `TRANSIENT` rows or all.
+
+    `logs` is Σ log of the innovations' variances so far, per column.
+    """
+
+    def __init__(self, noise: Noise, interval: float) -> None:
+        self._noise, self._phi = noise, 0.0
+        self._memory: Array | None = None
+        self.logs = 0.0
+        if noise.coloured > 0.0:
+            self._phi = float(np.exp(-interval / noise.time_constant))
+
+    def __call__(self, table: Array) -> Array:
+        """The next rows (n, …) of every column, whitened."""
+        flat = table.reshape(len(table), -1)
+        noise, n = self._noise, len(flat)
+        if noise.coloured <= 0.0:
+            self.logs += 2.0 * n * float(np.log(noise.white))
+            return (flat / noise.white).reshape(table.shape)
+        phi, power, white = self._phi, noise.coloured**2, noise.white**2
+        out, first = np.empty_like(flat), 0
+        if self._memory is None:
+            first = min(n, TRANSIENT)
+            filtered, predicted, logs = _transient(phi, power, white, first)
+            out[:first] = filtered @ flat[:first]
+            self._memory = -(predicted @ flat[:first])[None, :]
+            self.logs += logs
+        if n > first:
+            variance = steady_variance(phi, power, white)
+            total = variance + white
+            theta = phi * (1.0 - variance / total)
+            rest, self._memory = lfilter([1.0, -phi], [1.0, -theta], flat[first:], axis=0, zi=self._memory)
+            out[first:] = rest / np.sqrt(total)
+            self.logs += (n - first) * float(np.log(total))
+        return out.reshape(table.shape)
+
+
+def whiten(table: Array, noise: Noise, interval: float) -> tuple[Array, float]:
+    """Standardised innovations of every column of (N, …) along the rows, and Σ log of their variances per column."""
+    whitening = Whitening(noise, interval)
+    return whitening(table), whitening.logs
+
+
+@lru_cache(maxsize=64)
+def _transient(phi: float, power: float, white: float, rows: int) -> tuple[Array, Array, float]:
+    """The Kalman filter of the first `rows` as a matrix (rows, rows) on the readings, the prediction of the next one (rows,),
+    and Σ log of the innovations' variances."""
+    filtered, predicted = np.zeros((rows, rows)), np.zeros(rows)
+    variance, logs = power, 0.0
+    for t in range(rows):
+        total = variance + white
+        gain = variance / total
+        innovation = -predicted
+        innovation[t] += 1.0
+        filtered[t] = innovation / np.sqrt(total)
+        logs += float(np.log(total))
+        predicted = phi * (predicted + gain * innovation)
+        variance = phi**2 * variance * (1.0 - gain) + (1.0 - phi**2) * power
+    return filtered, predicted, logs
+
+
+def steady_variance(phi: float, power: float, white: float) -> float:
+    """Steady prediction variance P = φ²·P·W/(P + W) + (1 - φ²)·σ_c² (scalar Riccati equation)."""
+    source = (1.0 - phi**2) * power
+    b = white * (1.0 - phi**2) - source
+    return 0.5 * (-b + float(np.sqrt(b * b + 4.0 * source * white)))

@@ -1,0 +1,224 @@
+"""Long recordings: read and identified by windows, with the same result, in memory that does not grow."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symfive.campaign import Campaign, Run, _disk, _lines, read_campaign, write_campaign
+from symfive.effects import make_effect
+from symfive.errors import InputError
+from symfive.identify import Identification, identify
+from symfive.inference import Noise, whiten
+from symfive.inference import _windows as windows
+from symfive.inference._whitening import Whitening
+from symfive.machine import preset
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.simulate import simulate
+
+MACHINE = preset("table-bc")
+
+
+def by_windows(monkeypatch, campaign: Campaign, **options) -> tuple[Identification, Identification]:
+    """The same campaign identified run by run and by windows of few rows."""
+    whole = identify(campaign, **options)
+    monkeypatch.setattr(windows, "LONG", 700)
+    monkeypatch.setattr(windows, "ROWS", 400)
+    monkeypatch.setattr(_disk, "IN_MEMORY_BYTES", 4000)
+    return whole, identify(campaign, **options)
+
+
+def same(whole: Identification, cut: Identification, share: float = 1e-9) -> None:
+    assert (np.abs(cut.values - whole.values) / whole.std).max() < share
+    assert np.abs(cut.covariance - whole.covariance).max() < share * np.abs(whole.covariance).max()
+    assert cut.std == pytest.approx(whole.std, rel=share)
+    assert cut.chi2_dof == pytest.approx(whole.chi2_dof, rel=share)
+    assert cut.rms_um == pytest.approx(whole.rms_um, rel=share)
+    assert [(o.run, o.row, o.column) for o in cut.outliers] == [(o.run, o.row, o.column) for o in whole.outliers]
+    for key, noise in whole.noises.items():
+        assert cut.noises[key].white == pytest.approx(noise.white, rel=share)
+    for run, residual in whole.residuals.items():
+        assert np.abs(cut.residuals[run] - residual).max() < share
+
+
+def spoilt(campaign: Campaign, column: str) -> Campaign:
+    """With slow noise and two outliers in every run."""
+    generator, runs = np.random.default_rng(5), []
+    for run in campaign.runs:
+        slow = np.zeros(run.rows)
+        for row in range(1, run.rows):
+            slow[row] = 0.97 * slow[row - 1] + 0.1 * generator.standard_normal()
+        values = run.readings[column] + slow
+        values[[399, 1000]] += 9.0
+        runs.append(run.with_readings({**run.readings, column: values}))
+    return replace(campaign, runs=tuple(runs))
+
+
+@pytest.fixture(scope="module")
+def circles() -> Campaign:
+    plan = campaign_of(MACHINE, planar_circle(MACHINE, plane="XY", feed=2000.0, rate_hz=50.0))
+    return simulate(plan, seed=2).campaign
+
+
+def test_a_dynamic_campaign(monkeypatch, circles):
+    whole, cut = by_windows(monkeypatch, spoilt(circles, "dL_um"))
+    assert len(whole.outliers) >= 4 and next(iter(whole.noises.values())).coloured > 0.0
+    assert isinstance(cut.residuals["xy-ccw"], np.memmap) and not cut.notes
+    same(whole, cut)
+
+
+def test_a_static_campaign(monkeypatch):
+    grid = campaign_of(MACHINE, r_test_grid(MACHINE, step_deg=9.0))
+    assert min(run.rows for run in grid.runs) > 1200
+    same(*by_windows(monkeypatch, simulate(grid, seed=3).campaign))
+
+
+@pytest.mark.parametrize(("effects", "options"), [
+    ([make_effect("backlash", "X")], {}),
+    ([make_effect("servo_mismatch", "Y"), make_effect("latency")], {}),
+    ([], {"loss": "huber"}),
+])  # fmt: skip
+def test_what_has_memory_and_other_losses(monkeypatch, circles, effects, options):
+    campaign = simulate(circles, effects=effects, seed=4).campaign
+    same(*by_windows(monkeypatch, campaign, effects=effects, noise="declared", **options), share=1e-6)
+
+
+@pytest.mark.parametrize("turns", [tuple(range(150, 1800, 150)), (100,)])
+def test_a_memory_longer_than_the_margin_lengthens_it(monkeypatch, turns):
+    """C stands for hundreds of rows, in which its play depends on whence it came; at last only the whole run tells."""
+    count, generator = 1800, np.random.default_rng(1)
+    commands = {name: generator.uniform(-40.0, 40.0, count) for name in MACHINE.axis_names}
+    commands["C"] = 30.0 * (-1.0) ** np.searchsorted(turns, np.arange(count), side="right")
+    run = Run(id="a", instrument=("tracker",), sampling="static", time=np.arange(count, dtype=float), commands=commands)
+    plan, play = Campaign(machine=MACHINE, runs=(run,)), [make_effect("backlash", "C")]
+    campaign = simulate(plan, effects=play, truth={"backlash.C.width": 80.0}, seed=1).campaign
+    whole, cut = by_windows(monkeypatch, campaign, effects=play, noise="declared")
+    same(whole, cut)
+    assert not whole.notes
+    assert bool([note for note in cut.notes if "as a whole" in note]) is (len(turns) == 1)
+
+
+def test_whitening_by_stretches_is_whitening():
+    table = np.random.default_rng(0).standard_normal((500, 2, 3))
+    for noise in (Noise(0.5), Noise(0.5, 0.8, 0.3)):
+        whitening = Whitening(noise, 0.02)
+        parts = [whitening(part) for part in (table[:70], table[70:71], table[71:])]
+        white, logs = whiten(table, noise, 0.02)
+        assert np.concatenate(parts) == pytest.approx(white, abs=1e-12)
+        assert whitening.logs == pytest.approx(logs)
+
+
+def test_columns_read_by_blocks_are_the_same(monkeypatch, tmp_path, circles):
+    write_campaign(circles, tmp_path / "measured")
+    monkeypatch.setattr(_lines, "BLOCK_BYTES", 5000)
+    monkeypatch.setattr(_disk, "IN_MEMORY_BYTES", 4000)
+    for run, read in zip(circles.runs, read_campaign(tmp_path / "measured").runs, strict=True):
+        assert isinstance(read.time, np.memmap) and not read.time.flags.writeable
+        assert np.array_equal(read.time, run.time)
+        for given, found in ((run.commands, read.commands), (run.readings, read.readings)):
+            assert all(np.array_equal(values, found[name]) for name, values in given.items())
+        part = read.part(10, 20)
+        assert not isinstance(part.time, np.memmap) and part.commands["X"].tolist() == run.commands["X"][10:20].tolist()
+
+
+WRONG = {
+    "text": lambda rows: [*rows[:1500], rows[1500].replace(b".", b"x", 1), *rows[1501:]],
+    "time goes back": lambda rows: [*rows[:1500], rows[1400], *rows[1501:]],
+    "time stands at a seam": lambda rows: [row for row in rows for _ in (0, 1)],
+    "outside travel": lambda rows: [*rows[:1500], rows[1500].replace(b",", b",99999", 1), *rows[1501:]],
+    "cells": lambda rows: [*rows[:1500], b"1,2\n", *rows[1501:]],
+    "empty row": lambda rows: [*rows[:1500], b"\n", *rows[1500:]],
+    "many empty rows": lambda rows: [*rows[:1500], b"\n" * 6000, *rows[1500:]],
+    "NUL": lambda rows: [*rows[:1500], b"\x00" + rows[1500], *rows[1501:]],
+    "not UTF-8": lambda rows: [*rows[:1500], b"1\xe4" + rows[1500], *rows[1501:]],
+    "UTF-16": lambda rows: [b"\xff\xfe", *rows],
+    "no: blank lines": lambda rows: [*rows, b"\n" * 9000],
+    "no: CR LF": lambda rows: [row.replace(b"\n", b"\r\n") for row in rows],
+    "no: CR": lambda rows: [row.replace(b"\n", b"\r") for row in rows],
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_errors_name_the_same_place(monkeypatch, tmp_path, circles, name):
+    write_campaign(circles, tmp_path / "measured")
+    path = tmp_path / "measured" / circles.runs[0].file
+    path.write_bytes(b"".join(WRONG[name](path.read_bytes().splitlines(keepends=True))))
+
+    def said() -> str:
+        try:
+            return str(read_campaign(tmp_path / "measured").runs[0].time.sum())
+        except InputError as error:
+            return str(error)
+
+    whole = said()
+    monkeypatch.setattr(_lines, "BLOCK_BYTES", 5000)
+    assert said() == whole
+    assert name.startswith("no:") or path.name in whole
+
+
+def test_a_line_without_end_is_refused(monkeypatch, tmp_path, circles):
+    write_campaign(circles, tmp_path / "measured")
+    monkeypatch.setattr(_lines, "BLOCK_BYTES", 500)
+    path = tmp_path / "measured" / circles.runs[0].file
+    path.write_text(path.read_text() + "1" * 3000)
+    with pytest.raises(InputError, match="the line has more than") as caught:
+        read_campaign(tmp_path / "measured")
+    assert caught.value.line == circles.runs[0].rows + 2
+
+
+def test_no_room_for_a_temporary_file(monkeypatch, tmp_path):
+    monkeypatch.setattr(_disk.tempfile, "TemporaryFile", lambda **more: (tmp_path / "missing" / "file").open("w+b"))
+    with pytest.raises(InputError, match="TMPDIR"):
+        _disk.new_table(10_000_000, 2)
+
+
+MEASURE = """
+import resource, sys
+import numpy as np
+from symfive.campaign import Campaign, Run
+from symfive.inference import Problem
+from symfive.machine import preset
+from symfive.model import Model
+from symfive.procedures import planar_circle
+
+machine = preset("table-bc")
+[circle] = planar_circle(machine, plane="XY", feed=4000.0, rate_hz=200.0, direction="ccw")
+
+def passed(passes):
+    def column(name, part):
+        with open(f"{sys.argv[1]}/{name}", "wb") as file:
+            for k in range(passes):
+                part(k).tofile(file)
+        return np.memmap(file.name, dtype=float, mode="r")
+    time = np.arange(2 * circle.rows) / 200.0
+    commands = {n: column(n, lambda k: np.append(v, v[::-1])) for n, v in circle.commands.items()}
+    read = {"dL_um": column("dL", lambda k: np.random.default_rng(k).standard_normal(2 * circle.rows))}
+    clock = column("t", lambda k: time + k * 2 * circle.rows / 200.0)
+    run = Run(id="a", instrument=("ball_bar",), sampling="dynamic", time=clock, commands=commands, readings=read,
+              table_ball=circle.table_ball, tool_ball=circle.tool_ball, length=circle.length, noise_um=1e3)
+    model = Model(Campaign(machine=machine, runs=(run,)))
+    problem = Problem.of(model)
+    problem.information_at(model.start)
+    problem.flag_outliers(problem.survey(model.start))
+    problem.residuals_at(model.start)
+    return run.rows, len(model.parameters), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+few, _, begin = passed(8)
+many, parameters, end = passed(32)
+print(few, many, parameters, end - begin)
+"""
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+
+def test_memory_does_not_grow_with_the_rows(tmp_path):
+    command = [sys.executable, "-c", MEASURE, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | ONE_THREAD)
+    few, many, parameters, grown = map(float, done.stdout.split())
+    assert few > windows.LONG and many > 3 * few
+    table = (many - few) * (1 + parameters) * 8 / 1024**2
+    assert grown < 0.5 * table
