@@ -43,6 +43,20 @@ def _grids(machine: dict) -> list[dict]:
     ]
 
 
+def _bars(machine: dict) -> list[dict]:
+    """Three bars at rest."""
+    return [
+        plant.static_ball_bar(
+            machine, f"bar-{word}", table_ball=ball, direction=way, poses=np.vstack([POSES, POSES[::-1]]), start_s=1500.0 * i,
+            axes=("B", "C"), noise_um=0.3, length=100.0,
+        )
+        for i, (word, way, ball) in enumerate((
+            ("x", (1.0, 0.0, 0.0), (0.0, 0.0, 140.0)), ("y", (0.0, 1.0, 0.0), (80.0, 0.0, 60.0)),
+            ("z", (0.0, 0.0, 1.0), (60.0, 50.0, 40.0)),
+        ))
+    ]  # fmt: skip
+
+
 def _circles(machine: dict, feeds: tuple[float, ...], **more: float) -> list[dict]:
     return [
         plant.planar_circle(machine, f"xy-f{f:g}-{'ccw' if d > 0 else 'cw'}", feed=f, direction=d, **more)
@@ -70,16 +84,7 @@ def test_a_sag_far_larger_than_usual_is_not_pulled_back_by_its_prior(tmp_path):
 def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     """Three bars at rest: noise that wanders as slowly as a run lasts would explain the drift, too."""
     machine = plant.static_table()
-    runs = [
-        plant.static_ball_bar(
-            machine, f"bar-{word}", table_ball=ball, direction=way, poses=np.vstack([POSES, POSES[::-1]]), start_s=1500.0 * i,
-            axes=("B", "C"), noise_um=0.3, length=100.0,
-        )
-        for i, (word, way, ball) in enumerate((
-            ("x", (1.0, 0.0, 0.0), (0.0, 0.0, 140.0)), ("y", (0.0, 1.0, 0.0), (80.0, 0.0, 60.0)),
-            ("z", (0.0, 0.0, 1.0), (60.0, 50.0, 40.0)),
-        ))
-    ]  # fmt: skip
+    runs = _bars(machine)
     drift = {
         "effect": "thermal_drift", "axis": None, "amplitude": 14.0, "direction": [-0.55, 0.63, 0.55], "time_constant_s": 900.0,
     }  # fmt: skip
@@ -88,6 +93,21 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
         ("thermal_drift", None)
     ]
     assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
+
+
+@pytest.mark.slow
+def test_a_ball_that_creeps_in_its_holder_is_told_from_slow_noise(tmp_path):
+    machine = plant.static_table()
+    runs = _bars(machine)
+    creep = {
+        "effect": "setup_shift", "run": runs[0]["id"], "t_s": 550.0, "form": "creep", "creep_s": 150.0, "shift": [6.0, -4.0, 3.0],
+    }  # fmt: skip
+    quiet = plant.NoiseOptions(coloured_um=0.2, correlation_s=50.0)
+    found = diagnose(_measured(tmp_path / "c", machine, runs, [creep], options=quiet))
+    assert _names(found) == [("setup_shift", None)]
+    said = found.findings[0].parameters
+    assert abs(said["t_s"].value - 550.0) < 3.0 * said["t_s"].std and said["t_s"].std < 50.0
+    assert abs(said["creep_s"].value - 150.0) < 3.0 * said["creep_s"].std
 
 
 @pytest.mark.slow

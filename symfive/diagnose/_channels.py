@@ -13,7 +13,7 @@ from symfive.diagnose._scores import Board
 from symfive.effects import Effect
 from symfive.inference import Problem, whiten
 
-__all__ = ["Channels", "Finding", "interval", "peaks", "probes"]
+__all__ = ["Channels", "Finding", "peaks", "probes"]
 
 Array = NDArray[np.float64]
 
@@ -57,21 +57,22 @@ class Channels:
         """Each instrument's columns (N, ny, …) whitened by its own noise; columns that are not fitted are zero."""
         white = np.zeros_like(table)
         for name, part in self.problem.parts(run):
-            white[:, part] = whiten(table[:, part], self.board.result.noises[run.id, name], interval(run))[0]
+            white[:, part] = whiten(table[:, part], self.board.result.noises[run.id, name], run.interval)[0]
         return white
 
     def answer(self, run: Run, index: int) -> Array:
         """g·ρ summed over the columns (N,), for the channel at `index`."""
         return np.asarray(np.einsum("nc,nc->n", self.board.tangents[run.id][:, :, index], self.twice[run.id]))
 
-    def step_scores(self, run: Run, rows: NDArray[np.int64]) -> Array:
-        """Score of a shift of the artefact on the table from each of `rows` on, orthogonal to what the run fits itself."""
+    def shift_scores(self, run: Run, courses: Array) -> Array:
+        """Score of a shift of the artefact on the table that takes each of `courses` (N, K) along the run, orthogonal to what
+        the run fits itself."""
         model = self.board.result.model
         line = model.linearise(run, self.board.result.values)
         names = [model.parameters[c].name.removeprefix(f"setup.{run.id}.") for c in line.columns]
         artefact = [i for i, name in enumerate(names) if name.startswith(("table_ball.", "zero."))]
         if not artefact:
-            return np.zeros(len(rows))
+            return np.zeros(courses.shape[1])
         size = line.jacobian.shape[0] * line.jacobian.shape[1]
 
         def white(table: Array) -> Array:
@@ -81,15 +82,14 @@ class Channels:
         residual = white(np.asarray(self.board.result.residuals[run.id])[:, :, None])[:, 0]
         sigma = self.board.result.model.prior_sigma[line.columns]
         normal = fitted.T @ fitted + np.diag(sigma**-2.0)
-        steps = np.arange(run.rows)[:, None] >= rows[None, :]
         tangents = line.jacobian[:, :, artefact]
         count = len(artefact)
-        columns = white(np.einsum("ncd,nk->nckd", tangents, steps).reshape(*tangents.shape[:2], -1))
+        columns = white(np.einsum("ncd,nk->nckd", tangents, courses).reshape(*tangents.shape[:2], -1))
         cross = fitted.T @ columns
         solved = np.linalg.solve(normal, np.column_stack([cross, fitted.T @ residual]))
-        answer = (columns.T @ residual - cross.T @ solved[:, -1]).reshape(len(rows), count)
-        scores = np.zeros(len(rows))
-        for k in range(len(rows)):
+        answer = (columns.T @ residual - cross.T @ solved[:, -1]).reshape(-1, count)
+        scores = np.zeros(courses.shape[1])
+        for k in range(len(scores)):
             part = slice(count * k, count * (k + 1))
             h = columns[:, part].T @ columns[:, part] - cross[:, part].T @ solved[:, part]
             # tangents are per µm; a prior of 10 µm keeps unseen directions out
@@ -105,10 +105,6 @@ class Channels:
     def axis_index(self, axis: str) -> int:
         """Where an axis' channel stands."""
         return 3 + self.axes.index(axis)
-
-
-def interval(run: Run) -> float:
-    return float(np.median(np.diff(run.time))) if run.rows > 1 else 1.0
 
 
 def peaks(score: Array, count: int) -> list[int]:

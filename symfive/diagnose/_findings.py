@@ -130,9 +130,7 @@ def moved(before: Identification, after: Identification, most: int = 8) -> dict[
     return {name: (before[name], after[name]) for _, name in sorted(ranked, reverse=True)[:most]}
 
 
-def _rivals(
-    campaign: Campaign, effect: Effect, member: Member
-) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
+def _rivals(campaign: Campaign, effect: Effect, member: Member) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
     """Rivals with their probabilities, forms that read alike, and the probability of the name.
 
     Probabilities from the log evidence of exact refits under the final noise, every name weighed by its best form. Forms

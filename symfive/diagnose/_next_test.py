@@ -20,6 +20,7 @@ __all__ = ["next_test", "possible_tests"]
 
 SHIFT_MM = 150.0
 RUN_UP_DEG = 15.0
+HALF_DEG = 180.0 - 2.0 * RUN_UP_DEG
 LIFT_MM = 100.0
 FACTOR = 2.0
 MOST_ROTARY = 2
@@ -77,6 +78,7 @@ def _dynamic(campaign: Campaign, run: Run) -> Iterator[Run]:
     yield _named(run, "reversed", replace(run, commands=back))
     if _planar(campaign, run):
         yield from _places(campaign, run)
+    if _planar(campaign, run) or _synchronous(campaign, run):
         yield from _planes(campaign, run)
 
 
@@ -104,26 +106,41 @@ def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
 
 
 def _planes(campaign: Campaign, run: Run) -> Iterator[Run]:
-    """The half circle above the centre in the upright planes, at the same feed: it takes the place of a circle in XY."""
-    turned = {c: np.ptp(run.commands[n]) for n, a in campaign.machine.axes.items() for c in _along(a.direction)}
-    moving = {c for c, travel in turned.items() if travel > 0.0}
-    steps = np.diff([run.commands[n] for n, a in campaign.machine.axes.items() if not a.rotary])
-    feed = 60.0 * float(np.median(np.linalg.norm(steps, axis=0) / np.diff(run.time)))
-    radius = run.length if run.length is not None else 0.5 * max(turned.values())
-    for plane, start in (("YZ", 0.0), ("ZX", -90.0)):
+    """Circles of linear axes in other planes about the same ball at the same feed: whole ones in XY, else the half above the
+    centre. Two axes together show only in what they differ; with a third one each is seen by itself."""
+    linear = {c: run.commands[n] for n, a in campaign.machine.axes.items() for c in _along(a.direction)}
+    moving = {c for c, way in linear.items() if np.ptp(way) > 0.0}
+    if _synchronous(campaign, run):
+        moving.add("a rotary axis")
+    radius = run.length if run.length is not None else 0.5 * max(float(np.ptp(way)) for way in linear.values())
+    for plane, start, sweep in (("XY", 0.0, 360.0), ("YZ", RUN_UP_DEG, HALF_DEG), ("ZX", RUN_UP_DEG - 90.0, HALF_DEG)):
         if moving == {c.lower() for c in plane}:
             continue
         try:
             arcs = planar_circle(
-                campaign.machine, plane=plane, instrument=run.instrument[0], radius=radius, feed=feed, direction="ccw",
-                centre=run.table_ball, start_deg=start + RUN_UP_DEG, sweep_deg=180.0 - 2.0 * RUN_UP_DEG, run_up_deg=RUN_UP_DEG,
-                tool_ball=run.tool_ball, rate_hz=1.0 / float(np.median(np.diff(run.time))), noise_um=run.noise(run.instrument[0]),
+                campaign.machine, plane=plane, instrument=run.instrument[0], radius=radius, feed=_feed(campaign, run),
+                direction="ccw", centre=run.table_ball, start_deg=start, sweep_deg=sweep, run_up_deg=RUN_UP_DEG,
+                tool_ball=run.tool_ball, rate_hz=1.0 / run.interval, noise_um=run.noise(run.instrument[0]),
                 setup_sigma_um=run.setup_sigma_um,
             )  # fmt: skip
         except InputError:
             continue
         for arc in arcs:
             yield _named(run, f"in-{plane}", arc)
+
+
+def _synchronous(campaign: Campaign, run: Run) -> bool:
+    """One linear and one rotary axis make a circle together."""
+    kinds = [campaign.machine.axes[n].rotary for n in moving_axes(replace(campaign, runs=(run,)))]
+    return run.length is not None and sorted(kinds) == [False, True]
+
+
+def _feed(campaign: Campaign, run: Run) -> float:
+    """Usual speed of the tool over the table, mm/min; a rotary axis turns at the distance of the linear one that moves."""
+    moving = {n: campaign.machine.axes[n] for n in moving_axes(replace(campaign, runs=(run,)))}
+    reach = max((np.abs(run.commands[n]) for n, a in moving.items() if not a.rotary), key=np.ptp)
+    steps = [np.diff(run.commands[n] * a.to_internal) * (reach[1:] if a.rotary else 1.0) for n, a in moving.items()]
+    return 60.0 * float(np.median(np.linalg.norm(steps, axis=0) / np.diff(run.time)))
 
 
 def _along(direction: Sequence[float]) -> Iterator[str]:

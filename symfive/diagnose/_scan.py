@@ -8,13 +8,14 @@ computed for a whole grid at once, and the peaks become exact candidates.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
-from symfive.diagnose._channels import Channels, Finding, interval, peaks
+from symfive.diagnose._channels import Channels, Finding, peaks
 from symfive.diagnose._scores import Board
 from symfive.diagnose._transients import bursts, resonances
 from symfive.effects import make_effect
@@ -98,7 +99,7 @@ def _tones(channels: Channels) -> Iterator[Finding]:
     if not runs:
         return
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
-    shortest = max(2.0 * interval(run) for run in runs)
+    shortest = max(2.0 * run.interval for run in runs)
     if longest < 8.0 * shortest:
         return
     step, count = _grid(longest, shortest)
@@ -146,31 +147,62 @@ def _in_phase(channels: Channels, runs: Sequence[Run], rough: float, reach: floa
     return float(frequencies[best]), float(score[best]), 2 * steps + 1
 
 
-PLACES = 150
+PLACES, CREEPS = 150, 30
+LASTING = (0.05, 0.15, 0.5)
+"""Time constants of a creep, as shares of a run."""
+SLOWER = 10.0
+"""What the square of the residual must fall further by if a shift is to be a creep: one more parameter, decisively."""
 MOST_STEPS, NARROW = 200, 0.1
 
 
 def _shifts(channels: Channels) -> Iterator[Finding]:
-    """Set-up shift: the tool against the ball by a constant from one instant of one run on."""
+    """Set-up shift: the tool against the ball by a constant from one instant of one run on, at once or creeping."""
     best: tuple[float, Finding] | None = None
     for run in channels.campaign.runs:
-        margin = max(3, run.rows // 50)
-        if run.rows < 4 * margin:
+        if run.rows < 4 * _margin(run):
             continue
-        stride = max(1, run.rows // PLACES)
-        rows = np.arange(margin, run.rows - margin, stride)
-        scores = channels.step_scores(run, rows)
-        if stride > 1:
-            middle = int(rows[np.argmax(scores)])
-            rows = np.arange(max(margin, middle - stride), min(run.rows - margin, middle + stride + 1))
-            scores = channels.step_scores(run, rows)
-        at = int(rows[np.argmax(scores)])
+        score, at = _best_row(channels, run, PLACES, partial(_late, run))
+        shape = "step"
+        if score > SLOWER:
+            for share in LASTING:
+                creep, row = _best_row(channels, run, CREEPS, partial(_creep, run, share * run.duration))
+                if creep > score + SLOWER * (shape == "step"):
+                    score, at, shape = creep, row, "creep"
         instant = 0.5 * float(run.time[at - 1] + run.time[at])
-        finding = Finding(make_effect("setup_shift", run=run.id, t_s=instant), channels.campaign.rows)
-        if best is None or scores.max() > best[0]:
-            best = (float(scores.max()), finding)
+        if best is None or score > best[0]:
+            effect = make_effect("setup_shift", run=run.id, t_s=instant, shape=shape)
+            best = score, Finding(effect, channels.campaign.rows)
     if best is not None:
         yield best[1]
+
+
+def _best_row(
+    channels: Channels, run: Run, places: int, courses: Callable[[NDArray[np.int64]], Array]
+) -> tuple[float, int]:
+    """The best score of a shift and the row where it begins: first of so many `places`, then of the rows about the best."""
+    margin = _margin(run)
+    stride = max(1, run.rows // places)
+    rows = np.arange(margin, run.rows - margin, stride)
+    found = channels.shift_scores(run, courses(rows))
+    if stride > 1:
+        middle, finer = int(rows[np.argmax(found)]), max(1, stride // places)
+        rows = np.arange(max(margin, middle - stride), min(run.rows - margin, middle + stride + 1), finer)
+        found = channels.shift_scores(run, courses(rows))
+    return float(found.max()), int(rows[np.argmax(found)])
+
+
+def _margin(run: Run) -> int:
+    """Rows at the ends of a run where a shift could not be told from its set-up."""
+    return max(3, run.rows // 50)
+
+
+def _late(run: Run, rows: NDArray[np.int64]) -> Array:
+    return np.asarray(np.arange(run.rows)[:, None] >= rows[None, :], dtype=float)
+
+
+def _creep(run: Run, tau: float, rows: NDArray[np.int64]) -> Array:
+    since = run.time[:, None] - run.time[rows][None, :]
+    return np.asarray(1.0 - np.exp(-np.maximum(since, 0.0) / tau))
 
 
 def _steps(channels: Channels) -> Iterator[Finding]:

@@ -60,8 +60,8 @@ class Secant:
 
 @dataclass
 class Board:
-    """The whitened system of one fit: Gram matrix of [fitted | shapes | candidates | residual | secants], and who is where; `gradient`
-    of the fitted ones and the shapes, their priors' pull included (0 at the fit but for shapes)."""
+    """The whitened system of one fit: Gram matrix of [fitted | shapes | candidates | residual | secants], and who is where;
+    `gradient` of the fitted ones and the shapes, their priors' pull included (0 at the fit but for shapes)."""
 
     result: Identification
     model: Model

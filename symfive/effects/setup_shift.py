@@ -27,9 +27,9 @@ class SetupShift(Effect):
     """From `t_s` of the run on the ball is displaced by shift (3, µm): the table's in the workpiece frame,
     the tool's in its.
 
-    `run` its id, `t_s` on the run's own clock (found by a scan: readings jump between two rows, so it has no
-    derivative), `artefact` which ball, `shape`: `step` at once, or `creep`, shift·(1 - exp(-(t -
-    t_s)/creep_s)). Typical 1–20 µm.
+    `run` its id, `t_s` on the run's own clock, `artefact` which ball, `shape`: `step` at once (`t_s` from a scan: readings
+    jump between two rows, so it has no derivative), or `creep`, shift·(1 - exp(-(t - t_s)/creep_s)) with the
+    instant a parameter about `t_s`. Typical 1–20 µm.
     """
 
     id = "setup_shift"
@@ -62,16 +62,19 @@ class SetupShift(Effect):
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = [self.own(f"shift.{c}", "um", 10.0) for c in "xyz"]
         if self.shape == "creep":
-            ends = [float(run.time[-1]) for run in filter(self.applies, campaign.runs)]
-            tau = 0.3 * max([1e-3, *(end - self.t_s for end in ends)])
+            clock = np.concatenate([[self.t_s], *(run.time for run in filter(self.applies, campaign.runs))])
+            begin, end = float(clock.min()), float(clock.max()) + 1e-3
+            tau = 0.3 * (end - self.t_s)
             found.append(self.own("creep_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
+            found.append(self.own("t_s", "s", 0.25 * (end - begin), mean=self.t_s, lower=begin, upper=end))
         return tuple(found)
 
     def apply(self, row: Row) -> None:
-        late = row.time - self.t_s
-        share = ca.if_else(late >= 0.0, 1.0, 0.0)
         if self.shape == "creep":
-            share = share * (1.0 - ca.exp(-ca.fmax(late, 0.0) / self.parameter(row, "creep_s")))
+            late = ca.fmax(row.time - self.parameter(row, "t_s"), 0.0)
+            share = 1.0 - ca.exp(-late / self.parameter(row, "creep_s"))
+        else:
+            share = ca.if_else(row.time >= self.t_s, 1.0, 0.0)
         shift = share * ca.vertcat(*(self.parameter(row, f"shift.{c}") for c in "xyz"))
         if self.artefact == "table":
             row.table_ball += shift
@@ -81,12 +84,12 @@ class SetupShift(Effect):
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         parameters = self.parameters(campaign)
         parts = [own_quantity(p, values, covariance) for p in parameters[:3]]
-        step = float(np.median(np.diff(campaign.run(self.run).time)))
+        step = campaign.run(self.run).interval
         found = {
             "run": Quantity(self.run),
             "t_s": Quantity(self.t_s, step / math.sqrt(12.0), "s"),
             "shift": Quantity(tuple(p.value for p in parts), tuple(p.std for p in parts), "um"),
         }
         if self.shape == "creep":
-            found["creep_s"] = own_quantity(parameters[3], values, covariance)
+            found |= {p.name.rpartition(".")[2]: own_quantity(p, values, covariance) for p in parameters[3:]}
         return found
