@@ -18,7 +18,14 @@ from examples import claims as table  # noqa: E402
 from examples.tsutsumi_2007 import claims, concealed, figures, information, path_claims, story, twin  # noqa: E402
 from examples.tsutsumi_2007.drives import PAPER, Gear, behind_the_gear, driven  # noqa: E402
 from examples.tsutsumi_2007.path import Circle, derived_rates  # noqa: E402
-from examples.tsutsumi_2007.readings import Case, Trace, bar_um, simulate  # noqa: E402
+from examples.tsutsumi_2007.readings import (  # noqa: E402
+    Case,
+    Trace,
+    bar_um,
+    first_order_peak_um,
+    one_axis_lags,
+    simulate,
+)
 from examples.tsutsumi_2007.simulations import RATIOS, Simulations, case_of, run_all  # noqa: E402
 from symfive.diagnose import diagnose  # noqa: E402
 from symfive.identify import identify  # noqa: E402
@@ -120,6 +127,14 @@ def test_a_clockwise_lap_mirrors_a_counter_clockwise_one():
     )
     assert np.all(np.diff(cw.deg) > 0.0)
     assert cw.um[::-1] == pytest.approx(ccw.um, abs=1e-6)
+
+
+@pytest.mark.parametrize("x_t", [45.0, 55.0])
+def test_the_peak_of_the_law_is_the_lag_of_x(x_t):
+    """Where the loops are fast the law of second order is exact, and a lag of X alone gives all of it."""
+    circle, gain = Circle(x_t), 400.0
+    assert one_axis_lags(circle, gain, "X").at(180.0) == pytest.approx(first_order_peak_um(circle, gain), rel=1e-3)
+    assert abs(one_axis_lags(circle, gain, "C").at(180.0)) < 1e-4
 
 
 def test_a_trace_without_its_circle():

@@ -1,6 +1,6 @@
 """Makes the ready plans beside this file: the papers' own tests, tests in the style of ISO 10791-6, and optimised plans.
 
-    .venv/bin/python designs/plans/make_plans.py [own|optimised|NAME ...]
+    .venv/bin/python -m designs.plans.make_plans [own|optimised|NAME ...]
 
 Every folder is a campaign without readings; `assessment.json` (or `plan.json`) says what it will tell.
 """
@@ -12,6 +12,8 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from examples.oyama_2010 import machine as oyama
+from examples.wang_li_2016 import machine as wang_li
 from symfive.campaign import Run, write_campaign
 from symfive.design import assess, assessment_data, plan
 from symfive.files import write_json
@@ -21,11 +23,10 @@ from symfive.procedures import (
     planar_circle,
     r_test_grid,
     rotary_circle,
-    static_ball_bar,
     synchronous_circle,
 )
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 RATE_HZ = 8.0
 
 
@@ -64,14 +65,20 @@ def planes(machine: Machine) -> Iterable[Run]:
 
 
 def paper_1(machine: Machine) -> Iterable[Run]:
-    """Wang & Li 2016: B axis with the bar axial, radial and tangential; C axis at two heights."""
-    yield from bk1(machine)
-    yield from static_ball_bar(machine)
+    """Wang & Li 2016: squareness and three lines along each linear axis on a cross grid; a ball bar along Y, X and Z while B
+    turns, at C with the ball at two heights, and for the error motions of C."""
+    yield from wang_li.grid_tests(machine)
+    yield from wang_li.bar_tests(machine, motions=True)
+
+
+def grid(machine: Machine) -> Iterable[Run]:
+    """R-test at 7 × 12 rotary positions in two nests at two heights and two radii, once through."""
+    return r_test_grid(machine, returning=False)
 
 
 def paper_2(machine: Machine) -> Iterable[Run]:
-    """Oyama et al. 2010: R-test at 7 × 12 rotary positions in two nests, once through."""
-    return r_test_grid(machine, returning=False)
+    """Oyama et al. 2010: the same with the nests one above the other, which its (22) needs."""
+    return oyama.grid_of(machine).runs
 
 
 def paper_3(machine: Machine) -> Iterable[Run]:
@@ -80,9 +87,10 @@ def paper_3(machine: Machine) -> Iterable[Run]:
         yield from synchronous_circle(machine, x_t=x_t, radius=50.0, feed=1000.0, rate_hz=100.0)
 
 
-OWN: dict[str, tuple[str, Callable[[Machine], Iterable[Run]]]] = {
-    "paper-1-ball-bar": ("wang-li-2016", paper_1),
-    "r-test-grid": ("oyama-2010", paper_2),
+OWN: dict[str, tuple[str | Callable[[], Machine], Callable[[Machine], Iterable[Run]]]] = {
+    "paper-1-cross-grid-ball-bar": (wang_li.paper_machine, paper_1),
+    "paper-2-r-test": (oyama.paper_machine, paper_2),
+    "r-test-grid": ("oyama-2010", grid),
     "paper-3-synchronous-circle": ("tsutsumi-2007", paper_3),
     "iso-10791-6-bk1": ("table-bc", bk1),
     "iso-10791-6-bk2": ("table-bc", bk2),
@@ -108,10 +116,10 @@ OPTIMISED = (
 
 def own(wanted: Collection[str]) -> None:
     """The tests as the papers and the standard describe them."""
-    for name, (machine_name, runs) in OWN.items():
+    for name, (source, runs) in OWN.items():
         if not {"own", name} & set(wanted):
             continue
-        machine = preset(machine_name)
+        machine = preset(source) if isinstance(source, str) else source()
         made = [
             replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv") for i, run in enumerate(runs(machine))
         ]

@@ -27,7 +27,7 @@ def _unit(k: int) -> str:
 
 def error_functions_b(found: ErrorMap, jointly: Array, hidden: Concealed) -> Figure:
     """E(B): the paper's map, the joint estimate, what is true, and the truth in the gauge of the paper."""
-    figure, axes = panels(2, 3, 10.5, 6.0, "Errors of B; dz and γ at B = 0 are set to zero, not measured")
+    figure, axes = panels(2, 3, 10.5, 6.0, "Fig. 6: errors of B; dz and γ at B = 0 are set to zero, not measured")
     fine = np.linspace(-90.0, 90.0, 91)
     truth, nodes = hidden.values("B", fine), in_the_paper_gauge(hidden.values("B", B_DEG))
     for k, ax in enumerate(axes.ravel()):
@@ -60,7 +60,7 @@ def error_functions_bc(found: ErrorMap, hidden: Concealed) -> Figure:
         5,
         13.0,
         3.4,
-        "Errors of C over C, a line for every B (22): noise of the reference pose returns as a first harmonic",
+        "Fig. 7: errors of C over C, a line for every B (22); noise of the reference pose returns as a first harmonic",
     )
     fine = np.linspace(0.0, 330.0, 111)
     truth = hidden.values("C", fine)
@@ -80,35 +80,42 @@ def error_functions_bc(found: ErrorMap, hidden: Concealed) -> Figure:
     return figure
 
 
-def table_positions(found: ErrorMap, hidden: Concealed) -> Figure:
-    """Where the map says that a point of the table goes (23), seen along Y and along Z, deviations magnified."""
-    title = f"The nest on the table, deviations × {MAGNIFIED:,}: nominal grey, by the map blue, true dashed (the gap: gauge)"
-    figure, axes = panels(1, 2, 11.0, 5.2, title)
+def table_positions(found: ErrorMap, hidden: Concealed, displacement: Array) -> Figure:
+    """Figures 5 and 8: the nest at B = 0 and 90°, deviations magnified: measured, and by the errors of B alone (23).
+
+    `displacement` (7, 12, 3) mm of the first nest from the pose B = C = 0. The table is where the ball is, the other way round.
+    """
+    title = f"Fig. 5, 8: the nest on the table, deviations × {MAGNIFIED:,}; between measured and true lies the gauge"
+    figure, axes = panels(2, 2, 10.0, 9.4, title)
     nest = nests_of_the_paper(NESTS[:1])[0]
     true_b, true_c = hidden.values("B", B_DEG) / TO_FILE, hidden.values("C", C_DEG) / TO_FILE
     closed = np.append(np.arange(len(C_DEG)), 0)
-    for i, b in enumerate(B_ANGLES):
+    for row, i in enumerate((ORIGIN, len(B_DEG) - 1)):
+        b = B_ANGLES[i]
         nominal = paper.table_position(np.zeros(6), b, C_ANGLES, nest)
-        seen = paper.table_position(found.of_b[i], b, C_ANGLES, nest, found.of_c[i])
-        true = paper.table_position(true_b[i], b, C_ANGLES, nest, true_c)
-        for ax, (u, v) in zip(axes.ravel(), ((0, 2), (0, 1)), strict=True):
-            if (v == 1 and i != ORIGIN) or B_DEG[i] % 90.0:
-                continue
-            for points, style in ((seen, {"color": BLUE}), (true, {"color": "#3c4650", "ls": "--", "lw": 0.9})):
-                drawn = (nominal + MAGNIFIED * (points - nominal))[closed]
-                ax.plot(drawn[:, u], drawn[:, v], **style)
-            ax.plot(nominal[closed, u], nominal[closed, v], "-", color="#b3bbc3", marker=".", ms=4, lw=0.9)
-            place = nominal[0]
-            if v == 2:
-                ax.annotate(
-                    f"B = {B_DEG[i]:.0f}°", (place[u], place[v]), fontsize=7.5, color=GREY, ha="center", va="bottom"
-                )
-    for ax, letter in zip(axes.ravel(), "ZY", strict=True):
-        ax.set_xlabel("X / mm from the intersection of the axes", fontsize=8)
-        ax.set_ylabel(f"{letter} / mm", fontsize=8)
-        ax.set_aspect("equal", adjustable="datalim")
-    axes[0, 0].set_title("seen along Y: B tilts the circle of C", loc="left", fontsize=9)
-    axes[0, 1].set_title("seen along Z at B = 0", loc="left", fontsize=9)
+        tilted = paper.homogeneous(np.zeros(6), b, "y")[:3, :3]
+        ball = paper.from_reference(displacement[i], found.of_b[ORIGIN], nest)
+        lines = (
+            (nominal - np.einsum("ij,njk,nk->ni", tilted, paper.rotation_c(C_ANGLES), ball), "measured", BLUE, "-"),
+            (paper.table_position(found.of_b[i], b, C_ANGLES, nest), "errors of B alone, (23)", ORANGE, "-"),
+            (paper.table_position(true_b[i], b, C_ANGLES, nest, true_c), "true", "#3c4650", "--"),
+        )
+        # seen along Y in the machine, and along the C axis on the table
+        for ax, view, v in ((axes[row, 0], np.eye(3), 2), (axes[row, 1], tilted.T, 1)):
+            flat = (nominal @ view.T)[closed]
+            ax.plot(flat[:, 0], flat[:, v], color="#b3bbc3", marker=".", ms=4, lw=0.9, label="commanded")
+            for points, label, colour, style in lines:
+                drawn = ((nominal + MAGNIFIED * (points - nominal)) @ view.T)[closed]
+                ax.plot(drawn[:, 0], drawn[:, v], style, color=colour, lw=1.1, label=label)
+            ax.set_aspect("equal", adjustable="datalim")
+        axes[row, 0].set_title(f"B = {B_DEG[i]:.0f}°, on the X-Z plane", loc="left", fontsize=9)
+        axes[row, 1].set_title(f"B = {B_DEG[i]:.0f}°, on the table's surface", loc="left", fontsize=9)
+        for ax, across, up in ((axes[row, 0], "X", "Z"), (axes[row, 1], "x of the table", "y of the table")):
+            ax.set_xlabel(f"{across} / mm from the intersection of the axes", fontsize=8)
+            ax.set_ylabel(f"{up} / mm", fontsize=8)
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, frameon=False
+    )
     return figure
 
 

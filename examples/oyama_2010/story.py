@@ -155,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("\n".join(f"    {c.words}" for c in joint.confounded if not c.names[0].startswith("setup.")))
     figures.save(figures.error_functions_b(found, jointly, hidden), pictures, "error-functions-b")
     figures.save(figures.error_functions_bc(found, hidden), pictures, "error-functions-bc")
-    figures.save(figures.table_positions(found, hidden), pictures, "table-positions")
+    figures.save(figures.table_positions(found, hidden, displacements(campaign)[0]), pictures, "table-positions")
 
     with tempfile.TemporaryDirectory() as scratch:
         claims = all_claims(instrument, campaign, found, hidden, Path(scratch))

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from .concealed import View
@@ -240,14 +241,13 @@ def concealed(view: View, true: Trace) -> Figure:
     """The eccentric machine's trace: raw, with the circle taken out, and its drives' own part uncovered."""
     figure, both = _row(2, width=5.2)
     recovered = view.recovered
-    both[0].plot(view.raw.deg, view.raw.um, color=GREY, lw=0.9, label="ball bar, dx = +30 µm")
-    both[0].legend(fontsize=8)
-    both[0].set_title("what is read", fontsize=9)
+    both[0].plot(view.raw.deg, view.raw.um, color=GREY, lw=0.9)
+    both[0].set_title("what the ball bar reads, dx = +30 µm", fontsize=9)
     circle = view.raw.without_circle()
     both[1].plot(circle.deg, circle.um, color=ORANGE, lw=0.9, label="least-squares circle taken out")
     both[1].plot(recovered.deg, recovered.um, color=BLUE, lw=0.9, label="diagnosed geometry and play taken out")
     both[1].plot(true.deg, true.um, color="black", lw=0.7, ls="--", label="the same machine, centred")
-    figure.legend(*both[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
+    figure.legend(*both[1].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     both[1].set_ylim(-20.0, 20.0)
     both[1].set_title("what is made of it", fontsize=9)
     for axes in both:
@@ -259,17 +259,20 @@ def concealed(view: View, true: Trace) -> Figure:
 def information(curve: Curve) -> Figure:
     """Expected 1σ of C's gain and play over X_T/r."""
     figure, both = _row(2)
-    rows = ((both[0], curve.gain, "1σ of C's position gain / (1/s)"), (both[1], curve.play, "1σ of C's play / µrad"))
-    for axes, values, label in rows:
+    rows = (
+        (both[0], curve.gain, "1σ of C's position gain / (1/s)", range(1, 10)),
+        (both[1], curve.play, "1σ of C's play / µrad", (1, 2, 5)),
+    )
+    for axes, values, label, labelled in rows:
         for side in (curve.ratio < 1.0, curve.ratio > 1.0):
             axes.plot(curve.ratio[side], values[side], ".-", color=BLUE)
         axes.plot(0.9, values[np.argmin(np.abs(curve.ratio - 0.9))], "s", color=ORANGE, label="the paper's 0.9")
         axes.plot(curve.ratio[np.argmin(values)], values.min(), "o", color=GREEN, label="best")
         axes.axvspan(curve.ratio[curve.ratio < 1.0].max(), curve.ratio[curve.ratio > 1.0].min(), color=GREY, alpha=0.25)
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=labelled))
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("{x:g}")
-        axes.tick_params(axis="y", which="minor", labelsize=7)
+        axes.yaxis.set_minor_formatter("")
         axes.set_xlabel("X_T/r")
         axes.set_ylabel(label)
         axes.grid(alpha=0.3, which="both")

@@ -1,4 +1,4 @@
-"""Claims P3-1 to P3-4, the lag law of P3-5 and the rigid table of P3-13: what can be told without a simulation."""
+"""Claims P3-1 to P3-4, the lag law of P3-5, whose lag it is (P3-14) and the rigid table of P3-13: no simulation needed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from symfive.procedures import polar_angle
 
 from .drives import PAPER
 from .path import Circle, derived_rates
-from .readings import first_order_peak_um
+from .readings import first_order_peak_um, one_axis_lags
 from .twin import chain_gap_um
 
 __all__ = ["claims_of_the_chain", "claims_of_the_path", "lag_by_differentiation_um"]
@@ -23,8 +23,8 @@ BESIDE_180 = LAP + 1e-4
 
 
 def claims_of_the_path() -> list[Claim]:
-    """P3-1 to P3-4 and the lag law of P3-5: no simulation, only the commands and their derivatives."""
-    return [*_speeds(), *_reversals(), *_speeds_of_x(), *_derivatives(), *_lag_law()]
+    """P3-1 to P3-4, the lag law of P3-5, P3-14: no simulation, only the commands, their derivatives and their series."""
+    return [*_speeds(), *_reversals(), *_speeds_of_x(), *_derivatives(), *_lag_law(), *_whose_lag()]
 
 
 def _speeds() -> list[Claim]:
@@ -156,6 +156,30 @@ def _lag_law() -> list[Claim]:
             Claim(
                 id="P3-5", statement=f"law against automatic differentiation at {circle.u:g}", where="(10)", paper="-",
                 ours=abs(lag_by_differentiation_um(circle, gain) / law - 1.0), low=0.0, high=1e-6,
+            ),
+        ]  # fmt: skip
+    return found
+
+
+def _whose_lag() -> list[Claim]:
+    """Which axis makes the peak: a first-order loop on one, the same delay and nothing else on the other."""
+    found = []
+    for x_t, by_x in ((45.0, 15.4), (55.0, -18.8)):
+        circle, gain = Circle(x_t), PAPER.c.position_gain
+        of_x, of_c = (one_axis_lags(circle, gain, axis) for axis in "XC")
+        shoulder = of_c.largest(165.0, 195.0)
+        at = of_c.deg[np.argmin(np.abs(of_c.um - shoulder))]
+        peak = of_x.at(180.0)
+        found += [
+            Claim(
+                id="P3-14", statement=f"peak at 180° if X alone lags, X_T/r = {circle.u:g}", where="section 2.2",
+                paper=f"restored: {by_x:g}", ours=peak, low=by_x - 0.2, high=by_x + 0.2, unit="µm",
+                note="X is slow enough, the paper says, not to cause a delay",
+            ),
+            Claim(
+                id="P3-14", statement=f"peak at 180° if C alone lags, over that of X, X_T/r = {circle.u:g}", where="section 4.4",
+                paper="it is C's delay", ours=of_c.at(180.0) / peak, low=0.5, high=np.inf, refuted=True,
+                note=f"C's lag makes shoulders beside it, {shoulder:.1f} µm at {at:.0f}°, and nothing at 180°",
             ),
         ]  # fmt: skip
     return found

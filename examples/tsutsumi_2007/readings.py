@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .drives import PAPER, Drive, Drives, Gear, behind_the_gear, driven
 from .path import Circle
 
-__all__ = ["Case", "Lap", "Trace", "bar_um", "first_order_peak_um", "printed_bar_um", "simulate"]
+__all__ = ["Case", "Lap", "Trace", "bar_um", "first_order_peak_um", "one_axis_lags", "printed_bar_um", "simulate"]
 
 Array = NDArray[np.float64]
 ROW_DEG = 0.025
@@ -88,6 +88,21 @@ class Trace:
     def minus(self, other: Trace) -> Trace:
         """The difference of two traces over the same φ."""
         return replace(self, um=self.um - other.um)
+
+
+def one_axis_lags(circle: Circle, gain: float, axis: str) -> Trace:
+    """The lap if `axis` (`X` or `C`) has a first-order loop of `gain` 1/s and the other follows as late, else unchanged.
+
+    A delay of both leaves the path as it is; φ is counted without it. Steady state, by Fourier series over φ.
+    """
+    phi = np.linspace(0.0, 2.0 * np.pi, 16384, endpoint=False)
+    turning = 1j * circle.phi_rate / gain * np.fft.fftfreq(len(phi), 1.0 / len(phi))
+    x, c = circle.x(phi), circle.theta(phi)
+    # what of θ grows evenly is delayed by a loop and not changed
+    even = phi if axis == "C" and circle.u < 1.0 else np.zeros_like(phi)
+    swing = np.fft.fft((x if axis == "X" else c) - even)
+    lagging = np.fft.ifft(swing * np.exp(turning) / (1.0 + turning)).real + even
+    return Trace(np.degrees(phi), bar_um(lagging, c, circle) if axis == "X" else bar_um(x, lagging, circle))
 
 
 @dataclass(frozen=True)

@@ -16,27 +16,14 @@ from symfive.procedures import campaign_of
 
 from . import equations as paper
 from .estimators import Joint, noisy, rotary_in_sequence
+from .grid_claims import SCALE_MM, nine_slopes, of_grid, of_squareness
 from .machine import ASSUMED, DZ_MM, HEIGHTS_MM, RADIUS_MM, bar_tests, grid_tests, paper_machine, readings_of
 
-__all__ = [
-    "Repeated",
-    "all_claims",
-    "nine_slopes",
-    "of_ball_bar",
-    "of_chain",
-    "of_grid",
-    "of_noise",
-    "repeated",
-    "table_point",
-]
+__all__ = ["Repeated", "all_claims", "of_ball_bar", "of_chain", "of_noise", "of_patterns", "repeated", "table_point"]
 
 Array = NDArray[np.float64]
-SCALE_MM = 200.0
-"""Angles times this length where conditioning is asked for."""
 D1_MM = 100.0
 """Height of the ball over the table top, with the top 50 mm above the intersection: D1 = Dz - D."""
-LAYOUTS = {200.0: ((0.0, 0.0), (0.0, 200.0), (200.0, 0.0)), 100.0: ((0.0, 0.0), (0.0, 100.0), (100.0, 0.0)),
-           10.0: ((0.0, 0.0), (200.0, 10.0), (0.0, 200.0))}  # fmt: skip
 
 
 # --- (2), (8), (9): the chain --------------------------------------------------------------------------------
@@ -64,13 +51,6 @@ def table_point(machine: Machine, names: tuple[str, ...]) -> Callable[..., tuple
         return np.asarray(value).ravel(), np.asarray(slopes)
 
     return evaluate
-
-
-def nine_slopes(point: Array) -> Array:
-    """(9) as slopes (3, 7) per dx, dy, dz, ex, ey, ez of X and a_xy, at a point mm."""
-    units = np.eye(7).tolist()
-    columns = [np.asarray(ca.DM(paper.line_displacement(point.tolist(), unit[:6], unit[6]))).ravel() for unit in units]
-    return np.stack(columns, axis=1)
 
 
 def of_chain() -> list[Claim]:
@@ -124,78 +104,6 @@ def of_chain() -> list[Claim]:
     ]  # fmt: skip
 
 
-# --- (10): three lines ---------------------------------------------------------------------------------------
-def of_grid() -> list[Claim]:
-    """Determinant, ranks, conditioning, plate yaw: P1-1."""
-    generator = np.random.default_rng(3)
-    worst = 0.0
-    for _ in range(50):
-        (y1, z1), (y2, z2), (y3, z3) = offsets = [
-            tuple(pair) for pair in generator.uniform(-200.0, 200.0, (3, 2)).tolist()
-        ]
-        area = (y2 - y1) * (z3 - z1) - (y3 - y1) * (z2 - z1)
-        det = float(np.linalg.det(paper.lines_matrix(generator.uniform(-300.0, 300.0), offsets)))
-        worst = max(worst, abs(abs(det) - abs((z2 - z1) * area)) / abs((z2 - z1) * area))
-    same = _rank(((0.0, 50.0), (100.0, 50.0), (0.0, 150.0)))
-    collinear = _rank(((0.0, 0.0), (50.0, 100.0), (100.0, 200.0)))
-    claims = [
-        Claim(
-            "P1-1a",
-            "det (10) = ± (z2 - z1) · area form of the three lines: relative difference",
-            "exact",
-            worst,
-            0.0,
-            1e-9,
-        ),
-        Claim("P1-1b", "rank of (10) with z1 = z2", "5", same, 5.0, 5.0, "of 6", "the roll is lost"),
-        Claim("P1-1c", "rank of (10) with three lines in one plane", "5", collinear, 5.0, 5.0, "of 6"),
-    ]
-    printed = {(200.0, 0.0): 3.7, (200.0, 300.0): 9.4, (100.0, 0.0): 6.3, (100.0, 300.0): 16.6, (10.0, 0.0): 55.0,
-               (10.0, 300.0): 77.0}  # fmt: skip
-    for letter, ((spacing, x), expected) in zip("defghi", printed.items(), strict=True):
-        matrix = paper.lines_matrix(x, LAYOUTS[spacing]) * np.array([1.0] * 3 + [1.0 / SCALE_MM] * 3)
-        what = f"condition of (10), {spacing:g} mm apart" if spacing > 10.0 else "condition of (10), z2 - z1 = 10 mm"
-        ours = float(np.linalg.cond(matrix))
-        claims.append(
-            Claim(
-                f"P1-1{letter}",
-                f"{what}, x = {x:g} mm",
-                f"restored: {expected:g}",
-                ours,
-                0.98 * expected,
-                1.02 * expected,
-            )
-        )
-    one = np.linalg.inv(paper.lines_matrix(300.0, LAYOUTS[200.0]))
-    sd = np.sqrt((one**2).sum(axis=1))
-    whole = _nine_readings(300.0, LAYOUTS[200.0])
-    better = float(np.sqrt(np.linalg.inv(whole.T @ whole)[3, 3]))
-    yaw = one @ (300.0 * 1e-6 * np.array([0.0, 0.0, 0.0, 0.0, 30.0, 0.0]))
-    both = one @ (300.0 * 1e-6 * np.array([0.0, 20.0, -15.0, 0.0, 20.0, 0.0]))
-    return [
-        *claims,
-        Claim("P1-1j", "1σ of ex for 1 µm of noise, 200 mm apart", "restored: 7.1 µrad", 1e3 * sd[3], 6.9, 7.3, "µrad"),
-        Claim("P1-1k", "1σ of dy at x = 300 mm", "restored: 2.35 µm", sd[1], 2.3, 2.4, "µm", "the lever of ez"),
-        Claim("P1-1l", "1σ of ex with all nine readings", "restored: 4.3 µrad", 1e3 * better, 4.2, 4.4, "µrad"),
-        Claim(
-            "P1-1m", "false roll at x = 300 mm, two plates 30 µrad apart in yaw, 200 mm apart in z", "restored: 45 µrad",
-            1e6 * abs(yaw[3]), 44.0, 46.0, "µrad", "(10) cannot tell it: one reference of alignment per pair of lines is needed",
-        ),
-        Claim("P1-1n", "false dy, both plates 20 µrad off in yaw", "restored: 6 µm", 1e3 * abs(both[1]), 5.9, 6.1, "µm"),
-        Claim("P1-1o", "false dz, plate 15 µrad off in pitch", "restored: 4.5 µm", 1e3 * abs(both[2]), 4.4, 4.6, "µm"),
-    ]  # fmt: skip
-
-
-def _rank(offsets: tuple[tuple[float, float], ...]) -> int:
-    matrix = paper.lines_matrix(120.0, offsets) * np.array([1.0] * 3 + [1.0 / SCALE_MM] * 3)
-    return int(np.linalg.matrix_rank(matrix, tol=1e-9))
-
-
-def _nine_readings(x: float, offsets: tuple[tuple[float, float], ...]) -> Array:
-    """All of Dx, Dy, Dz on each line: (9, 6)."""
-    return np.concatenate([nine_slopes(np.array([x, y, z]))[:, :6] for y, z in offsets])
-
-
 # --- (11)-(19): ball bar -------------------------------------------------------------------------------------
 def of_ball_bar() -> list[Claim]:
     """(11)-(19) against symfive's exact chain: P1-3, P1-5, P1-8."""
@@ -222,7 +130,8 @@ def of_ball_bar() -> list[Claim]:
     )
     det = abs(float(np.linalg.det(paper.two_heights(*HEIGHTS_MM)))) / (HEIGHTS_MM[1] - HEIGHTS_MM[0]) ** 2
     condition = {
-        end: float(np.linalg.cond(paper.b_basis(np.radians(np.linspace(-end, end, 181))))) for end in (90.0, 30.0, 15.0)
+        end: float(np.linalg.cond(paper.b_basis(np.radians(np.linspace(-end, end, 181)))))
+        for end in (90.0, 60.0, 45.0, 30.0, 15.0)
     }
     return [
         Claim("P1-3a", "(11)-(13) equal the exact chain to first order, lever Dz", "restored", three, 0.0, 1e-9, "mm/rad"),
@@ -236,6 +145,70 @@ def of_ball_bar() -> list[Claim]:
         Claim("P1-8a", "condition of {1, cos b, sin b}, b = ±90°", "restored: 4.6", condition[90.0], 4.5, 4.7),
         Claim("P1-8b", "the same, ±30°", "restored: 47", condition[30.0], 46.0, 48.0),
         Claim("P1-8c", "the same, ±15°", "restored: 192", condition[15.0], 188.0, 196.0, "", "B needs its whole travel"),
+        Claim("P1-8d", "the same, ±60°", "restored: 11", condition[60.0], 10.8, 11.4),
+        Claim("P1-8e", "the same, ±45°", "restored: 20", condition[45.0], 19.6, 20.6),
+    ]  # fmt: skip
+
+
+def of_patterns() -> list[Claim]:
+    """What the tests of the rotary axes can and cannot separate: a bar that turns with B, P1-3, and B measured like C, P1-5."""
+    motions = tuple(f"E{letter}{axis}" for axis in "BC" for letter in "XYZABC")
+    place = table_point(paper_machine(), (*paper.LOCATION, *motions))
+    b, c = np.radians(np.arange(-90.0, 91.0, 7.0)), np.radians(np.arange(0.0, 360.0, 11.0))
+    slopes = np.stack([place(np.array([0.0, 0.0, DZ_MM]), B=angle)[1] for angle in b])
+    along = (
+        np.stack([np.cos(b), np.zeros_like(b), -np.sin(b)], 1),
+        np.stack([np.sin(b), np.zeros_like(b), np.cos(b)], 1),
+    )
+    turning = paper.turning_bar(b, DZ_MM)
+    worst = max(
+        float(np.abs(np.einsum("ni,nij->nj", way, slopes)[:, :8] - printed).max())
+        for way, printed in zip(along, turning, strict=True)
+    )
+    constant = np.linalg.lstsq(paper.b_basis(b), np.ones_like(b), rcond=None)[0]
+
+    at_rest = np.stack([place(np.array([RADIUS_MM, 0.0, HEIGHTS_MM[1]]), C=angle)[1] for angle in c])
+    outward = np.stack([np.cos(c), np.sin(c), np.zeros_like(c)], axis=1)
+    radial = np.einsum("ni,nij->nj", outward, at_rest)
+    of_zero = float(np.abs(radial[:, 7] - radial[:, 8 + motions.index("EBB")]).max())
+    on_axis = np.stack([place(np.array([0.0, 0.0, HEIGHTS_MM[1]]), C=angle)[1] for angle in c])
+    of_angle = float(np.abs(on_axis[:, :, 8 + motions.index("ECC")]).max())
+
+    weights = np.array([1.0] * 3 + [1.0 / SCALE_MM] * 3)
+    two = [np.array([0.0, 0.0, height]) for height in HEIGHTS_MM]
+    ranks, own = [], 0.0
+    for angle in b:
+        seen = [
+            place(ball, B=angle)[1][:, 8:14] * weights for ball in (*two, np.array([0.0, RADIUS_MM, HEIGHTS_MM[0]]))
+        ]
+        pair = np.concatenate(seen[:2])
+        ranks.append([np.linalg.matrix_rank(pair, tol=1e-9), np.linalg.matrix_rank(np.concatenate(seen), tol=1e-9)])
+        own = max(own, abs(float(np.linalg.svd(pair)[2][-1, 4])))
+    by_two, by_three = int(np.max(ranks, axis=0)[0]), int(np.min(ranks, axis=0)[1])
+    return [
+        Claim(
+            "P1-3c", "a bar that turns with b: tangential and radial reading equal the exact chain", "restored", worst, 0.0, 1e-9,
+            "mm/rad", "x_b cos b - z_b sin b + x_c + Dz β_c and x_b sin b + z_b cos b",
+        ),
+        Claim(
+            "P1-3d", "share of a wrong bar length that (12) reads as x_b", "restored: 1", float(constant[0]), 0.999, 1.001, "",
+            "(12), (13) take x_b and z_b from the constant, where bar and set-up are, too",
+        ),
+        Claim(
+            "P1-3e", "the same with a bar that turns with b", "restored: 0", float(abs(constant[1])), 0.0, 1e-9, "",
+            "there x_b and z_b are harmonics",
+        ),
+        Claim(
+            "P1-5h", "β_c in (15) less a zero error of B", "restored: 0", of_zero, 0.0, 1e-9, "mm/rad",
+            "at b = 0 the two are one: B's zero has to be known",
+        ),
+        Claim("P1-5i", "angle error of C in (16)-(18)", "cannot be obtained", of_angle, 0.0, 1e-9, "mm/rad", "ball on the axis"),
+        Claim("P1-5j", "B measured like C, balls at two heights on the C axis: rank", "5", by_two, 5.0, 5.0, "of 6"),
+        Claim(
+            "P1-5k", "and what stays unseen of B is its angle: share of EBB in it", "1", own, 0.999, 1.001, "",
+            "the lever sees B's angle; unseen is the turn about the line of the balls, EAB sin b + ECB cos b", refuted=True,
+        ),
+        Claim("P1-5l", "with a third ball beside the axis: rank", "-", by_three, 6.0, 6.0, "of 6"),
     ]  # fmt: skip
 
 
@@ -335,5 +308,5 @@ def _leak() -> float:
 
 def all_claims(found: Repeated) -> list[Claim]:
     """The whole table."""
-    claims = [*of_grid(), *of_chain(), *of_ball_bar(), *of_noise(found)]
+    claims = [*of_grid(), *of_squareness(), *of_chain(), *of_ball_bar(), *of_patterns(), *of_noise(found)]
     return sorted(claims, key=lambda claim: claim.id)

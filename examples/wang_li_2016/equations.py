@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "LOCATION", "axial", "b_basis", "b_location", "bar_along_x", "bar_along_z", "c_harmonics", "c_location", "c_motions",
-    "line_displacement", "lines_matrix", "points_of_table", "small_motion", "squareness_seen", "two_heights",
+    "line_displacement", "lines_matrix", "points_of_table", "small_motion", "squareness_seen", "turning_bar", "two_heights",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -94,6 +94,13 @@ def bar_along_z(b: Array, dz: float) -> Array:
     """(13), bar along Z."""
     o, one = np.zeros_like(b), np.ones_like(b)
     return np.stack([o, one, o, o, -np.sin(b), o, o, -dz * np.sin(b)], axis=1)
+
+
+def turning_bar(b: Array, dz: float) -> tuple[Array, Array]:
+    """Beside (12), (13), which keep the bar parallel to X and Z: a bar that turns with B, tangential and radial (N, 8)."""
+    o, one = np.zeros_like(b), np.ones_like(b)
+    cos, sin = np.cos(b), np.sin(b)
+    return np.stack([cos, -sin, o, o, one, o, o, dz * one], axis=1), np.stack([sin, cos, o, o, o, o, o, o], axis=1)
 
 
 def b_basis(b: Array) -> Array:

@@ -15,12 +15,15 @@ from symfive.identify import Identification
 from symfive.kinematics import basis_of
 
 from . import equations as paper
-from .claims import LAYOUTS, SCALE_MM
 from .estimators import six_motions
+from .grid_claims import LAYOUTS, SCALE_MM
 from .machine import angle, readings_of
 from .machines import Fate
+from .screw import LEAD_MM, SIZE_UM, Screw
 
-__all__ = ["ball_bar", "conditioning", "fates", "plans", "plate_yaw", "save", "six_error_motions"]
+__all__ = [
+    "ball_bar", "conditioning", "cross_grid", "fates", "plans", "plate_yaw", "save", "screws", "six_error_motions",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -73,9 +76,49 @@ def six_error_motions(
     return figure
 
 
+def cross_grid(campaign: Campaign) -> Figure:
+    """Figures 12 and 13: what the cross grid reads, less the nominal readings: both legs of Z-X, and the lines along X."""
+    figure, axes = panels(
+        2, 3, 11.0, 5.6, "Cross grid, readings less nominal (fig. 12: squareness; fig. 13: lines along X)"
+    )
+    nominal = readings_of(campaign, {}, 1)
+
+    def deviations(name: str) -> Array:
+        run = campaign.run(name)
+        return np.asarray(np.stack(list(run.readings.values()), axis=1) - nominal[name][0])
+
+    name = "square-zx"
+    run, seen = campaign.run(name), deviations(name)
+    half = 1 + int(np.argmax(np.abs(np.diff(run.commands["X"])) > 0.0))  # X stands still on the first leg
+    legs = (("Z", slice(0, half), 1, "fig. 12(2): x"), ("X", slice(half, None), 0, "fig. 12(1): z"))
+    for ax, (axis, rows, column, title) in zip(axes[0], legs, strict=False):
+        q, um = run.commands[axis][rows], seen[rows, column]
+        slope, start = np.polyfit(q, um, 1)
+        ax.plot(q, um, ".", color=ORANGE, ms=4)
+        ax.plot(q, slope * q + start, color=BLUE, label=f"slope {1e3 * slope:.0f} µrad")
+        ax.set_title(f"{title} while {axis} moves", loc="left", fontsize=9)
+        ax.set_xlabel(f"{axis} / mm", fontsize=8)
+        ax.legend(fontsize=8, frameon=False)
+    lines = (
+        ("fig. 13(1): line 1, x and y", "x-line1-xy", (0, 1), "xy"), ("(2): line 1, z", "x-line1-xz", (1,), "z"),
+        ("(3): line 2, x and y", "x-line2-xy", (0, 1), "xy"), ("(4): line 3, x", "x-line3-xz", (0,), "x"),
+    )  # fmt: skip
+    for ax, (title, name, columns, letters) in zip((axes[0, 2], *axes[1]), lines, strict=True):
+        q, seen = campaign.run(name).commands["X"], deviations(name)
+        for column, letter in zip(columns, letters, strict=True):
+            colour = {"x": ORANGE, "y": BLUE, "z": GREEN}[letter]
+            ax.plot(q, seen[:, column] - seen[0, column], ".-", ms=3, lw=0.7, color=colour, label=letter)
+        ax.set_title(title, loc="left", fontsize=9)
+        ax.set_xlabel("X / mm", fontsize=8)
+        ax.legend(fontsize=8, frameon=False)
+    for ax in axes[:, 0]:
+        ax.set_ylabel("deviation / µm", fontsize=8)
+    return figure
+
+
 def ball_bar(campaign: Campaign) -> Figure:
     """Readings of the five ball-bar tests with the harmonics that (11)-(15) fit to them."""
-    figure, axes = panels(1, 5, 13.5, 3.2, "Ball bar: readings and the harmonics of (11)–(15)")
+    figure, axes = panels(1, 5, 13.5, 3.2, "Ball bar: readings and the harmonics of (11)–(15) (fig. 10, 11)")
     titles = {"b-y": "(11) bar along Y", "b-x": "(12) along X", "b-z": "(13) along Z", "c-low": "(14) C, low ball",
               "c-high": "(15) C, high ball"}  # fmt: skip
     for ax, (name, title) in zip(axes.ravel(), titles.items(), strict=True):
@@ -84,11 +127,12 @@ def ball_bar(campaign: Campaign) -> Figure:
         order = np.argsort(q)
         basis, reading = paper.b_basis(q), run.readings["dL_um"]
         fit = basis @ np.linalg.lstsq(basis, reading, rcond=None)[0]
-        ax.plot(np.degrees(q), reading, ".", ms=2.5, color=ORANGE)
-        ax.plot(np.degrees(q)[order], fit[order], color=BLUE)
+        ax.plot(np.degrees(q), reading, ".", ms=2.5, color=ORANGE, label="read")
+        ax.plot(np.degrees(q)[order], fit[order], color=BLUE, label="harmonics")
         ax.set_title(title, loc="left", fontsize=9)
         ax.set_xlabel(f"{'b' if name.startswith('b') else 'c'} of the table / °", fontsize=8)
     axes[0, 0].set_ylabel("reading / µm", fontsize=8)
+    axes[0, 0].legend(fontsize=7.5, frameon=False, loc="lower right")
     return figure
 
 
@@ -142,6 +186,26 @@ def plate_yaw(campaign: Campaign, result: Identification, yaw_urad: float) -> Fi
     ax.set_xlabel("X / mm", fontsize=8)
     ax.set_ylabel("roll / µrad", fontsize=8)
     ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def screws(found: Screw) -> Figure:
+    """What the error motions of X leave of line 1, read every 5 mm and every 2 mm; dashed what is truly there."""
+    title = f"A screw error of {SIZE_UM:g} µm, period {LEAD_MM:g} mm: what the error motions of X leave of line 1"
+    figure, axes = panels(1, 1, 8.5, 3.6, title)
+    ax = axes[0, 0]
+    for diagnosis, pitch, colour in ((found.denser, 2.0, BLUE), (found.paper, LEAD_MM, ORANGE)):
+        before = diagnosis.before
+        run = before.model.campaign.runs[0]
+        ax.plot(
+            run.commands["X"], before.residuals[run.id][:, 0], ".", ms=4, color=colour, label=f"read every {pitch:g} mm"
+        )
+    fine = np.linspace(-30.0, 30.0, 601)
+    ax.plot(fine, SIZE_UM * np.sin(2.0 * np.pi * fine / LEAD_MM), "--", lw=0.9, color="#3c4650", label="true")
+    ax.set_xlim(-30.0, 30.0)
+    ax.set_xlabel("X / mm", fontsize=8)
+    ax.set_ylabel("residual along X / µm", fontsize=8)
+    ax.legend(fontsize=8, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1)
     return figure
 
 

@@ -39,6 +39,11 @@ class Fate:
         sequence, joint = self.spread[name]
         return sequence / joint
 
+    def largest_bias(self, method: int) -> float:
+        """Largest |bias| of all errors in 1σ of the mean, of the sequence (0) or the joint estimate (1)."""
+        ratio = (abs(self.bias[n][method]) / self.spread[n][method] for n in self.spread)
+        return max(ratio) * float(np.sqrt(self.count))
+
     @property
     def honest(self) -> float:
         """Largest of |actual / stated 1σ - 1| of the joint estimate."""

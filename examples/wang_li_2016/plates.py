@@ -14,10 +14,12 @@ from symfive.procedures import campaign_of
 from .estimators import six_motions
 from .machine import grid_tests, measured, paper_machine, readings_of
 
-__all__ = ["YAW_URAD", "Yawed", "yawed"]
+__all__ = ["OF_X", "YAW_URAD", "Yawed", "only_x", "yawed"]
 
 YAW_URAD = 60.0
 """Yaw of the plate under the second line, µrad."""
+OF_X = {"EXX.P2": 4.0, "EYX.P2": 3.0, "EZX.P3": -2.0, "EBX.P1": 12.0, "ECX.P1": -9.0}
+"""Error motions of X, µm and µrad: straightness, pitch and yaw, but no roll."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,11 @@ class Yawed:
 
 
 def yawed(*, pitch: float = 10.0, seed: int = 3) -> Yawed:
-    """Measure and evaluate; truth has straightness, pitch and yaw of X but no roll."""
-    machine = _along_x(paper_machine())
+    """Measure and evaluate; the truth is `OF_X`."""
+    machine = only_x()
     runs = tuple(run for run in grid_tests(machine, pitch=pitch) if run.id.startswith("x-line"))
     campaign = campaign_of(machine, runs, "plates")
-    truth = {"EXX.P2": 4.0, "EYX.P2": 3.0, "EZX.P3": -2.0, "EBX.P1": 12.0, "ECX.P1": -9.0}
-    truth["setup.x-line2-xy.plate.c"] = YAW_URAD
+    truth = OF_X | {"setup.x-line2-xy.plate.c": YAW_URAD}
     readings = measured(campaign, truth, seed=seed)
     aligned = replace(
         readings, runs=tuple(replace(r, setup_sigma_um=replace(r.setup_sigma_um, plate=0.0)) for r in readings.runs)
@@ -58,5 +59,7 @@ def yawed(*, pitch: float = 10.0, seed: int = 3) -> Yawed:
     return Yawed(float(np.abs(roll).max()), believed.before, believed, identify(readings), diagnose(readings))
 
 
-def _along_x(machine: Machine) -> Machine:
+def only_x() -> Machine:
+    """The paper's machine with the errors of X alone."""
+    machine = paper_machine()
     return replace(machine, errors={name: term for name, term in machine.errors.items() if term.axis == "X"})

@@ -2,7 +2,8 @@
 
 A cross grid finds the squarenesses and the six error motions of each linear axis from three lines, a double ball bar the
 location errors of B and C and the error motions of C: stage by stage, as printed. The same readings then go to one joint
-estimate, on one machine and on a thousand. At the end stand a plan that needs fewer tests and a plate laid askew.
+estimate, on one machine and on a thousand. At the end stand a plan that needs fewer tests, a plate laid askew and a screw
+whose error the paper's readings cannot show.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from .estimators import SLOPES, Sequence
 from .machine import ASSUMED, BAR_SETUP, NOISE_UM, bar_tests, draw, grid_tests, measured, paper_machine, whole_campaign
 from .machines import Fate, compare, raw_slopes
 from .plates import YAW_URAD, Yawed, yawed
+from .screw import LEAD_MM, SIZE_UM, Screw, screw
 
 __all__ = ["Gain", "One", "gain_of_a_plan", "main", "one_machine"]
 
@@ -98,7 +100,7 @@ def _table(one: One) -> list[str]:
     return lines
 
 
-def findings_data(fate: Fate, raw: dict[str, float], gain: Gain, plates: Yawed) -> dict[str, Any]:
+def findings_data(fate: Fate, raw: dict[str, float], gain: Gain, plates: Yawed, periodic: Screw) -> dict[str, Any]:
     """What came out beside the claims, as data: µm, µrad, minutes."""
     return {
         "machines": {
@@ -122,6 +124,10 @@ def findings_data(fate: Fate, raw: dict[str, float], gain: Gain, plates: Yawed) 
             "roll": {n: [plates.known[n], plates.known.uncertainty(n)] for n in plates.known.model.index if n.startswith("EAX.")},
             "not_told_apart": list(plates.says), "orientation_unknown": plates.clean.to_data(),
         },
+        "screw": {
+            "period_mm": LEAD_MM, "size_um": SIZE_UM, "every_5_mm": periodic.paper.to_data(),
+            "every_2_mm": periodic.denser.to_data(),
+        },
     }  # fmt: skip
 
 
@@ -144,6 +150,7 @@ def main(arguments: Arguments[str] | None = None) -> int:
     print("2 One machine, every set-up a little askew: squareness and location errors")
     print("\n".join(_table(one)))
     print(f"  joint: chi²/dof {one.joint.chi2_dof:.3f}, rank {one.joint.rank} of {len(one.joint.parameters)}")
+    figures.save(figures.cross_grid(one.campaign), pictures, "cross-grid")
     figures.save(figures.six_error_motions(one.campaign, one.joint, one.truth), pictures, "six-error-motions")
     figures.save(figures.ball_bar(one.campaign), pictures, "ball-bar")
     figures.save(figures.conditioning(), pictures, "conditioning")
@@ -156,13 +163,13 @@ def main(arguments: Arguments[str] | None = None) -> int:
 
     campaign = whole_campaign(machine)
     fate, raw = compare(campaign), raw_slopes(campaign)
-    print(f"4 {fate.count} machines drawn from the priors, noise ±2 µm: 1σ of the error, sequence and joint")
+    print(f"4 {fate.count} machines drawn from the priors, noise ±2 µm: bias and 1σ of the error, sequence and joint")
     for name in (*SQUARENESS, *LOCATION, "EAX.P1", "EYX.P2", "EXX.P1", "EXC.cos2"):
-        sequence, joint = fate.spread[name]
+        both = "".join(f"{fate.bias[name][k]:8.2f} ±{fate.spread[name][k]:7.2f}" for k in (0, 1))
         unit = "µrad" if name[1] in "ABC" else "µm"
-        print(
-            f"  {name:<9}{sequence:8.2f}{joint:8.2f} {unit:<4} (stated {fate.stated[name]:.2f}, prior {fate.prior[name]:g})"
-        )
+        print(f"  {name:<9}{both} {unit:<4} (stated {fate.stated[name]:.2f}, prior {fate.prior[name]:g})")
+    biases = ", ".join(f"{word} {fate.largest_bias(k):.1f}" for k, word in enumerate(("sequence", "joint")))
+    print(f"  largest bias of {len(fate.bias)} errors, in 1σ of a mean of {fate.count}: {biases}")
     print(
         f"  the joint 1σ is what it claims to be within {100.0 * fate.honest:.0f} % for all {len(fate.spread)} errors"
     )
@@ -189,6 +196,12 @@ def main(arguments: Arguments[str] | None = None) -> int:
     print("  with the orientation as an unknown: " + "; ".join(plates.says))
     print(f"  diagnosis then: {plates.clean.letter}")
     figures.save(figures.plate_yaw(plates.known.model.campaign, plates.known, YAW_URAD), pictures, "plate-yaw")
-    write_json(folder / "findings.json", findings_data(fate, raw, gain, plates))
+
+    periodic = screw()
+    print(f"7 A screw error of X, {SIZE_UM:g} µm, period {LEAD_MM:g} mm; the diagnosis of line 1")
+    print(f"  read every 5 mm: {periodic.paper.letter}")
+    print(f"  read every 2 mm: {periodic.denser.letter}")
+    figures.save(figures.screws(periodic), pictures, "screw")
+    write_json(folder / "findings.json", findings_data(fate, raw, gain, plates, periodic))
     print(f"Done in {time.perf_counter() - begin:.0f} s: {folder.resolve()}")
     return 0 if all(claim.settled for claim in claims) else 1
