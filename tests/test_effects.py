@@ -517,3 +517,17 @@ def test_signature_is_drawn() -> None:
     assert len(figure.axes) == 2 and figure.axes[0].lines
     with pytest.raises(InputError, match='no parameter "depth"'):
         signature(make_effect("backlash", "X"), campaign("planar"), {"depth": 12.0})
+
+
+def test_a_drift_says_how_far_it_went_where_amplitude_and_time_constant_are_known_only_together():
+    """Of a rise that has just begun only amplitude/τ is known."""
+    plan = campaign("static")
+    drift = make_effect("thermal_drift").prepare(plan)
+    end = drift.clock_span(plan)
+    names = [f"thermal_drift.{name}" for name in ("amplitude.x", "amplitude.y", "amplitude.z", "time_constant_s")]
+    values = dict(zip(names, (30.0, 40.0, 0.0, 1e3 * end), strict=True))
+    together = {(a, b): 0.81 * values[a] * values[b] for a in names for b in names}
+    said = drift.describe(plan, values, together)
+    assert said["amplitude"].value == pytest.approx(50.0) and said["amplitude"].std == pytest.approx(45.0)
+    assert said["reached"].value == pytest.approx(0.05, rel=1e-3) and said["reached"].std < 1e-4
+    assert said["reached"].unit == "um"

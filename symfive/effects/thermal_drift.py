@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
-from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity
+from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagate
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -75,4 +77,19 @@ class ThermalDrift(Effect):
                 )
             elif name.endswith("_s"):
                 found[name] = own_quantity(p, values, covariance)
+        found["reached"] = self._reached(campaign, values, covariance)
         return found
+
+    def _reached(self, campaign: Campaign, values: Values, covariance: Covariance) -> Quantity:
+        """How far it has gone at the end of the campaign: well known where amplitude and time constant are not, because only
+        the first part of the rise was seen."""
+        end, names = self.clock_span(campaign), [p.name for p in self.parameters(campaign)]
+
+        def length(p: NDArray[np.float64]) -> list[float]:
+            if self.shape == "linear":
+                return [float(np.linalg.norm(p[:3])) * end / 3600.0]
+            bodies = [p[k : k + 3] * (1.0 - np.exp(-end / p[k + 3])) for k in range(0, len(p), 4)]
+            return [float(np.linalg.norm(sum(bodies)))]
+
+        value, std = propagate(length, names, values, covariance)
+        return Quantity(float(value[0]), float(std[0]), "um")
