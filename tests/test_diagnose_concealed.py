@@ -190,6 +190,16 @@ def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_pa
     assert found.findings[0].parameters["height"].value == pytest.approx(9.0, rel=0.05)
 
 
+def test_a_step_is_looked_for_where_the_fit_leaves_it_and_not_where_it_is_swallowed(tmp_path):
+    """Bars at rest: a step near the end of the travel would have the largest response and hides in the geometry."""
+    machine = plant.static_table()
+    step = {"effect": "compensation_table_step", "axis": "Y", "at": 20.0, "ramp": 2.0, "step": 6.0}
+    campaign = _measured(tmp_path / "c", machine, _bars(machine), [step])
+    found = next(s for s in locate(campaign).survey.scores if s.effect.id == "table_step" and s.effect.axis == "Y")
+    assert found.effect.at < 21.0 < found.effect.at + found.effect.ramp + 2.0
+    assert found.drop > 100.0 and found.log_p < -40.0
+
+
 @pytest.mark.slow
 def test_one_feed_cannot_tell_play_from_the_servo_and_the_second_feed_that_is_asked_for_can(tmp_path):
     machine = plant.planar_table()

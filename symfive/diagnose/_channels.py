@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +43,7 @@ class Channels:
         self.twice: dict[str, Array] = {}
         self.power: dict[str, Array] = {}
         self.residuals: dict[str, Array] = {}
+        self._derivatives: dict[str, tuple[NDArray[np.int64], Array]] = {}
         for run in self.campaign.runs:
             residual = np.asarray(board.result.residuals[run.id])
             for outlier in board.result.outliers:
@@ -73,18 +75,14 @@ class Channels:
         artefact = [i for i, name in enumerate(names) if name.startswith(("table_ball.", "zero."))]
         if not artefact:
             return np.zeros(courses.shape[1])
-        size = line.jacobian.shape[0] * line.jacobian.shape[1]
-
-        def white(table: Array) -> Array:
-            return self._white(run, table).reshape(size, -1)
-
-        fitted = white(line.jacobian)
-        residual = white(np.asarray(self.board.result.residuals[run.id])[:, :, None])[:, 0]
-        sigma = self.board.result.model.prior_sigma[line.columns]
+        fitted = self._flat(run, line.jacobian)
+        residual = self._flat(run, np.asarray(self.board.result.residuals[run.id])[:, :, None])[:, 0]
+        sigma = model.prior_sigma[line.columns]
         normal = fitted.T @ fitted + np.diag(sigma**-2.0)
         tangents = line.jacobian[:, :, artefact]
         count = len(artefact)
-        columns = white(np.einsum("ncd,nk->nckd", tangents, courses).reshape(*tangents.shape[:2], -1))
+        moved = np.einsum("ncd,nk->nckd", tangents, courses).reshape(*tangents.shape[:2], -1)
+        columns = self._flat(run, moved)
         cross = fitted.T @ columns
         solved = np.linalg.solve(normal, np.column_stack([cross, fitted.T @ residual]))
         answer = (columns.T @ residual - cross.T @ solved[:, -1]).reshape(-1, count)
@@ -95,6 +93,35 @@ class Channels:
             # tangents are per µm; a prior of 10 µm keeps unseen directions out
             scores[k] = answer[k] @ np.linalg.solve(h + 1e-2 * np.eye(count), answer[k])
         return scores
+
+    def axis_scores(self, axis: str, courses: Mapping[str, Array]) -> Array:
+        """Score of an error of an axis that takes each of `courses`, run → (N, K), orthogonal to all that is fitted."""
+        index, size = self.axis_index(axis), len(self.board.result.model.parameters)
+        base = self.board.base[:size]
+        normal = self.board.gram[np.ix_(base, base)] + np.diag(self.board.prior[:size])
+        count = len(next(iter(courses.values())).T)
+        cross, own, answer = np.zeros((size, count)), np.zeros(count), np.zeros(count)
+        for run in self.campaign.runs:
+            moved = self.board.tangents[run.id][:, :, index, None] * courses[run.id][:, None, :]
+            columns, (where, fitted) = self._flat(run, moved), self._fitted(run)
+            residual = self._flat(run, self.residuals[run.id][:, :, None])[:, 0]
+            cross[where] += fitted.T @ columns
+            own += np.sum(columns**2, axis=0)
+            answer += columns.T @ residual
+        solved = np.linalg.solve(normal, cross)
+        left = own - np.sum(cross * solved, axis=0)
+        return np.asarray((answer - self.board.gradient[:size] @ solved) ** 2 / (np.maximum(left, 0.0) + 1e-2))
+
+    def _fitted(self, run: Run) -> tuple[NDArray[np.int64], Array]:
+        """Which parameters a run has, and its derivatives by them, whitened."""
+        if run.id not in self._derivatives:
+            line = self.board.result.model.linearise(run, self.board.result.values)
+            self._derivatives[run.id] = line.columns, self._flat(run, line.jacobian)
+        return self._derivatives[run.id]
+
+    def _flat(self, run: Run, table: Array) -> Array:
+        """Columns (N, ny, m) whitened, as (N·ny, m)."""
+        return self._white(run, table).reshape(-1, table.shape[2])
 
     def energy(self, run: Run) -> tuple[Array, int]:
         """Square of the whitened residual, summed over the columns that are fitted (N,), and how many these are."""

@@ -152,7 +152,7 @@ LASTING = (0.05, 0.15, 0.5)
 """Time constants of a creep, as shares of a run."""
 SLOWER = 10.0
 """What the square of the residual must fall further by if a shift is to be a creep: one more parameter, decisively."""
-MOST_STEPS, NARROW = 200, 0.1
+MOST_STEPS, NARROW = 100, 0.1
 
 
 def _shifts(channels: Channels) -> Iterator[Finding]:
@@ -207,28 +207,17 @@ def _creep(run: Run, tau: float, rows: NDArray[np.int64]) -> Array:
 
 def _steps(channels: Channels) -> Iterator[Finding]:
     """A step of an axis' positioning error at one place."""
-    campaign = channels.campaign
     for axis in channels.axes:
-        index = channels.axis_index(axis)
-        where = np.concatenate([run.commands[axis] for run in campaign.runs])
-        answer = np.concatenate([channels.answer(run, index) for run in campaign.runs])
-        power = np.concatenate([channels.power[run.id][:, index] for run in campaign.runs])
-        order = np.argsort(where, kind="stable")
-        ranked = where[order]
-        between = 1 + np.flatnonzero(
-            np.diff(ranked) > 1e-9 * max(float(np.ptp(ranked)), 1e-30)
-        )  # first row after a step
+        ways = {run.id: np.asarray(run.commands[axis]) for run in channels.campaign.runs}
+        ranked = np.sort(np.concatenate(list(ways.values())))
+        apart = np.diff(ranked) > 1e-9 * max(float(np.ptp(ranked)), 1e-30)
+        between = 1 + np.flatnonzero(apart)  # first row after a step
         inner = between[(between >= 0.05 * len(ranked)) & (between <= 0.95 * len(ranked))]
-        inner = (
-            inner[np.unique(np.linspace(0, len(inner) - 1, min(len(inner), MOST_STEPS)).astype(int))]
-            if len(inner)
-            else inner
-        )
-        if len(inner) < 5 or power.sum() <= 0.0:
+        if len(inner) < 5:
             continue
-        after = np.cumsum(answer[order][::-1])[::-1][inner]
-        left = np.cumsum(power[order][::-1])[::-1][inner]
-        score = after**2 / np.maximum(left * (1.0 - left / power.sum()), 1e-300)
-        first = int(inner[np.argmax(score)])
+        inner = inner[np.unique(np.linspace(0, len(inner) - 1, min(len(inner), MOST_STEPS)).astype(int))]
+        middles = 0.5 * (ranked[inner - 1] + ranked[inner])
+        scores = channels.axis_scores(axis, {id: np.asarray(way[:, None] > middles, float) for id, way in ways.items()})
+        first = int(inner[np.argmax(scores)])
         at, ramp = float(ranked[first - 1]), max(float(ranked[first] - ranked[first - 1]), NARROW)
         yield Finding(make_effect("table_step", axis, at=at, ramp=ramp), len(inner))
