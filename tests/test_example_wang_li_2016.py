@@ -14,7 +14,7 @@ sys.path.insert(0, str(ROOT))
 
 from claim_checks import assert_refuted, assert_reproduced  # noqa: E402
 
-from examples.wang_li_2016 import claims, equations, figures, machine, machines, plates, screw, story  # noqa: E402
+from examples.wang_li_2016 import b_motions, claims, equations, figures, machine, machines, plates, screw, story  # noqa: E402
 from examples.wang_li_2016.estimators import SLOPES, Joint, Sequence  # noqa: E402
 from symfive.campaign import read_campaign, write_campaign  # noqa: E402
 from symfive.model import Model  # noqa: E402
@@ -23,7 +23,7 @@ from symfive.procedures import campaign_of  # noqa: E402
 WRONG = {"P1-2b", "P1-2d", "P1-3b", "P1-4a", "P1-5d", "P1-5g", "P1-5k", "P1-9b"}
 REPRODUCED = {
     *(f"P1-1{letter}" for letter in "abcdefghijklmnopqrstu"), "P1-2a", "P1-2c", "P1-3a", "P1-3c", "P1-3d", "P1-3e", "P1-4b",
-    "P1-4c", *(f"P1-5{letter}" for letter in "abcefhijl"), "P1-6", *(f"P1-7{letter}" for letter in "abcdefghi"),
+    "P1-4c", *(f"P1-5{letter}" for letter in "abcefhijlmnopqr"), "P1-6", *(f"P1-7{letter}" for letter in "abcdefghi"),
     *(f"P1-8{letter}" for letter in "abcde"), "P1-9a",
 }  # fmt: skip
 
@@ -34,8 +34,13 @@ def again():
 
 
 @pytest.fixture(scope="module")
-def found(again):
-    return {claim.id: claim for claim in claims.all_claims(again)}
+def of_b():
+    return b_motions.turned()
+
+
+@pytest.fixture(scope="module")
+def found(again, of_b):
+    return {claim.id: claim for claim in claims.all_claims(again, of_b)}
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +75,16 @@ def test_a_claim_is_reproduced_within_its_limits(found, name):
 @pytest.mark.parametrize("name", sorted(WRONG))
 def test_a_claim_is_wrong_and_the_reason_is_given(found, name):
     assert_refuted(found[name])
+
+
+def test_the_page_has_every_claim_as_it_comes_out(found):
+    page = (ROOT / "docs" / "papers" / "wang-li-2016.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line[1:-1].split("|")] for line in page.splitlines() if line.startswith("| P1-")]
+    assert sorted(row[0] for row in rows) == sorted(found)
+    for name, statement, paper, ours, _, verdict, note in rows:
+        claim = found[name]
+        assert [statement, paper, verdict, note] == [claim.statement, claim.paper, claim.verdict, claim.note]
+        assert float(ours.split()[0]) == pytest.approx(claim.ours, rel=2e-3, abs=1e-9), name
 
 
 def test_the_printed_chain_has_no_squareness_and_the_corrected_one_has(found):
@@ -137,6 +152,35 @@ def test_over_many_machines_the_joint_estimate_is_better_and_honest(fate):
         assert abs(sequence) < 4.0 * spread[0] / np.sqrt(fate.count), name
         assert abs(joint) < 4.0 * spread[1] / np.sqrt(fate.count), name
     assert max(fate.largest_bias(0), fate.largest_bias(1)) < 4.0
+
+
+def test_the_error_motions_of_b_are_found_at_once_and_hardly_in_sequence(of_b):
+    sequence, joint = of_b.rms(of_b.spread)
+    assert (joint < (0.5, 0.6, 0.5, 5.0, 5.0, 7.0)).all()
+    assert (sequence > 3.0 * joint).all()  # a set-up that is off looks like a motion
+    assert (of_b.rms(of_b.perfect[1]) < (0.5, 0.6, 0.6, 4.5, 6.0, 6.0)).all()
+    two, three, prior = (of_b.rms(std) for std in (of_b.two_balls, of_b.stated, of_b.prior))
+    assert (two[:5] < 1.3 * three[:5]).all()
+    assert two[5] > 1.6 * three[5]  # the turn about the line of the two balls
+    assert two[5] < prior[5]  # only since all harmonics end at 3b
+
+
+def test_a_turn_about_the_line_of_two_balls_moves_neither():
+    b, still = np.radians(np.arange(-90.0, 91.0, 15.0)), np.zeros(13)
+    about = np.stack([still, still, still, np.sin(b), still, np.cos(b)], axis=1)
+    for name, ball in b_motions.BALLS_MM.items():
+        moved = [np.einsum("nk,nk->n", equations.b_motions(b, ball, way), about) for way in np.eye(3)]
+        size = 100.0 if name == "beside" else 0.0
+        np.testing.assert_allclose(np.linalg.norm(moved, axis=0), size, atol=1e-12)
+
+
+def test_one_turning_machine_and_its_figure(tmp_path):
+    one = b_motions.one_turned()
+    inside = np.abs(one.joint - one.true) < 3.0 * one.std
+    assert inside.mean() > 0.95
+    assert one.result.chi2_dof == pytest.approx(1.0, abs=0.1)
+    figures.save(figures.motions_of_b(one), tmp_path, "motions-of-b")
+    assert (tmp_path / "motions-of-b.png").stat().st_size > 10_000
 
 
 def test_a_plain_slope_is_not_the_squareness(campaign):
