@@ -60,7 +60,7 @@ def test_diagnosis_rows_count_wrong_names_and_name_the_quickest_rival() -> None:
 def test_table_is_markdown_and_tells_what_is_behind() -> None:
     text = rows.table([*rows.jacobian_rows(JACOBIAN), *rows.design_rows(DESIGN, 12)], "a machine")
     lines = text.splitlines()
-    assert lines[0] == "a machine" and lines[2] == "| what | symfive | peer or limit | ratio | target |"
+    assert lines[0] == "a machine" and lines[3] == "| what | symfive | peer or limit | ratio | target |"
     table = [line for line in lines if line.startswith("|")]
     assert len(table) == 2 + 18 and {line.count("|") for line in table} == {6}
     assert "JAX, jit: skipped: ModuleNotFoundError" in text

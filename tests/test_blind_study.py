@@ -7,6 +7,7 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from examples.blind_study import cases, effects, figures, score, span, stages, store, study  # noqa: E402
+from examples.blind_study.effects import _carriers
 from examples.blind_study.oracle import true_effect  # noqa: E402
 from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
 from examples.blind_study.plans import draw_setting  # noqa: E402
@@ -320,3 +322,12 @@ def test_a_small_study_from_end_to_end(tmp_path: Path) -> None:
     assert said["BIC ARMA, clipped: visible named"]["n"] == 1
     assert any("excluded" in what for what in said)
     assert study.main([*command, "--report"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("structure", "carriers"),
+    [("w C' B' Y' b X Z t", ["Y", "B"]), ("w b X Y Z C A t", ["X", "Y", "Z"]), ("w C' Y' b X Z B t", ["Y"])],
+)
+def test_only_an_axis_in_front_of_it_tilts_a_table(structure, carriers):
+    setting = SimpleNamespace(machine={"structure": structure})
+    assert sorted(_carriers(setting, "C")) == sorted(carriers)

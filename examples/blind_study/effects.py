@@ -282,13 +282,20 @@ def compliance(rng: Random, setting: Setting) -> Draft | None:
     return Draft(lambda a: {**base, "compliance": a * size})
 
 
+def _carriers(setting: Setting, axis: str) -> list[str]:
+    """The axes between the bed and an axis."""
+    names = [word.rstrip("'") for word in setting.machine["structure"].split()]
+    near, far = sorted((names.index("b"), names.index(axis)))
+    return names[near + 1 : far]
+
+
 def relative(rng: Random, setting: Setting) -> Draft | None:
     """A near relative: no word of its own in the vocabulary, but one for its kind."""
     linear = _linear(setting)
     turning = [a for a in _rotary(setting) if a == "C"]
     if turning and rng.random() < 0.4:
         phase = float(rng.uniform(0.0, 6.28))
-        tilt = next((a for a in _rotary(setting) if a != "C"), None)
+        tilt = next((a for a in _rotary(setting) if a in _carriers(setting, "C")), None)
         base = {"effect": "eccentric_mass", "axis": "C", "phase": phase} | ({"tilt": tilt} if tilt else {})
         return (
             None

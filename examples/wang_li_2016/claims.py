@@ -15,6 +15,7 @@ from symfive.machine import Machine
 from symfive.procedures import campaign_of
 
 from . import equations as paper
+from .b_motions import BALLS_MM, Turned, of_b_motions
 from .estimators import Joint, noisy, rotary_in_sequence
 from .grid_claims import SCALE_MM, nine_slopes, of_grid, of_squareness
 from .machine import ASSUMED, DZ_MM, HEIGHTS_MM, RADIUS_MM, bar_tests, grid_tests, paper_machine, readings_of
@@ -176,11 +177,14 @@ def of_patterns() -> list[Claim]:
 
     weights = np.array([1.0] * 3 + [1.0 / SCALE_MM] * 3)
     two = [np.array([0.0, 0.0, height]) for height in HEIGHTS_MM]
-    ranks, own = [], 0.0
+    ranks, own, as_for_c = [], 0.0, 0.0
     for angle in b:
         seen = [
             place(ball, B=angle)[1][:, 8:14] * weights for ball in (*two, np.array([0.0, RADIUS_MM, HEIGHTS_MM[0]]))
         ]
+        alone = np.array([angle])
+        restored = [[paper.b_motions(alone, ball, way)[0] * weights for way in np.eye(3)] for ball in BALLS_MM.values()]
+        as_for_c = max(as_for_c, float(np.abs(np.array(seen) - restored).max()))
         pair = np.concatenate(seen[:2])
         ranks.append([np.linalg.matrix_rank(pair, tol=1e-9), np.linalg.matrix_rank(np.concatenate(seen), tol=1e-9)])
         own = max(own, abs(float(np.linalg.svd(pair)[2][-1, 4])))
@@ -209,6 +213,10 @@ def of_patterns() -> list[Claim]:
             "the lever sees B's angle; unseen is the turn about the line of the balls, EAB sin b + ECB cos b", refuted=True,
         ),
         Claim("P1-5l", "with a third ball beside the axis: rank", "-", by_three, 6.0, 6.0, "of 6"),
+        Claim(
+            "P1-5m", "d + e × R_y(b) p, (16)-(18) for B, equals the exact chain at the three balls", "restored", as_for_c, 0.0,
+            1e-9, "", "turns weighed at 200 mm",
+        ),
     ]  # fmt: skip
 
 
@@ -306,7 +314,15 @@ def _leak() -> float:
     return abs(float(rotary_in_sequence(campaign, readings)["EX0C"][0]))
 
 
-def all_claims(found: Repeated) -> list[Claim]:
+def all_claims(found: Repeated, of_b: Turned) -> list[Claim]:
     """The whole table."""
-    claims = [*of_grid(), *of_squareness(), *of_chain(), *of_ball_bar(), *of_patterns(), *of_noise(found)]
+    claims = [
+        *of_grid(),
+        *of_squareness(),
+        *of_chain(),
+        *of_ball_bar(),
+        *of_patterns(),
+        *of_b_motions(of_b),
+        *of_noise(found),
+    ]
     return sorted(claims, key=lambda claim: claim.id)

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "LOCATION", "axial", "b_basis", "b_location", "bar_along_x", "bar_along_z", "c_harmonics", "c_location", "c_motions",
-    "line_displacement", "lines_matrix", "points_of_table", "small_motion", "squareness_seen", "turning_bar", "two_heights",
+    "LOCATION", "axial", "b_basis", "b_location", "b_motions", "bar_along_x", "bar_along_z", "c_harmonics", "c_location",
+    "c_motions", "line_displacement", "lines_matrix", "points_of_table", "small_motion", "squareness_seen", "turning_bar",
+    "two_heights",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -154,3 +155,14 @@ def two_heights(low: float, high: float) -> Array:
     """The matrix of (19): DRx1, DRy1, DRz1, DRx2, DRy2 from EXC, EYC, EZC, EAC, EBC."""
     whole = np.concatenate([c_motions(low)[:, 8:13], c_motions(high)[:2, 8:13]])
     return np.asarray(whole)
+
+
+# --- the same for B, which the paper only mentions -----------------------------------------------------------
+def b_motions(b: Array, ball: tuple[float, float, float], way: Array) -> Array:
+    """Like (16)-(18): displacement along `way` (3,) of a ball of the table (N, 6) per EXB, EYB, EZB, EAB, EBB, ECB; c = 0.
+
+    A motion of B shifts the ball and turns it about the axis, in directions that stand still: d + e × R_y(b) `ball` (mm).
+    """
+    cos, sin, (x, y, z) = np.cos(b), np.sin(b), ball
+    place = np.stack([x * cos + z * sin, np.full_like(b, y), z * cos - x * sin], axis=1)
+    return np.concatenate([np.broadcast_to(way, place.shape), np.cross(place, way)], axis=1)

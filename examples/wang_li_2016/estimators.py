@@ -18,7 +18,7 @@ from symfive.model import Model
 from . import equations as paper
 from .machine import DZ_MM, HALF_WIDTH_UM, HEIGHTS_MM, angle, readings_of
 
-__all__ = ["SLOPES", "Joint", "Sequence", "lever", "noisy", "rotary_in_sequence", "six_motions"]
+__all__ = ["SLOPES", "Joint", "Sequence", "effect_of", "lever", "noisy", "rotary_in_sequence", "six_motions"]
 
 Array = NDArray[np.float64]
 Readings = Mapping[str, Array]
@@ -98,8 +98,8 @@ class Sequence:
         for axis in "XYZ":
             found |= self.motions_of(axis, deviations)
         corners = [run for run in self.campaign.runs if run.id.startswith("square-")]
-        found |= self.squareness({run.id: deviations[run.id] - _effect(model, run, found) for run in corners})
-        corrected = {run.id: deviations[run.id] - _effect(model, run, found) for run in self.campaign.runs}
+        found |= self.squareness({run.id: deviations[run.id] - effect_of(model, run, found) for run in corners})
+        corrected = {run.id: deviations[run.id] - effect_of(model, run, found) for run in self.campaign.runs}
         found |= rotary_in_sequence(self.campaign, corrected)
         return found | self.motions_of_c(corrected, found)
 
@@ -150,7 +150,7 @@ class Sequence:
         return out
 
 
-def _effect(model: Model, run: Run, found: Estimate) -> Array:
+def effect_of(model: Model, run: Run, found: Estimate) -> Array:
     """What the errors found so far do to a run's readings, first order (machines, N, columns) µm."""
     line = model.linearise(run, model.start)
     count = len(next(iter(found.values())))

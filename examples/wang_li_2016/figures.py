@@ -15,6 +15,7 @@ from symfive.identify import Identification
 from symfive.kinematics import basis_of
 
 from . import equations as paper
+from .b_motions import COMBINED, OneTurned
 from .estimators import six_motions
 from .grid_claims import LAYOUTS, SCALE_MM
 from .machine import angle, readings_of
@@ -22,7 +23,8 @@ from .machines import Fate
 from .screw import LEAD_MM, SIZE_UM, Screw
 
 __all__ = [
-    "ball_bar", "conditioning", "cross_grid", "fates", "plans", "plate_yaw", "save", "screws", "six_error_motions",
+    "ball_bar", "conditioning", "cross_grid", "fates", "motions_of_b", "plans", "plate_yaw", "save", "screws",
+    "six_error_motions",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -73,6 +75,26 @@ def six_error_motions(
     for ax in axes[1]:
         ax.set_xlabel(f"{axis} / mm", fontsize=8)
     axes[0, 0].legend(fontsize=7.5, frameon=False)
+    return figure
+
+
+def motions_of_b(found: OneTurned) -> Figure:
+    """Six error motions of B less {1, cos b, sin b}: true, point by point in sequence, and by the joint estimate with ±1σ."""
+    title = "Error motions of B less {1, cos b, sin b}, which location errors and set-ups take"
+    figure, axes = panels(2, 3, 11.0, 5.6, title)
+    b = np.degrees(found.b)
+    for k, (ax, name) in enumerate(zip(axes.ravel(), COMBINED, strict=True)):
+        value, std = found.joint[k], found.std[k]
+        ax.plot(b, found.sequence[k], ".", color=ORANGE, ms=4, label="in sequence, at every b")
+        ax.fill_between(b, value - std, value + std, color=BLUE, alpha=0.2, lw=0)
+        ax.plot(b, value, color=BLUE, label="joint, ±1σ")
+        ax.plot(b, found.true[k], "--", color="#3c4650", label="true")
+        ax.set_title(name, loc="left", fontsize=9)
+        ax.set_ylabel("µm" if k < 3 else "µrad", fontsize=8)
+    for ax in axes[1]:
+        ax.set_xlabel("b of the table / °", fontsize=8)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return figure
 
 

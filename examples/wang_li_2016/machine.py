@@ -18,8 +18,8 @@ from symfive.procedures import Nominal, campaign_of, checked, static_ball_bar
 from .equations import LOCATION
 
 __all__ = [
-    "ASSUMED", "BAR_MM", "DZ_MM", "HALF_WIDTH_UM", "HEIGHTS_MM", "NOISE_UM", "OFFSETS_MM", "RADIUS_MM", "angle", "bar_tests",
-    "draw", "grid_tests", "measured", "paper_machine", "readings_of", "whole_campaign",
+    "ASSUMED", "BAR_MM", "BAR_SETUP", "DZ_MM", "HALF_WIDTH_UM", "HEIGHTS_MM", "NOISE_UM", "OFFSETS_MM", "PERFECT", "RADIUS_MM",
+    "TOOL_MM", "angle", "bar_tests", "draw", "grid_tests", "measured", "paper_machine", "readings_of", "whole_campaign",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ ZERO_UM = 50.0
 
 
 def paper_machine(*, errors: str = "all") -> Machine:
-    """The preset without error motions of B, for which the paper prints no test; `location`: rotary location errors only.
+    """The preset without error motions of B (see `b_motions`), whose test is not printed; `location`: of B and C only.
 
     Travels are not printed. Error motions are polynomials over the travel, so that of Z is what the tests use and no more.
     """
@@ -225,6 +225,8 @@ def _motions(
     rows = len(next(iter(command.values())))
     for term in machine.error_motions:
         basis = basis_of(term, machine)
+        if not any(f"{term.name}.{n}" in values for n in basis.names):
+            continue
         coefficients = np.stack([values.get(f"{term.name}.{n}", np.zeros(count)) for n in basis.names])
         size = (basis.matrix(*(command[axis] for axis in term.over)) @ coefficients).T.ravel()
         found.setdefault(term.axis, np.zeros((count * rows, 6)))

@@ -1,8 +1,8 @@
 """The paper from end to end: `python -m examples.wang_li_2016 -o RESULTS`.
 
 A cross grid finds the squarenesses and the six error motions of each linear axis from three lines, a double ball bar the
-location errors of B and C and the error motions of C: stage by stage, as printed. The same readings then go to one joint
-estimate, on one machine and on a thousand. At the end stand a plan that needs fewer tests, a plate laid askew and a screw
+location errors of B and C and the error motions of C and B: stage by stage, as printed. The same readings then go to one
+joint estimate, on one machine and on a thousand. At the end stand a plan that needs fewer tests, a plate laid askew and a screw
 whose error the paper's readings cannot show.
 """
 
@@ -27,6 +27,7 @@ from symfive.model import Model
 from symfive.procedures import campaign_of
 
 from . import figures
+from .b_motions import COMBINED, Turned, one_turned, turned
 from .claims import all_claims, repeated
 from .equations import LOCATION
 from .estimators import SLOPES, Sequence
@@ -100,7 +101,9 @@ def _table(one: One) -> list[str]:
     return lines
 
 
-def findings_data(fate: Fate, raw: dict[str, float], gain: Gain, plates: Yawed, periodic: Screw) -> dict[str, Any]:
+def findings_data(
+    fate: Fate, raw: dict[str, float], of_b: Turned, gain: Gain, plates: Yawed, periodic: Screw
+) -> dict[str, Any]:
     """What came out beside the claims, as data: µm, µrad, minutes."""
     return {
         "machines": {
@@ -109,6 +112,14 @@ def findings_data(fate: Fate, raw: dict[str, float], gain: Gain, plates: Yawed, 
             "stated": dict(fate.stated), "prior": dict(fate.prior), "worst_of_stated": fate.honest,
         },
         "squareness_as_plain_slope_rms_urad": raw,
+        "motions_of_b_less_1_cos_sin_rms_over_b": {
+            "machines": of_b.count,
+            "std": {n: of_b.rms(of_b.spread[:, k]).tolist() for k, n in enumerate(COMBINED)},
+            "in_sequence_perfect_setups": dict(zip(COMBINED, of_b.rms(of_b.perfect[1]).tolist(), strict=True)),
+            "stated": dict(zip(COMBINED, of_b.rms(of_b.stated).tolist(), strict=True)),
+            "stated_with_two_balls": dict(zip(COMBINED, of_b.rms(of_b.two_balls).tolist(), strict=True)),
+            "prior": dict(zip(COMBINED, of_b.rms(of_b.prior).tolist(), strict=True)),
+        },
         "plan": {
             "tests": {
                 "readings": gain.tests.rows, "setups": len(gain.tests.runs),
@@ -155,8 +166,8 @@ def main(arguments: Arguments[str] | None = None) -> int:
     figures.save(figures.ball_bar(one.campaign), pictures, "ball-bar")
     figures.save(figures.conditioning(), pictures, "conditioning")
 
-    again = repeated()
-    claims = all_claims(again)
+    again, of_b = repeated(), turned()
+    claims = all_claims(again, of_b)
     write_claims(claims, folder, TITLE)
     print(f"3 Claims: {sum(c.holds for c in claims)} reproduced, {sum(not c.holds for c in claims)} shown wrong")
     print("\n".join(f"  {c.id} {c.statement}: {c.ours:.4g} {c.unit}: {c.note}" for c in claims if not c.holds))
@@ -179,16 +190,29 @@ def main(arguments: Arguments[str] | None = None) -> int:
     )
     figures.save(figures.fates(fate), pictures, "thousand-machines")
 
+    print(
+        f"5 Error motions of B less what location errors take, {of_b.count} machines: 1σ, rms over b, sequence and joint"
+    )
+    for k, name in enumerate(COMBINED):
+        both = "".join(f"{value:8.2f}" for value in of_b.rms(of_b.spread[:, k]))
+        ideal, stated, two, known = (
+            float(of_b.rms(std[k])) for std in (of_b.perfect[1], of_b.stated, of_b.two_balls, of_b.prior)
+        )
+        unit = "µm" if k < 3 else "µrad"
+        print(f"  {name:<22}{both} {unit:<4} (stated {stated:.2f}, by two balls {two:.2f}, prior {known:.1f};")
+        print(f"  {'':<22} in sequence with perfect set-ups {ideal:.2f})")
+    figures.save(figures.motions_of_b(one_turned()), pictures, "motions-of-b")
+
     gain = gain_of_a_plan()
     rows, fewer = gain.tests.rows, gain.plan.campaign.rows
-    print(f"5 Ball bar planned: {fewer} readings in {len(gain.plan.campaign.runs)} set-ups", end=" ")
+    print(f"6 Ball bar planned: {fewer} readings in {len(gain.plan.campaign.runs)} set-ups", end=" ")
     print(f"instead of {rows} in {len(gain.tests.runs)}; 1σ of the tests over 1σ of the plan:")
     print("  " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in gain.ratio.items()))
     words = (f"the paper's {len(gain.tests.runs)} tests, {rows} readings", f"plan, {fewer} readings")
     figures.save(figures.plans(gain.of_tests, gain.plan.assessment, words), pictures, "plans")
 
     plates = yawed()
-    print(f"6 A plate {YAW_URAD:g} µrad askew under the second line of an axis that does not roll")
+    print(f"7 A plate {YAW_URAD:g} µrad askew under the second line of an axis that does not roll")
     print(
         f"  (10) finds a roll of {plates.false_roll:.0f} µrad between the ends of the line, and nothing contradicts it"
     )
@@ -198,10 +222,10 @@ def main(arguments: Arguments[str] | None = None) -> int:
     figures.save(figures.plate_yaw(plates.known.model.campaign, plates.known, YAW_URAD), pictures, "plate-yaw")
 
     periodic = screw()
-    print(f"7 A screw error of X, {SIZE_UM:g} µm, period {LEAD_MM:g} mm; the diagnosis of line 1")
+    print(f"8 A screw error of X, {SIZE_UM:g} µm, period {LEAD_MM:g} mm; the diagnosis of line 1")
     print(f"  read every 5 mm: {periodic.paper.letter}")
     print(f"  read every 2 mm: {periodic.denser.letter}")
     figures.save(figures.screws(periodic), pictures, "screw")
-    write_json(folder / "findings.json", findings_data(fate, raw, gain, plates, periodic))
+    write_json(folder / "findings.json", findings_data(fate, raw, of_b, gain, plates, periodic))
     print(f"Done in {time.perf_counter() - begin:.0f} s: {folder.resolve()}")
     return 0 if all(claim.settled for claim in claims) else 1

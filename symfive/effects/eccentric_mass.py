@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class EccentricMass(Effect):
-    """(EAj, EBj, ECj) += (R·r) × ĝ, µrad: moment of a mass at r across the axis, over the stiffness of its
-    bearing.
+    """(EAj, EBj, ECj) += (R·r) × ĝ without its part along the axis, µrad: moment of a mass at r across the axis, over the
+    tilting stiffness of its bearing. The moment about the axis itself is held by the drive.
 
     R turns with the axis, ĝ is gravity in the frame of what carries the axis, so a tilting axis in front of
     it enters. r = cos·u + sin·w, u and w across the axis (x and y for C). Typical 5–50 µrad, 1–10 µm at the
@@ -54,10 +54,12 @@ class EccentricMass(Effect):
 
     def apply(self, row: Row) -> None:
         axis = row.machine.axes[str(self.axis)]
-        first, second = _across(np.asarray(axis.direction))
+        along = np.asarray(axis.direction)
+        first, second = _across(along)
         arm = self.parameter(row, "cos") * ca.DM(first) + self.parameter(row, "sin") * ca.DM(second)
         turned = axis_pose(axis, row.machine.structure.carries(axis.name), row.axis[axis.name], {}, {}).rotation @ arm
-        tilt = ca.cross(turned, gravity_seen(row, carriers(row.machine, axis.name), self.down))
+        moment = ca.cross(turned, gravity_seen(row, carriers(row.machine, axis.name), self.down))
+        tilt = moment - ca.DM(along) * ca.dot(ca.DM(along), moment)
         for i, letter in enumerate("ABC"):
             row.add_motion(f"E{letter}{axis.name}", tilt[i])
 
