@@ -18,7 +18,6 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from examples.blind_study import cases, effects, figures, score, span, stages, store, study  # noqa: E402
-from examples.blind_study.effects import _carriers
 from examples.blind_study.oracle import true_effect  # noqa: E402
 from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
 from examples.blind_study.plans import draw_setting  # noqa: E402
@@ -330,4 +329,4 @@ def test_a_small_study_from_end_to_end(tmp_path: Path) -> None:
 )
 def test_only_an_axis_in_front_of_it_tilts_a_table(structure, carriers):
     setting = SimpleNamespace(machine={"structure": structure})
-    assert sorted(_carriers(setting, "C")) == sorted(carriers)
+    assert sorted(effects._carriers(setting, "C")) == sorted(carriers)
