@@ -258,16 +258,24 @@ def main() -> None:
     chosen = options.parse_args()
     if shutil.which("gcc") is None:
         sys.exit("gcc is not installed: there is nothing to measure")
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for file, text in c_files(subject(), "sf").items():
-            (folder / file).write_text(text)
-        kernel, store = batch(folder, 3 if chosen.quick else 9)
-        peers(folder, kernel, store, chosen.peers, 2 if chosen.quick else 5)
+        compared(folder, chosen.peers, chosen.quick)
         scalar(folder, 2 if chosen.quick else 5)
         large(folder, chosen.quick)
+
+
+def compared(folder: Path, python: str, quick: bool) -> dict[str, float | str]:
+    """The batch kernel, its limits and the peers, ns a pose; for a peer that is not there the reason why.
+
+    Pins this process to one core.
+    """
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    for file, text in c_files(subject(), "sf").items():
+        (folder / file).write_text(text)
+    kernel, store = batch(folder, 3 if quick else 9)
+    return {**kernel, **peers(folder, kernel, store, python, 2 if quick else 5)}
 
 
 def poses() -> tuple[np.ndarray, np.ndarray]:
@@ -298,12 +306,11 @@ def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any
         array[...] = 0.0
     flop = made.operations
     turns = 2_000_000
-    seconds = min(_seconds(lambda: limits.multiply_add_limit(ctypes.c_size_t(turns))) for _ in range(repeat))
-    peak = turns * 10 * 16 / seconds / 1e9
-    stores, fetched, past, kept, products, sums, points, leverages = ([] for _ in range(8))
+    stores, fetched, past, kept, products, sums, points, leverages, multiplied = ([] for _ in range(9))
     factor, leverage = np.linalg.cholesky(np.eye(30) + 0.01), module._aligned((len(tiles), 6, lanes))
     leverage[...] = 0.0
     for _ in range(repeat):  # in turns, so that all see the same neighbours
+        multiplied.append(_seconds(lambda: limits.multiply_add_limit(ctypes.c_size_t(turns))))
         stores.append(best(lambda: limits.write_limit(p_(everything), ctypes.c_size_t(everything.size // 8)), 1))
         fetched.append(
             best(lambda: limits.fetched_write_limit(p_(everything), ctypes.c_size_t(everything.size // 8)), 1)
@@ -328,6 +335,7 @@ def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any
             )
         )
         points.append(best(lambda: kernel._c.sf_batch_forward(count, *map(p_, (tiles, c, position))), 1))
+    peak = turns * 10 * 16 / min(multiplied) / 1e9
     print(f"\nBatch kernel: {POSES} poses, {flop} operations a pose, {lanes} poses a vector; ns a pose")
     line("write bandwidth, 93 doubles a pose, past the caches", f"{min(stores):.1f}")
     line("  through them, fetched ahead", f"{min(fetched):.1f}")
@@ -335,6 +343,7 @@ def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any
     line("point and J stored past the caches", f"{min(past):.1f}", text.format(min(past) / min(stores)))
     line("point and J stored through them, fetched ahead", f"{min(kept):.1f}", text.format(min(kept) / min(fetched)))
     line(f"arithmetic limit at {peak:.0f} Gflop/s of multiply-add", f"{flop / peak:.1f}")
+    found = {"used limit": (flop + 180) / peak, "sums limit": (flop + 3 * 31 * 32) / peak}
     for text, values, more in (
         ("J d, J used in the tile", products, 180),
         ("J'J, J'r, r'r, J used in the tile", sums, 3 * 31 * 32),
@@ -355,9 +364,15 @@ def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any
     )
     line("point and J stored, 512 poses again and again (in the cache)", f"{small:.1f}")
     stored = [0, 1][min(past) < min(kept)]
-    return {"stored": min(kept + past), "used": min(products), "cached": small}, (
-        lambda: kernel._c.sf_batch_jacobian(count, *map(p_, (tiles, c, position, by_p)), stored)
-    )
+    found |= {"stored": min(kept + past), "used": min(products), "cached": small, "sums": min(sums)}
+    found |= {
+        "past": min(past),
+        "past limit": min(stores),
+        "kept": min(kept),
+        "kept limit": min(fetched),
+        "Gflop/s": peak,
+    }
+    return found, (lambda: kernel._c.sf_batch_jacobian(count, *map(p_, (tiles, c, position, by_p)), stored))
 
 
 def _seconds(work: Callable[[], Any]) -> float:
@@ -366,8 +381,10 @@ def _seconds(work: Callable[[], Any]) -> float:
     return time.process_time() - start
 
 
-def peers(folder: Path, kernel: dict[str, float], store: Callable[[], Any], python: str, repeat: int) -> None:
-    """The same Jacobian by others."""
+def peers(
+    folder: Path, kernel: dict[str, float], store: Callable[[], Any], python: str, repeat: int
+) -> dict[str, float | str]:
+    """The same Jacobian by others: ns a pose by name, or why it was skipped."""
     print("\nThe same point and Jacobian by others; ns a pose, and how many times ours takes less")
     q, p = poses()
     np.save(folder / "q.npy", q)
@@ -382,6 +399,7 @@ def peers(folder: Path, kernel: dict[str, float], store: Callable[[], Any], pyth
     ratios = np.sort([theirs / own for theirs, own in pairs])
     text = f"{value / ours:.1f} x (target 7); pair by pair {ratios[0]:.1f} ... {np.median(ratios):.1f} ... {ratios[-1]:.1f} x"
     line("CasADi's generated C, cse, tight loop, -O3 -march=native", f"{value:.0f}", text)
+    told: dict[str, float | str] = {"ours": ours, "CasADi compiled": value, "CasADi pairs": float(np.median(ratios))}
     line("  against J used in the tile", "", f"{value / kernel['used']:.1f} x")
     call[0] = ctypes.c_size_t(512)
     value = best(lambda: [loops.casadi_all(*call) for _ in range(100)], repeat, 51200)
@@ -390,6 +408,7 @@ def peers(folder: Path, kernel: dict[str, float], store: Callable[[], Any], pyth
     inputs = [ca.DM(q.T), ca.DM(np.repeat([TOOL], POSES, axis=0).T), ca.DM(np.repeat(p[:, None], POSES, axis=1))]
     value = best(lambda: mapped(*inputs), 2)
     line("CasADi .map(100000)", f"{value:.0f}", f"{value / ours:.0f} x (target 80)")
+    told["CasADi map"] = value
     scripts = (("pinocchio: forward kinematics and regressor, Python loop", PINOCCHIO, 20_000, " (target 25)"),
                ("JAX: jit(vmap(jacrev))", JAX, 20_000, ""), ("numpy, complex step, batched", COMPLEX, 5000, ""))  # fmt: skip
     wanted = by_p[:50].reshape(50, 30, 3).transpose(0, 2, 1)
@@ -400,13 +419,15 @@ def peers(folder: Path, kernel: dict[str, float], store: Callable[[], Any], pyth
         command = [python, "peer.py", str(count), "q.npy", "p.npy", str(found)]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode:
-            line(text, "skipped", done.stderr.strip().splitlines()[-1])
+            told[text] = "skipped: " + done.stderr.strip().splitlines()[-1]
+            line(text, "skipped", str(told[text]))
             continue
-        value = 1e9 * float(done.stdout.split()[-1])
+        told[text] = value = 1e9 * float(done.stdout.split()[-1])
         line(text, f"{value:.0f}", f"{value / ours:.0f} x{target}")
         if found.exists():
             apart = np.abs(np.load(found) - wanted).max()
             assert apart < 1e-9, f"{text} computes something else ({apart})"
+    return told
 
 
 def _casadi(folder: Path) -> ca.Function:

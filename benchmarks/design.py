@@ -46,6 +46,7 @@ from symfive.procedures import campaign_of, r_test_grid, rotary_circle, static_b
 from symfive.threads import one_thread
 
 POINTS, CANDIDATES = 20, 1000
+PEERS = ("FIGAROH DETMAX", "pydex")
 
 
 def timed(work: Callable[[], Any], repeat: int = 3) -> tuple[float, Any]:
@@ -85,8 +86,11 @@ def log_det(task: Task, value: float) -> float:
     return -len(task.interest) * value
 
 
-def speed(quick: bool, peers: str | None) -> None:
-    """Candidates, continuous starts, bound; the same with CasADi's automatic derivatives and by the peers."""
+def speed(quick: bool, peers: str | None) -> dict[str, tuple[float, float] | str]:
+    """Candidates, continuous starts, bound; the same with CasADi's automatic derivatives and by the peers.
+
+    Returns log det and CPU seconds by name; for a peer that is not there the reason why.
+    """
     kernel, lower, upper, function = chain()
     p = kernel.width
     task = Task(criterion_of("D", p, np.zeros((0, 3, p))), 1e-6 * np.eye(p), np.zeros(0), np.arange(p))
@@ -107,13 +111,13 @@ def speed(quick: bool, peers: str | None) -> None:
     print(f"{'method':62}{'log det':>10}{'CPU s':>9}")
     seconds, draws = timed(lambda: max(value(generator.integers(0, CANDIDATES, POINTS)) for _ in range(1000)), 1)
     told("best of 1000 random designs", draws, seconds)
-    seconds, best = timed(lambda: choose(task, candidates, 1, POINTS))
-    told("greedy and Fedorov exchange", value(best), seconds)
+    chosen, best = timed(lambda: choose(task, candidates, 1, POINTS))
+    told("greedy and Fedorov exchange", value(best), chosen)
     bounding, relaxed = timed(lambda: relax(task, candidates, 1, POINTS))
     highest = log_det(task, relaxed.bound)
     told("relaxed design: bound on the candidates", highest, bounding)
-    print(f"  exchange and relaxed design together {seconds + bounding:.3f} s (target <= 0.05 s)")
-    _peers(peers, candidates, value)
+    print(f"  exchange and relaxed design together {chosen + bounding:.3f} s (target <= 0.05 s)")
+    others = _peers(peers, candidates, value)
     print(f"  exchange reaches {np.exp((value(best) - highest) / p):.4f} of the bound (target 0.985)")
 
     rows = Rows.of(z[best], one[best], none[best], 5)
@@ -121,20 +125,25 @@ def speed(quick: bool, peers: str | None) -> None:
     told("IPOPT, exact structured Hessian (target <= 0.10 s)", log_det(task, found[1]), structured)
     automatic, reached = timed(lambda: _automatic(function, p, rows), 1)
     told("IPOPT, automatic Hessian (MX map)", reached, automatic)
-    lazy, reached = timed(lambda: _automatic(function, p, rows, lazy=True), 1)
-    told("IPOPT, L-BFGS", reached, lazy)
+    lazy, slower = timed(lambda: _automatic(function, p, rows, lazy=True), 1)
+    told("IPOPT, L-BFGS", slower, lazy)
     print(f"  structured is {automatic / structured:.1f} times faster than automatic (target 10)")
 
     starts = 10 if quick else 50
     draw = [np.random.default_rng(seed).integers(0, CANDIDATES, 200) for seed in range(starts)]
-    seconds, results = timed(lambda: [started(candidates.take(d)) for d in draw], 1)
+    many, results = timed(lambda: [started(candidates.take(d)) for d in draw], 1)
     top = min(results, key=lambda r: r[1])
-    told(f"best of {starts} continuous starts (target 6 s for 50)", log_det(task, top[1]), seconds)
-    seconds, (bound, support) = timed(lambda: _global_bound(task, kernel, top[0]), 1)
-    told("Kiefer-Wolfowitz bound, column generation (target <= 5 s)", log_det(task, bound), seconds)
+    told(f"best of {starts} continuous starts (target 6 s for 50)", log_det(task, top[1]), many)
+    proving, (bound, support) = timed(lambda: _global_bound(task, kernel, top[0]), 1)
+    told("Kiefer-Wolfowitz bound, column generation (target <= 5 s)", log_det(task, bound), proving)
     seconds, again = timed(lambda: started(support), 1)
     told("one more start, from the relaxed design's poses", log_det(task, again[1]), seconds)
     print(f"  certified efficiency >= {np.exp(bound - min(top[1], again[1])):.4f} (target 0.99)")
+    return others | {
+        "candidates": (value(best), chosen), "bound on candidates": (highest, bounding),
+        "structured": (log_det(task, found[1]), structured), "automatic": (reached, automatic), "L-BFGS": (slower, lazy),
+        f"best of {starts}": (log_det(task, min(top[1], again[1])), many), "bound": (log_det(task, bound), proving),
+    }  # fmt: skip
 
 
 def told(what: str, value: float, seconds: float) -> None:
@@ -142,11 +151,14 @@ def told(what: str, value: float, seconds: float) -> None:
     print(f"{what:62}{value:10.4f}{seconds:9.3f}")
 
 
-def _peers(python: str | None, candidates: Candidates, value: Callable[[np.ndarray], float]) -> None:
-    """The peers' choice from the same candidates."""
+def _peers(
+    python: str | None, candidates: Candidates, value: Callable[[np.ndarray], float]
+) -> dict[str, tuple[float, float] | str]:
+    """The peers' choice from the same candidates: log det and CPU seconds, or why it was skipped."""
     if python is None:
-        print("  FIGAROH and pydex: SKIPPED, give --peers PYTHON (an environment with figaroh and pydex)")
-        return
+        reason = "skipped: give --peers PYTHON (an environment with figaroh and pydex)"
+        print(f"  FIGAROH and pydex: {reason}")
+        return dict.fromkeys(PEERS, reason)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "candidates.npz"
         np.savez(path, z=candidates.z, rows=candidates.rows)
@@ -155,13 +167,19 @@ def _peers(python: str | None, candidates: Candidates, value: Callable[[np.ndarr
             [python, str(script), str(path), str(POINTS)], capture_output=True, text=True, check=False
         )
     if done.returncode:
-        print(f"  FIGAROH and pydex: SKIPPED, {(done.stderr.strip().splitlines() or ['no message'])[-1]}")
-        return
+        reason = f"skipped: {(done.stderr.strip().splitlines() or ['no message'])[-1]}"
+        print(f"  FIGAROH and pydex: {reason}")
+        return dict.fromkeys(PEERS, reason)
+    judged: dict[str, tuple[float, float] | str] = {}
     for name, found in json.loads(done.stdout.splitlines()[-1]).items():
         if "reason" in found:
-            print(f"  {name}: SKIPPED, {found['reason']}")
+            judged[name] = f"skipped: {found['reason']}"
+            print(f"  {name}: {judged[name]}")
         else:
-            told(name, value(np.array(found["chosen"])), found["seconds"])
+            log, seconds = value(np.array(found["chosen"])), found["seconds"]
+            judged[name] = log, seconds
+            told(name, log, seconds)
+    return judged
 
 
 def _automatic(function: Any, p: int, rows: Rows, lazy: bool = False) -> float:

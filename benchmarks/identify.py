@@ -30,6 +30,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -164,7 +165,18 @@ def on_disk(sizes: tuple[int, ...]) -> None:
         )
 
 
-def sensitivities(rows: int) -> list[str]:
+class Sensitivities(NamedTuple):
+    """Seconds for the exact ones and for central differences, and where the two differ most."""
+
+    rows: int
+    parameters: int
+    exact: float
+    differences: float
+    largest: float
+    where: str
+
+
+def sensitivities(rows: int) -> Sensitivities:
     """Exact sensitivities against central differences of the same model: time and largest error."""
     effects = [make_effect("servo_mismatch", "C"), make_effect("transmission_error", "X", period=10.0)]
     campaign = simulate(plan(rows), effects=effects, seed=SEED).campaign
@@ -187,12 +199,7 @@ def sensitivities(rows: int) -> list[str]:
         error = float(np.abs(column - line.jacobian[:, :, k]).max()) / size
         if error > worst:
             worst, name = error, model.parameters[index].name
-    count = len(line.columns)
-    return [
-        f"sensitivities of {run.rows} rows to {count} parameters",
-        f"  exact {1e3 * exact:.1f} ms, central differences {1e3 * differences:.1f} ms: {differences / exact:.0f} times faster",
-        f"  largest difference between the two {worst:.1e} of the largest entry ({name})",
-    ]
+    return Sensitivities(run.rows, len(line.columns), exact, differences, worst, name)
 
 
 def _difference(model: Model, run: str, values: np.ndarray, i: int) -> np.ndarray:
@@ -231,7 +238,7 @@ def _exponent(sizes: list[float], costs: list[float]) -> float:
 
 
 def report(sizes: tuple[int, ...], rows: int, *options: str) -> None:
-    """Print the table."""
+    """Print the figures of one campaign, the growth with the rows and the sensitivities."""
     packages = ", ".join(f"{name} {_version(name)}" for name in ("casadi", "numpy", "scipy"))
     print(f"Python {platform.python_version()}, {packages}, {os.cpu_count()} cores")
     first = _apart("--one", str(rows))
@@ -239,6 +246,18 @@ def report(sizes: tuple[int, ...], rows: int, *options: str) -> None:
         f"{first['rows']:.0f} rows, {first['parameters']:.0f} parameters: model built {first['build']:.2f} s, "
         f"identified {first['identify']:.2f} s (wall {first['wall']:.2f} s), chi²/dof {first['chi2']:.3f}"
     )
+    growth(sizes, *options)
+    s = sensitivities(rows)
+    print(f"sensitivities of {s.rows} rows to {s.parameters} parameters")
+    print(
+        f"  exact {1e3 * s.exact:.1f} ms, central differences {1e3 * s.differences:.1f} ms: "
+        f"{s.differences / s.exact:.0f} times faster"
+    )
+    print(f"  largest difference between the two {s.largest:.1e} of the largest entry ({s.where})")
+
+
+def growth(sizes: tuple[int, ...], *options: str) -> tuple[list[dict[str, float]], dict[str, float]]:
+    """Print the cost of every size; returns it, and the exponents over the last two sizes by name."""
     heads = ("build s", "predict s", "slopes s", "step s", "identify s", "memory MB")
     print(f"{'rows':>9}" + "".join(f"{head:>12}" for head in heads))
     table = []
@@ -251,14 +270,15 @@ def report(sizes: tuple[int, ...], rows: int, *options: str) -> None:
             f"{entry['step']:12.3f}{fit}{entry['memory']:12.0f}",
             flush=True,
         )
+    exponents = {}
     for name, label in (("predict", "prediction"), ("slopes", "sensitivities"), ("step", "one step"),
                         ("identify", "identification"), ("memory", "memory")):  # fmt: skip
         seen = [entry for entry in table if name in entry]
         whole = _exponent([e["rows"] for e in seen], [e[name] for e in seen])
-        last = _exponent([e["rows"] for e in seen[-2:]], [e[name] for e in seen[-2:]])
+        last = exponents[name] = _exponent([e["rows"] for e in seen[-2:]], [e[name] for e in seen[-2:]])
         print(f"growth of {label + ':':16} rows^{whole:.2f} over all sizes, rows^{last:.2f} over the last two")
     print(f"memory: {1e6 * table[-1]['memory'] / table[-1]['rows']:.0f} bytes a row")
-    print("\n".join(sensitivities(rows)))
+    return table, exponents
 
 
 def _version(name: str) -> str:

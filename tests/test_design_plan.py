@@ -11,7 +11,18 @@ import pytest
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.cli import main
-from symfive.design import Plan, assess, best_ratio, circle_information, discriminate, plan, plan_circles
+from symfive.design import (
+    Discrimination,
+    Plan,
+    Separation,
+    assess,
+    best_ratio,
+    circle_information,
+    discriminate,
+    in_common,
+    plan,
+    plan_circles,
+)
 from symfive.design._bodies import Clearances
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
@@ -250,6 +261,25 @@ def test_discrimination_finds_the_test_that_an_expert_would_take() -> None:
     assert averaged.test.runs == there and "separates" in averaged.says
     with pytest.raises(InputError, match="there is no test to choose from"):
         discriminate(bow, quadratic, [])
+
+
+def test_a_rival_that_only_the_priors_make_improbable_spoils_no_test_against_the_others():
+    """A cubic holds a straight line: nothing parts them, and 3.2σ of prior are no reason to call all tests useless."""
+    machine = preset("three-axis")
+    runs = [
+        replace(run, id=f"t{k}", file=f"t{k}.csv") for k in range(2) for run in planar_circle(machine, direction="ccw")
+    ]
+    plain = Campaign(machine=machine, runs=tuple(runs), name="plan")
+
+    def part(before: float, *sigmas: float) -> Discrimination:
+        table = [Separation(run.id, s, s, s, 1.0) for run, s in zip(runs, sigmas, strict=True)]
+        return Discrimination(plain, max(sigmas), before, tuple(sorted(table, key=lambda row: -row.sigmas)))
+
+    both = in_common({"cubic": part(3.2, 3.3, 3.25), "sag": part(3.2, 3.25, 11.0)}, runs)
+    assert both.useful and both.test.runs[0].id == "t1"
+    assert both.separation == 11.0 and both.before == 3.2
+    assert "from sag by 10.5σ" in both.says and "no test here tells it from cubic" in both.says
+    assert not in_common({"cubic": part(3.2, 3.3, 3.25)}, runs).useful
 
 
 # --- what may not meet --------------------------------------------------------------------------------------------

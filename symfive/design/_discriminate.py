@@ -118,30 +118,32 @@ def discriminate(
 
 def in_common(parts: Mapping[str, Discrimination], candidates: Sequence[Candidate]) -> Discrimination:
     """The candidate that separates one explanation from several rivals: from as many as can be told apart at all, and of
-    those from the nearest by most.
+    those from the nearest by most. What counts is what a test adds to what is known: a rival that the priors alone make
+    improbable is not told apart by anything.
 
     `parts` a discrimination for every rival by name, all over the same `candidates`.
     """
-    each = {rival: {row.name: row for row in part.table} for rival, part in parts.items()}
+    added = {
+        rival: {row.name: max(row.sigmas**2 - part.before**2, 0.0) ** 0.5 for row in part.table}
+        for rival, part in parts.items()
+    }
 
-    def nearest(name: str) -> tuple[int, Separation]:
-        rows = [table[name] for table in each.values()]
-        apart = [row for row in rows if row.sigmas >= APART]
-        return len(apart), min(apart or rows, key=lambda r: r.sigmas)
+    def nearest(name: str) -> tuple[int, float, str]:
+        """How many rivals a test tells apart, and the least that it adds for one of them, with that rival."""
+        apart = {rival: table[name] for rival, table in added.items() if table[name] >= APART}
+        rival = min(apart or added, key=lambda r: added[r][name])
+        return len(apart), added[rival][name], rival
 
-    names = list(next(iter(each.values())))
-    ranked = sorted(names, key=lambda n: (nearest(n)[0], nearest(n)[1].sigmas), reverse=True)
-    best = ranked[0]
+    names = list(next(iter(added.values())))
+    ranked = sorted(names, key=lambda n: nearest(n)[:2], reverse=True)
     tests = {" + ".join(run.id for run in _runs(c)): _runs(c) for c in candidates}
-    machine = next(iter(parts.values())).test.machine
-    rivals = tuple((rival, table[best].sigmas) for rival, table in each.items())
-    told = [rival for rival, sigmas in rivals if sigmas >= APART] or list(parts)
+    rows = [next(row for row in parts[nearest(n)[2]].table if row.name == n) for n in ranked]
     return Discrimination(
-        Campaign(machine=machine, runs=tests[best], name="next test"),
-        nearest(best)[1].sigmas,
-        min(parts[rival].before for rival in told),
-        tuple(nearest(n)[1] for n in ranked),
-        rivals,
+        Campaign(machine=next(iter(parts.values())).test.machine, runs=tests[ranked[0]], name="next test"),
+        rows[0].sigmas,
+        parts[nearest(ranked[0])[2]].before,
+        tuple(rows),
+        tuple((rival, table[ranked[0]]) for rival, table in added.items()),
     )
 
 

@@ -1,0 +1,149 @@
+"""Diagnosis of the open campaigns by symfive and by simple rivals: right, false and missed names, and time, in one run.
+
+    .venv/bin/python benchmarks/diagnosis.py [--quick] [--peers PYTHON]
+
+The rivals are those of the blind study (`examples/blind_study/rivals.py`): greedy BIC over symfive's own exact tangents, with
+white noise, with noise whitened once, and with an ARMA(1,1) fitted anew and clipped outliers. PySINDy (where PYTHON has it)
+thresholds the same tangents, made orthogonal to the baseline and of unit length. The campaigns were written by an independent
+plant. A name is word and axis; those of a set-up that is wrong count as any other. CPU seconds; the rivals' share the tangents.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from examples.blind_study.rivals import RIVALS, Name, System, search
+from symfive.campaign import read_campaign
+from symfive.diagnose import diagnose
+
+CAMPAIGNS = Path(__file__).resolve().parent.parent / "tests" / "data" / "campaigns"
+QUICK = ("static-none", "static-sag-and-drift")
+PYSINDY = """
+import sys, time, json, warnings, numpy
+warnings.filterwarnings('ignore')
+import pysindy
+data = numpy.load(sys.argv[1]); start = time.process_time()
+model = pysindy.STLSQ(threshold=float(sys.argv[2]), max_iter=50)
+model.fit(data['columns'], data['y'][:, None])
+kept = numpy.flatnonzero(numpy.abs(numpy.ravel(model.coef_)) > 0.0)
+print(json.dumps([time.process_time() - start, kept.tolist()]))
+"""
+THRESHOLD = 5.0
+"""Least coefficient that PySINDy keeps, in standard deviations of the declared noise."""
+
+
+@dataclass
+class Tally:
+    """Names over all campaigns: right, false, missed; campaigns without an effect that got a name; CPU seconds."""
+
+    right: int = 0
+    false: int = 0
+    missed: int = 0
+    alarms: int = 0
+    seconds: float = 0.0
+    skipped: str = ""
+
+    def add(self, found: Iterable[Name], truth: set[Name], seconds: float) -> None:
+        """One campaign more."""
+        names = set(found)
+        self.right += len(names & truth)
+        self.false += len(names - truth)
+        self.missed += len(truth - names)
+        self.alarms += bool(names) and not truth
+        self.seconds += seconds
+
+
+def compete(campaigns: Iterable[str], python: str | None) -> dict[str, Tally]:
+    """Everybody's tally."""
+    tallies = {name: Tally() for name in ("symfive", *RIVALS, "PySINDy")}
+    for name in campaigns:
+        truth_file = json.loads((CAMPAIGNS / name / "truth.json").read_text())
+        truth = {(e["effect"], e["axis"]) for e in truth_file["effects"]}
+        campaign = read_campaign(CAMPAIGNS / name / "fit")
+        begin = time.process_time()
+        said = [(f.name, f.axis) for f in diagnose(campaign).findings]
+        tallies["symfive"].add(said, truth, time.process_time() - begin)
+        _say(name, truth, "symfive", said)
+        begin = time.process_time()
+        system = System.of(campaign)
+        shared = time.process_time() - begin
+        for rival in RIVALS:
+            begin = time.process_time()
+            said = search(system, rival)
+            tallies[rival].add(said, truth, shared + time.process_time() - begin)
+            _say(name, truth, rival, said)
+        if tallies["PySINDy"].skipped:
+            continue
+        try:
+            said, seconds = pysindy(system, python)
+            tallies["PySINDy"].add(said, truth, shared + seconds)
+            _say(name, truth, "PySINDy", said)
+        except RuntimeError as error:
+            tallies["PySINDy"].skipped = f"skipped: {error}"
+    return tallies
+
+
+def _say(campaign: str, truth: set[Name], who: str, said: Iterable[Name]) -> None:
+    words = ", ".join(f"{n} {a or ''}".strip() for n, a in sorted(set(said), key=str)) or "nothing"
+    held = ", ".join(f"{n} {a or ''}".strip() for n, a in sorted(truth, key=str)) or "nothing"
+    print(f"{campaign:28} ({held}) {who}: {words}", flush=True)
+
+
+def pysindy(system: System, python: str | None) -> tuple[list[Name], float]:
+    """What PySINDy keeps, and its seconds; raises RuntimeError where it is not there."""
+    if python is None:
+        raise RuntimeError("give --peers PYTHON (an environment with pysindy)")
+    k = system.base.shape[1]
+    basis = np.linalg.qr(np.vstack([system.base, np.eye(k)]))[0][
+        : len(system.y)
+    ]  # the priors hold what readings do not
+    owner = [name for name, part in system.families for _ in range(part.shape[1])]
+    columns = np.hstack([part for _, part in system.families])
+    before = np.linalg.norm(columns, axis=0)
+    columns = columns - basis @ (basis.T @ columns)
+    size = np.linalg.norm(columns, axis=0)
+    seen = np.flatnonzero(size > 1e-4 * np.maximum(before, 1e-9))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "system.npz"
+        np.savez(path, columns=columns[:, seen] / size[seen], y=system.y - basis @ (basis.T @ system.y))
+        command = [python, "-c", PYSINDY, str(path), str(THRESHOLD)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
+    seconds, kept = json.loads(done.stdout.splitlines()[-1])
+    return [owner[seen[i]] for i in kept], seconds
+
+
+def campaigns(quick: bool) -> list[str]:
+    """All open campaigns, or two."""
+    return list(QUICK) if quick else sorted(path.name for path in CAMPAIGNS.iterdir())
+
+
+def main() -> None:
+    """Parse the options and print."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--quick", action="store_true", help="two campaigns")
+    options.add_argument("--peers", metavar="PYTHON", help="a Python that has pysindy")
+    chosen = options.parse_args()
+    for name, tally in compete(campaigns(chosen.quick), chosen.peers).items():
+        print(f"{name:15} {tally}")
+
+
+if __name__ == "__main__":
+    main()
