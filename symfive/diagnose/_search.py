@@ -49,7 +49,7 @@ SLOWLY = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "
 """What changes while nothing moves."""
 SLOW_NOISE = 0.2
 """The share of instruments whose own noise is that slow and larger than half of what is declared."""
-OPEN, OPEN_SHARE = 10.0, 0.1
+OPEN, OPEN_SHARE = 10.0, 0.2
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
 MATERIAL = 0.15
 """An effect counts only if its readings about their mean have at least this rms in units of the declared noise: less
