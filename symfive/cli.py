@@ -380,6 +380,10 @@ def import_polar(
     runs = []
     for path in files:
         angle, deviation = read_polar(path, unit=unit)
+        if unit == "um" and float(np.abs(deviation).max()) < noise_um:
+            typer.echo(
+                f"note: {path.name}: no deviation reaches {noise_um:g} µm; if they are mm, give --unit mm", err=True
+            )
         try:
             runs.append(
                 polar_run(

@@ -26,8 +26,9 @@ from symfive.identify import (
     redundancies,
 )
 from symfive.inference._noise import Noise, whiten
-from symfive.machine import Machine, Structure, make_axis
+from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model, read_model, write_model
+from symfive.procedures import campaign_of, r_test_grid
 from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -269,3 +270,12 @@ def test_an_unknown_name_or_a_plan_is_refused_in_one_sentence():
     bare = replace(plan, runs=tuple(run.with_readings({}) for run in plan.runs))
     with pytest.raises(InputError, match="no readings"):
         identify(bare)
+
+
+def test_readings_in_the_wrong_unit_are_said_to_be_too_quiet():
+    """mm under a heading of µm: the residuals are far below the noise that is declared, and no fit says why."""
+    machine = preset("table-bc")
+    measured = simulate(campaign_of(machine, r_test_grid(machine, step_deg=60.0)), seed=3).campaign
+    small = [run.with_readings({k: 1e-3 * v for k, v in run.readings.items()}) for run in measured.runs]
+    assert not [n for n in identify(measured).notes if "smaller than the noise" in n]
+    assert [n for n in identify(replace(measured, runs=tuple(small))).notes if "µm, not mm" in n]

@@ -133,3 +133,18 @@ def test_no_text_ends_in_a_traceback(text: str):
         except InputError:
             return
         assert len(angle) == len(deviation) >= 20 and np.isfinite(angle).all() and np.isfinite(deviation).all()
+
+
+def test_a_circle_beyond_the_travel_is_refused_and_deviations_in_mm_are_asked_about(tmp_path, capsys):
+    machine = preset("three-axis")
+    angle = np.arange(0.0, 360.0, 1.0)
+    high = machine.axes["Z"].travel[1] + 400.0
+    with pytest.raises(InputError, match=r"axis Z would go to .* its travel is .* change the centre"):
+        polar_run(machine, angle, np.zeros(360), centre=(0.0, 0.0, high), radius=100.0, feed=1000.0)
+    file = tmp_path / "circle.txt"
+    file.write_text("".join(f"{a} {0.004 * np.cos(np.radians(2 * a)):.6f}\n" for a in angle))
+    call = ["import-polar", "three-axis", str(file), "-o", str(tmp_path / "c"), "--radius", "100", "--feed", "1000"]
+    assert main(call) == 0
+    assert "if they are mm, give --unit mm" in capsys.readouterr().err
+    assert main([*call[:4], str(tmp_path / "d"), *call[5:], "--unit", "mm"]) == 0
+    assert "give --unit mm" not in capsys.readouterr().err

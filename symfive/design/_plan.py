@@ -220,6 +220,8 @@ def _notes(
     for run, moves in blocked.items():
         meets = ", ".join(sorted({f"{what} on the way to line {row + FIRST_LINE}" for row, what in moves}))
         notes.append(f"run {run}: not clear: {meets}")
+    if schedule.campaign.machine.workspace.spindle_nose is None:
+        notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
     if len(values) > 1 and max(values) - min(values) > 0.05:
         notes.append("the starts ended in different local optima; the best one is taken")
     return tuple(notes)

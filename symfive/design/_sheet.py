@@ -23,6 +23,7 @@ h1 { font-size: 1.3rem; margin-bottom: 0 } h2 { font-size: 1.05rem; margin: 1.2r
 table { border-collapse: collapse } td, th { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top }
 th { font-weight: 600 } td.n { text-align: right; font-variant-numeric: tabular-nums } svg { max-width: 100%; height: auto }
 ol { margin: .2rem 0 } .quiet, figcaption { color: #555 } figure { margin: .6rem 0 }
+.warning { border: 2px solid #b00020; padding: .4rem .7rem; font-weight: 600 }
 @media print { body { margin: 0; max-width: none } h2 { break-after: avoid } section { break-inside: avoid } }
 """
 
@@ -36,6 +37,7 @@ def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]
         f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>",
         f'<p class="quiet">{escape(plan.machine.structure.code)} · {escape(name)} · {plan.certificate.points} poses, '
         f"{plan.campaign.rows} readings with return poses · about {plan.minutes:.0f} min with set-up</p>",
+        *_unchecked(plan),
         f"<p>Certificate: {escape(plan.certificate.says)}.</p>",
         *(_run(plan, run, pictures[run.id]) for run in plan.campaign.runs),
         f"<section><h2>All poses</h2>{poses_figure(plan.campaign)}</section>",
@@ -102,10 +104,17 @@ def _expected(plan: Plan) -> str:
     return f"<h2>What to expect</h2><table><tr><th>error</th><th>1σ after</th><th>before</th><th></th></tr>{rows}</table>{tail}"
 
 
+def _unchecked(plan: Plan) -> list[str]:
+    if plan.machine.workspace.spindle_nose is not None:
+        return []
+    words = "Collisions were not checked: the machine file names no spindle nose. Drive the program slowly, one hand on the feed."
+    return [f'<p class="warning">{words}</p>']
+
+
 def _clearances(plan: Plan) -> str:
     workspace = plan.machine.workspace
     if workspace.spindle_nose is None:
-        return "<h2>Clearances</h2><p>The machine file names no spindle nose: collisions were not checked.</p>"
+        return "<h2>Clearances</h2><p>Not checked, see above.</p>"
     words = ", ".join(f"{escape(str(key))} {value:g} mm" for key, value in workspace.spindle_nose.items())
     thick = ", ".join(
         f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}"

@@ -26,6 +26,10 @@ def _silent(message: str) -> None:
     pass
 
 
+FEW, QUIET = 10, 0.2
+"""Residuals this many times smaller than the noise that is declared are no luck where the readings are more than a few."""
+
+
 @one_thread
 def identify(
     campaign: Campaign | Model,
@@ -111,6 +115,12 @@ def summarise(
     dof = max(information.count - spent, 1.0)
     if information.count <= spent:
         notes = (*notes, "there are no more readings than parameters: the fit cannot be judged")
+    if dof > FEW and declared / dof < QUIET**2:
+        notes = (
+            *notes,
+            f"the residuals are {(declared / dof) ** -0.5:.3g} times smaller than the noise declared: are the readings in "
+            "the units that their columns name (µm, not mm), and is noise_um the 1σ of one of them?",
+        )
     active = [model.parameters[i] for i in free]
     sigma = np.array([p.sigma for p in active])
     return Identification(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.procedures import PLANES, Nominal, tool_ball_of
+from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 
 __all__ = ["polar_run", "read_polar"]
 
@@ -40,7 +40,10 @@ def read_polar(path: Path | str, *, unit: str = "um") -> tuple[Array, Array]:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as cause:
-        raise InputError(f"cannot be read ({type(cause).__name__})", remedy="give a text file").at(path) from None
+        reason = cause.strerror if isinstance(cause, OSError) else "it is no text"
+        raise InputError(f"the file cannot be read ({reason})", remedy="give the text file of an export").at(
+            path
+        ) from None
     pairs: list[tuple[float, float]] = []
     for number, line in enumerate(lines, start=1):
         pair = _pair(line)
@@ -109,12 +112,13 @@ def polar_run(
     u, v = (nominal.seen_from_workpiece(nominal.commands(hold or {}, 1), np.eye(3)[i])[0] for i in PLANES[plane])
     target = np.asarray(centre, dtype=float) + radius * (np.outer(np.cos(phi), u) + np.outer(np.sin(phi), v))
     x, y, z = (float(c) for c in centre)
-    return Run(
+    run = Run(
         id=id, instrument=("ball_bar",), sampling="dynamic", time=np.abs(phi - phi[0]) * radius / (feed / 60.0),
         commands=nominal.follow(target, ball, hold or {}, f"circle {id}"), readings={"dL_um": deviation}, table_ball=(x, y, z),
         tool_ball=ball, length=radius, noise_um=noise_um, options={"start": "moving"},
         setup_sigma_um=setup_sigma_um or SetupSigma(table_ball=20.0, tool_ball=20.0, length=0.5),
     )  # fmt: skip
+    return within_travel(machine, run, place="the centre, the radius or the tool's length in the machine file")
 
 
 def _steady(angle_deg: Array) -> Array:

@@ -81,8 +81,13 @@ def _from_toml(file: TomlFile) -> Machine:
     extra = {key: value for key, value in data.items() if key not in _TOP}
     if set(tables["model"]) - {"effects"}:
         extra["model"] = {key: value for key, value in tables["model"].items() if key != "effects"}
+    structure = _placed(file, ("structure",), lambda: Structure.parse(code))
+    for key in tables["axes"]:
+        if key not in structure.axes:
+            names = ", ".join(structure.axes)
+            raise file.error(f"the structure has no axis {shown(key)}", "axes", key, remedy=f"use one of {names}")
     parts: dict[str, Any] = {
-        "structure": _placed(file, ("structure",), lambda: Structure.parse(code)),
+        "structure": structure,
         "axes": {key: _axis(file, key, entry) for key, entry in tables["axes"].items()},
         "errors": {key: _error_term(file, key, entry) for key, entry in tables["errors"].items()},
         "workspace": _placed(file, ("workspace",), lambda: Workspace(**_known(Workspace, tables["workspace"]))),

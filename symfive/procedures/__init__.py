@@ -6,7 +6,7 @@ procedure is one small file and one line of the table.
 """
 
 from symfive.procedures._grid_encoder_lines import grid_encoder_lines
-from symfive.procedures._limits import checked
+from symfive.procedures._limits import checked, within_travel
 from symfive.procedures._linear_positioning import linear_positioning
 from symfive.procedures._nominal import Nominal
 from symfive.procedures._planar_circle import PLANES, planar_circle
@@ -20,5 +20,5 @@ from symfive.procedures._table import PROCEDURES, Procedure, make_procedure, pro
 __all__ = [
     "PLANES", "PROCEDURES", "CircleFrame", "Nominal", "Procedure", "campaign_of", "checked", "circle_frame", "grid_encoder_lines",
     "linear_positioning", "make_procedure", "one_after_another", "planar_circle", "polar_angle", "procedures_for",
-    "r_test_grid", "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle", "tool_ball_of",
+    "r_test_grid", "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle", "tool_ball_of", "within_travel",
 ]  # fmt: skip

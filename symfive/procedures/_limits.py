@@ -22,8 +22,7 @@ def checked(machine: Machine, run: Run, *, place: str, feed: float | None = None
     a dynamic run. A path scaled in time keeps its shape: speeds go with the feed, accelerations with its
     square.
     """
-    for name, axis in machine.axes.items():
-        _check_travel(run, axis, run.commands[name], place)
+    within_travel(machine, run, place=place)
     if run.rows < 2:
         return run
     if not np.all(np.diff(run.time) > 0.0):
@@ -32,6 +31,13 @@ def checked(machine: Machine, run: Run, *, place: str, feed: float | None = None
         _check_rates(machine, run, feed, unit)
     else:
         _check_moves(machine, run)
+    return run
+
+
+def within_travel(machine: Machine, run: Run, *, place: str) -> Run:
+    """The run itself, once no axis leaves its travel. Raises `InputError` as `checked` does."""
+    for name, axis in machine.axes.items():
+        _check_travel(run, axis, run.commands[name], place)
     return run
 
 
