@@ -236,5 +236,7 @@ def test_an_axis_that_the_structure_lacks_is_named_with_those_it_has(tmp_path):
     file = tmp_path / "machine.toml"
     text = 'schema = "symfive.machine/1"\nname = "m"\nstructure = "w C\' A\' Y\' b X Z t"\n\n[axes.AA]\ntravel = [-30.0, 110.0]\n'
     file.write_text(text)
-    with pytest.raises(InputError, match=r"machine.toml, line 5: the structure has no axis 'AA'.*use one of Y, A, C, X, Z"):
+    with pytest.raises(
+        InputError, match=r"machine.toml, line 5: the structure has no axis 'AA'.*use one of Y, A, C, X, Z"
+    ):
         read_machine(file)
