@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from symfive.codegen._sources import Sources, filled
-from symfive.compiled._vector import Rows, plain_lines
+from symfive.compiled._vector import HELPERS, Rows, indented, plain_lines
 
 __all__ = ["Batch"]
 
@@ -71,12 +71,9 @@ class Batch:
         every = self.rows.statements(self.rows.targets)
         return filled(
             "batch.c",
-            prepare=_indented(lines),
-            point_body=_indented(points),
-            jacobian_body=_indented(every),
+            helpers=HELPERS,
+            prepare=indented(lines),
+            point_body=indented(points),
+            jacobian_body=indented(every),
             **self.names,
         )
-
-
-def _indented(lines: list[str]) -> str:
-    return "\n".join(f"    {line}" for line in lines)

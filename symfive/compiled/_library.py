@@ -54,7 +54,15 @@ def key_of(function: Any, held: Sequence[int], compiler: Compiler) -> str:
 def _generator() -> str:
     """A digest of the code that writes the C."""
     room = files("symfive.compiled")
-    names = ("_graph.py", "_scalar.py", "_vector.py", "_source.py", "_library.py", "templates/rows.c")
+    names = (
+        "_graph.py",
+        "_scalar.py",
+        "_vector.py",
+        "_source.py",
+        "_library.py",
+        "templates/rows.c",
+        "templates/helpers.c",
+    )
     text = "".join((room / name).read_text(encoding="utf-8") for name in names)
     return hashlib.sha256((ca.CasadiMeta.version() + text).encode()).hexdigest()
 

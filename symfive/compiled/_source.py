@@ -9,7 +9,7 @@ from string import Template
 from typing import Any
 
 from symfive.compiled._graph import exact_graph
-from symfive.compiled._vector import Rows, plain_lines
+from symfive.compiled._vector import HELPERS, Rows, indented, plain_lines
 
 __all__ = ["Source", "source_of"]
 
@@ -53,15 +53,11 @@ def source_of(function: Any, held: Collection[int]) -> Source:
             first += function.nnz_in(i)
     text = (files("symfive.compiled") / "templates" / "rows.c").read_text(encoding="utf-8")
     filled = Template(text).substitute(
-        constants=max(1, len(rows.constants)), inputs=max(1, first), outputs=max(1, place),
-        load=_indented([line for line in load if any(line.split()[3] in other for other in (*prepare.lines, *gather))]),
-        prepare=_indented(plain_lines(prepare)), fixed=_indented(rows.statements(fixed, own_sine=False)),
-        offsets=_indented(offsets), body=_indented(rows.statements(
+        helpers=HELPERS, constants=max(1, len(rows.constants)), inputs=max(1, first), outputs=max(1, place),
+        load=indented([line for line in load if any(line.split()[3] in other for other in (*prepare.lines, *gather))]),
+        prepare=indented(plain_lines(prepare)), fixed=indented(rows.statements(fixed, own_sine=False)),
+        offsets=indented(offsets), body=indented(rows.statements(
             [target for target in rows.targets if rows.moves[target[1]]], own_sine=False)),
-        gather=_indented(gather, 8), scatter=_indented(scatter, 8),
+        gather=indented(gather, 8), scatter=indented(scatter, 8),
     )  # fmt: skip
     return Source(filled, rows.operations)
-
-
-def _indented(lines: list[str], by: int = 4) -> str:
-    return "\n".join(" " * by + line for line in lines)

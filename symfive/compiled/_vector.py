@@ -6,11 +6,15 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.resources import files
 
 from symfive.compiled._graph import Graph, Node
 from symfive.compiled._scalar import CALLS, ONE, TWO, Body, number, scalar_body
 
-__all__ = ["Rows", "plain_lines"]
+__all__ = ["HELPERS", "Rows", "indented", "plain_lines"]
+
+HELPERS = (files("symfive.compiled") / "templates" / "helpers.c").read_text(encoding="utf-8").rstrip("\n")
+"""C of the vector types and of what the statements call."""
 
 INLINE = 60
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
@@ -133,3 +137,8 @@ def plain_lines(body: Body) -> list[str]:
     for name in CALLS:
         lines = [line.replace(f"X_{name.upper()}(", f"{name}(") for line in lines]
     return lines
+
+
+def indented(lines: Sequence[str], by: int = 4) -> str:
+    """Lines as a text, moved to the right."""
+    return "\n".join(" " * by + line for line in lines)

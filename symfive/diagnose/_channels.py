@@ -13,6 +13,7 @@ from symfive.diagnose._catalogue import AxisOffset, ToolShift, moving_axes
 from symfive.diagnose._scores import Board
 from symfive.effects import Effect
 from symfive.inference import Problem, whiten
+from symfive.model import Linearisation
 
 __all__ = ["Channels", "Finding", "peaks", "probes"]
 
@@ -43,7 +44,7 @@ class Channels:
         self.twice: dict[str, Array] = {}
         self.power: dict[str, Array] = {}
         self.residuals: dict[str, Array] = {}
-        self._derivatives: dict[str, tuple[NDArray[np.int64], Array]] = {}
+        self._lines: dict[str, tuple[Linearisation, Array]] = {}
         for run in self.campaign.runs:
             residual = np.asarray(board.result.residuals[run.id])
             for outlier in board.result.outliers:
@@ -70,12 +71,11 @@ class Channels:
         """Score of a shift of the artefact on the table that takes each of `courses` (N, K) along the run, orthogonal to what
         the run fits itself."""
         model = self.board.result.model
-        line = model.linearise(run, self.board.result.values)
+        line, fitted = self._fitted(run)
         names = [model.parameters[c].name.removeprefix(f"setup.{run.id}.") for c in line.columns]
         artefact = [i for i, name in enumerate(names) if name.startswith(("table_ball.", "zero."))]
         if not artefact:
             return np.zeros(courses.shape[1])
-        fitted = self._flat(run, line.jacobian)
         residual = self._flat(run, np.asarray(self.board.result.residuals[run.id])[:, :, None])[:, 0]
         sigma = model.prior_sigma[line.columns]
         normal = fitted.T @ fitted + np.diag(sigma**-2.0)
@@ -103,21 +103,21 @@ class Channels:
         cross, own, answer = np.zeros((size, count)), np.zeros(count), np.zeros(count)
         for run in self.campaign.runs:
             moved = self.board.tangents[run.id][:, :, index, None] * courses[run.id][:, None, :]
-            columns, (where, fitted) = self._flat(run, moved), self._fitted(run)
+            columns, (line, fitted) = self._flat(run, moved), self._fitted(run)
             residual = self._flat(run, self.residuals[run.id][:, :, None])[:, 0]
-            cross[where] += fitted.T @ columns
+            cross[line.columns] += fitted.T @ columns
             own += np.sum(columns**2, axis=0)
             answer += columns.T @ residual
         solved = np.linalg.solve(normal, cross)
         left = own - np.sum(cross * solved, axis=0)
         return np.asarray((answer - self.board.gradient[:size] @ solved) ** 2 / (np.maximum(left, 0.0) + 1e-2))
 
-    def _fitted(self, run: Run) -> tuple[NDArray[np.int64], Array]:
-        """Which parameters a run has, and its derivatives by them, whitened."""
-        if run.id not in self._derivatives:
+    def _fitted(self, run: Run) -> tuple[Linearisation, Array]:
+        """A run's derivatives by what is fitted, and the same whitened."""
+        if run.id not in self._lines:
             line = self.board.result.model.linearise(run, self.board.result.values)
-            self._derivatives[run.id] = line.columns, self._flat(run, line.jacobian)
-        return self._derivatives[run.id]
+            self._lines[run.id] = line, self._flat(run, line.jacobian)
+        return self._lines[run.id]
 
     def _flat(self, run: Run, table: Array) -> Array:
         """Columns (N, ny, m) whitened, as (N·ny, m)."""

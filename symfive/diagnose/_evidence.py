@@ -13,7 +13,7 @@ from symfive.identify import Identification
 from symfive.inference import Information, Problem, whiten
 from symfive.model import Model
 
-__all__ = ["Groups", "evidence_of", "evidence_with_noise", "marginal"]
+__all__ = ["Groups", "evidence_of", "evidence_with_noise", "marginal", "weighed"]
 
 Array = NDArray[np.float64]
 SCALINGS = 4
@@ -21,8 +21,15 @@ Groups = Sequence[Sequence[str]]
 
 
 def evidence_of(problem: Problem, values: Array, sized: Groups = ()) -> float:
-    """Log marginal likelihood, up to what does not depend on the model, of a fit that may or may not need the rest of
-    its effects' own families: the mean of both.
+    """The log evidence alone of `weighed`."""
+    return weighed(problem, values, sized)[0]
+
+
+def weighed(problem: Problem, values: Array, sized: Groups = ()) -> tuple[float, float]:
+    """Log evidence of a fit and χ² of its readings.
+
+    The evidence is the log marginal likelihood, up to what does not depend on the model, of a fit that may or may not need
+    the rest of its effects' own families: the mean of both.
 
     Where the library's form is right the plain fit decides; where it is a little off, what counts is whether the family
     explains the readings, and a form that needs less of the rest is better. Each group of `sized` amplitudes has a prior
@@ -33,7 +40,8 @@ def evidence_of(problem: Problem, values: Array, sized: Groups = ()) -> float:
     wide = Model(problem.model.campaign, [*problem.model.added, *shapes]) if shapes else problem.model
     both = _Linear.of(problem, wide, values)
     plain = both.evidence(sized, [p.name for p in problem.model.parameters])
-    return float((np.logaddexp(plain, both.evidence(sized)) if shapes else plain) - np.log(2.0))
+    evidence = (np.logaddexp(plain, both.evidence(sized)) if shapes else plain) - np.log(2.0)
+    return float(evidence), both.information.square
 
 
 def marginal(problem: Problem, wide: Model, values: Array) -> float:

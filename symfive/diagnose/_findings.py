@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of
-from symfive.diagnose._refit import lacking
+from symfive.diagnose._refit import amplitudes, lacking
 from symfive.diagnose._result import Finding, RivalName
 from symfive.diagnose._search import Member, Naming
 from symfive.effects import Effect, Quantity
@@ -142,14 +142,17 @@ def _rivals(campaign: Campaign, effect: Effect, member: Member) -> tuple[tuple[R
         return (), (), 0.999
     behind: dict[tuple[str, str | None], tuple[float, Effect]] = {}
     alias = []
-    freedom = _amplitudes(campaign, effect)
+
+    def freedom(of: Effect) -> int:
+        return sum(map(len, amplitudes(campaign, of)))
+
     for trial in member.trials:
         if trial.effect.key == effect.key:
             continue
         gap = own.evidence - trial.evidence
         who = (trial.effect.vocabulary, axis_of(trial.effect))
         same = who == (effect.vocabulary, axis_of(effect))
-        alike = trial.misfit - own.misfit < SAME and _amplitudes(campaign, trial.effect) <= freedom
+        alike = trial.misfit - own.misfit < SAME and freedom(trial.effect) <= freedom(effect)
         if (same and gap < ALIAS_EVIDENCE) or (alike and trial.effect.id != "unknown"):
             alias.append(trial.effect.key)
         if not same and (who not in behind or gap < behind[who][0]):
@@ -161,10 +164,6 @@ def _rivals(campaign: Campaign, effect: Effect, member: Member) -> tuple[tuple[R
         for who in sorted(weights, key=lambda w: -weights[w])
     )
     return names, tuple(alias), min(1.0 / total, 0.999)
-
-
-def _amplitudes(campaign: Campaign, effect: Effect) -> int:
-    return sum(p.mean == 0.0 for p in effect.parameters(campaign))
 
 
 def _sentence(finding: Finding) -> str:

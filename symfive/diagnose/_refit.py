@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose._evidence import Groups, evidence_of, marginal
+from symfive.diagnose._evidence import Groups, evidence_of, marginal, weighed
 from symfive.diagnose._places import axis_of
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scores import Score
@@ -65,7 +65,8 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
             values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
-            evidence = evidence_of(problem, values, amplitudes(campaign, score.effect)) - base
+            evidence, left = weighed(problem, values, amplitudes(campaign, score.effect))
+            evidence -= base
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(evidence):
@@ -78,14 +79,15 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
         evidence -= float(np.log(max(forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
         evidence += float(np.log(2.0 * score.effect.chance(campaign, named)))
     size = _size(result, model, score.effect, values)
-    return Trial(score.effect, evidence, named, size, score.looks, _misfit(problem, score.effect, values))
+    return Trial(score.effect, evidence, named, size, score.looks, left + _pull(problem, score.effect, values))
 
 
-def _misfit(problem: Problem, effect: Effect, values: Array) -> float:
+def _pull(problem: Problem, effect: Effect, values: Array) -> float:
+    """χ² of all priors but the effect's own."""
     own = {p.name for p in effect.parameters(problem.model.campaign)}
     others = np.array([p.name not in own for p in problem.model.parameters])
     departure = np.where(others, values - problem.model.prior_mean, 0.0)
-    return float(problem.information(problem.blocks(values)).square + departure**2 @ problem.prior_precision)
+    return float(departure**2 @ problem.prior_precision)
 
 
 def start_of(model: Model, score: Score) -> dict[str, float]:
