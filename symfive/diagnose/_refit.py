@@ -94,6 +94,8 @@ def start_of(model: Model, score: Score) -> dict[str, float]:
     """Where the refit begins: the score's own step from the prior mean; where that leads beyond a bound, half way to it."""
     start = {}
     for name, step in score.step.items():
+        if name not in model.index:  # the effect in a narrower shape
+            continue
         p = model.parameters[model.index[name]]
         value = p.mean + step
         if p.start is not None and p.start != p.mean and step == 0.0:
@@ -151,7 +153,10 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     effect = _roomy(campaign, trial.effect, trial.values)
     plain = refitted(Model(campaign, (*result.model.added, effect)), trial.values, result)
     best, best_evidence = plain, evidence_of(plain.problem(), plain.values)
-    for other in variants(effect):
+    seen, ahead = {effect}, [*variants(effect)]
+    while ahead:
+        other = ahead.pop(0)
+        seen.add(other)
         try:
             prepared = other.prepare(campaign)
             model = Model(campaign, (*result.model.added, prepared))
@@ -165,6 +170,7 @@ def shaped(result: Identification, trial: Trial) -> Identification:
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):
             named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
             best, best_evidence = refitted(model, named, plain), evidence
+            ahead += [v for v in variants(other) if v not in seen and v not in ahead]
     return widened(best)
 
 

@@ -30,7 +30,7 @@ from symfive.diagnose._refit import (
     with_families,
 )
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import plain
+from symfive.diagnose._variants import along_one, plain
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.model import Model
@@ -203,15 +203,18 @@ def _slow(state: _State) -> tuple[Identification, float] | None:
         if s.effect.id in SLOWLY and coordinate_of(s.effect) in ("time", "t") and state.open(s)
     ]
     trials = []
-    candidates = _best_of(scores)
+    candidates = [s for s in scores if s.effect.id == "unknown" or s in _best_of(scores)]
     names = max(1, sum(s.effect.id != "unknown" for s in candidates))
     for score in candidates:
         state.progress(f"slow noise or {score.effect.key}")
-        model = Model(campaign, (*white.model.added, score.effect))
-        start = {p.name: float(v) for p, v in zip(white.parameters, white.values, strict=True)} | start_of(model, score)
-        fit = widened(refitted(model, start, white))
-        odds = evidence_with_noise(fit, state.after) - float(np.log(names))
-        trials.append((odds - (DECISIVE if score.effect.id == "unknown" else 0.0), fit))
+        shapes = [score.effect, *along_one(score.effect)]
+        for effect in shapes:
+            model = Model(campaign, (*white.model.added, effect.prepare(campaign)))
+            start = {p.name: float(v) for p, v in zip(white.parameters, white.values, strict=True)}
+            start |= start_of(model, score)
+            fit = widened(refitted(model, start, white))
+            share = DECISIVE + float(np.log(len(shapes))) if effect.id == "unknown" else float(np.log(names))
+            trials.append((evidence_with_noise(fit, state.after) - share, fit))
     best = max(trials, key=lambda t: t[0], default=None)
     if best is None or best[0] < float(np.log(SLOW_NOISE / state.level)):
         return None
