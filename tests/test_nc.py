@@ -15,7 +15,7 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine, preset
 from symfive.nc import DIALECTS, Post, program, program_steps, write_programs
-from symfive.procedures import Nominal, campaign_of, r_test_grid, static_ball_bar, synchronous_circle
+from symfive.procedures import Nominal, campaign_of, cone_circle, r_test_grid, static_ball_bar, synchronous_circle
 
 LETTERS = "XYZABC"
 
@@ -28,6 +28,7 @@ def _runs() -> list[tuple[Machine, Run]]:
         (head, r_test_grid(head, grid=grid, returning=False)[0]),
         (table, static_ball_bar(table)[0]),
         (circle, synchronous_circle(circle, radius=50.0, feed=1000.0, rate_hz=20.0)[0]),
+        (table, cone_circle(table, direction="ccw", rate_hz=8.0)[0]),
     ]
 
 
@@ -81,6 +82,24 @@ def test_details_of_dialects() -> None:
         InputError, match='NC dialect "okuma" is unknown; use one of iso, siemens, heidenhain, linuxcnc'
     ):
         program(machine, run, "okuma")
+
+
+@pytest.mark.parametrize("dialect", list(DIALECTS))
+def test_the_head_of_a_program_warns_of_collisions(dialect: str) -> None:
+    machine, run = RUNS[0]
+    bare = replace(machine, workspace=replace(machine.workspace, spindle_nose=None), text="")
+    tested = Post(tested=True, blocked={run.id: (3, 3)})
+    expected = (
+        (bare, Post(tested=True), "Collisions were not checked: the machine file names no spindle nose."),
+        (machine, None, "Collisions were not checked for the ways of this program."),
+        (machine, tested, "Not tested: clamps, cables, the nest's sensors"),
+        (machine, tested, f"NOT CLEAR on the way to line 5 of {run.file}."),
+    )
+    comment = DIALECTS[dialect].comment.split("{text}")[0]
+    for what, post, words in expected:
+        head = program(what, run, dialect, post).split(DIALECTS[dialect].stop)[0].splitlines()
+        [line] = [line for line in head if words in line]
+        assert line.lstrip("0123456789 ").startswith(comment), line
 
 
 def test_tool_centre_control_is_switched_by_the_users_text() -> None:

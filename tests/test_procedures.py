@@ -14,6 +14,7 @@ from symfive.procedures import (
     PROCEDURES,
     Nominal,
     campaign_of,
+    cone_circle,
     grid_encoder_lines,
     linear_positioning,
     make_procedure,
@@ -460,3 +461,47 @@ def test_laser_targets_after_iso_230_2():
         sides = before[np.flatnonzero(z[1:] == stop)]
         assert (sides > 0).sum() == 5 and (sides < 0).sum() == 5
     assert run.options["axis"] == "Z" and np.ptp(run.commands["X"]) == 0.0
+
+
+@pytest.mark.parametrize("name", ["table-bc", "head-bc", "mixed-bc", "nutating-table"])
+@pytest.mark.parametrize(("inclination", "sensitive"), [(10.0, "base"), (30.0, "surface")])
+def test_cone_is_a_cone(name, inclination, sensitive):
+    machine = preset(name)
+    (run,) = cone_circle(
+        machine, direction="ccw", inclination_deg=inclination, sensitive=sensitive, feed=300.0, rate_hz=8.0
+    )
+    nominal = Nominal(machine)
+    bar = offset_of(machine, run)
+    np.testing.assert_allclose(np.linalg.norm(bar, axis=1), run.length, atol=1e-9)
+    tool = np.einsum(
+        "nji,nj->ni", nominal.workpiece_rotation(run.commands), nominal.tool_rotation(run.commands)[:, :, 2]
+    )
+    home = nominal.commands({}, 1)
+    upright = nominal.workpiece_rotation(home)[0].T @ nominal.tool_rotation(home)[0]
+    lean = np.radians(inclination)
+    axis = upright @ np.array([np.sin(lean), 0.0, np.cos(lean)])
+    np.testing.assert_allclose(tool @ axis, np.cos(np.radians(15.0)), atol=1e-9)
+    height = 0.0 if sensitive == "base" else run.length * np.sin(np.radians(15.0))
+    np.testing.assert_allclose(bar @ axis, height, atol=1e-7)
+    if sensitive == "surface":
+        np.testing.assert_allclose(np.einsum("ni,ni->n", bar, tool), 0.0, atol=1e-7)
+    turning = np.ptp(run.commands["C"])
+    assert turning > 360.0 if inclination < 15.0 else turning < 180.0
+    steps = np.abs(np.diff(np.stack(list(run.commands.values())), axis=1))
+    assert steps.max() < 10.0  # one branch, no jumps
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"half_angle_deg": 95.0}, "makes no cone"),
+        ({"sensitive": "top"}, "unknown"),
+        ({"radius": 0.0}, "is none"),
+        ({"inclination_deg": 120.0}, "cannot point the tool"),
+        ({"inclination_deg": 14.95}, "close to the pole"),
+        ({"feed": 60000.0, "rate_hz": 1000.0}, "lower the feed"),
+    ],
+)
+def test_cones_that_cannot_be(options, says):
+    with pytest.raises(InputError, match=says):
+        cone_circle(preset("table-bc"), direction="ccw", **{"rate_hz": 8.0, **options})

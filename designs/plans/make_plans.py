@@ -20,6 +20,7 @@ from symfive.files import write_json
 from symfive.machine import Machine, preset
 from symfive.procedures import (
     campaign_of,
+    cone_circle,
     planar_circle,
     r_test_grid,
     rotary_circle,
@@ -34,8 +35,8 @@ def k_test(machine: Machine, axis: str) -> Iterable[Run]:
     """The circular K-test of one rotary axis (ISO 10791-6): ball bar radial, tangential and axial while it turns.
 
     The letters say where the rotary axes are: AK both in the head, BK both in the table, CK one in each; number 1 is the
-    tilting axis, 2 the turning one. The standard's radii, feeds and angles were not at hand: bar, feed and range are those of
-    `rotary_circle`. K-tests on several rotary axes at once (cone) are not made here.
+    tilting axis, 2 the turning one, 4 all axes around a cone. The standard's radii, feeds and angles were not at hand: bar,
+    feed and range are those of `rotary_circle` and `cone_circle`; its other tests (3) are left out.
     """
     for arrangement in ("radial", "tangential", "axial"):
         yield from rotary_circle(machine, axis=axis, arrangement=arrangement, rate_hz=RATE_HZ)
@@ -49,6 +50,12 @@ def bk1(machine: Machine) -> Iterable[Run]:
 def bk2(machine: Machine) -> Iterable[Run]:
     """BK2: the turning axis turns."""
     return k_test(machine, "C")
+
+
+def cone(machine: Machine) -> Iterable[Run]:
+    """AK4, BK4, CK4: all axes around a cone frustum, 15° inclined by 10° (turning all the way round) and by 30° (swinging)."""
+    for inclination in (10.0, 30.0):
+        yield from cone_circle(machine, inclination_deg=inclination, rate_hz=RATE_HZ)
 
 
 def both(machine: Machine) -> Iterable[Run]:
@@ -95,6 +102,9 @@ OWN: dict[str, tuple[str | Callable[[], Machine], Callable[[Machine], Iterable[R
     "iso-10791-6-bk1": ("table-bc", bk1),
     "iso-10791-6-bk2": ("table-bc", bk2),
     "iso-10791-6-bk1-bk2": ("table-bc", both),
+    "iso-10791-6-ak4": ("head-bc", cone),
+    "iso-10791-6-bk4": ("table-bc", cone),
+    "iso-10791-6-ck4": ("mixed-bc", cone),
     "iso-10791-6-ak1-ak2": ("head-bc", both),
     "iso-10791-6-ck1-ck2": ("mixed-bc", both),
     "wang-li-2016-bk1-bk2": ("wang-li-2016", both),

@@ -5,6 +5,7 @@ Every procedure is a function of a machine (and options with sensible defaults) 
 procedure is one small file and one line of the table.
 """
 
+from symfive.procedures._cone_circle import cone_circle
 from symfive.procedures._grid_encoder_lines import grid_encoder_lines
 from symfive.procedures._limits import checked, within_travel
 from symfive.procedures._linear_positioning import linear_positioning
@@ -18,7 +19,8 @@ from symfive.procedures._synchronous_circle import CircleFrame, circle_frame, po
 from symfive.procedures._table import PROCEDURES, Procedure, make_procedure, procedures_for
 
 __all__ = [
-    "PLANES", "PROCEDURES", "CircleFrame", "Nominal", "Procedure", "campaign_of", "checked", "circle_frame", "grid_encoder_lines",
-    "linear_positioning", "make_procedure", "one_after_another", "planar_circle", "polar_angle", "procedures_for",
-    "r_test_grid", "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle", "tool_ball_of", "within_travel",
+    "PLANES", "PROCEDURES", "CircleFrame", "Nominal", "Procedure", "campaign_of", "checked", "circle_frame", "cone_circle",
+    "grid_encoder_lines", "linear_positioning", "make_procedure", "one_after_another", "planar_circle", "polar_angle",
+    "procedures_for", "r_test_grid", "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle", "tool_ball_of",
+    "within_travel",
 ]  # fmt: skip

@@ -20,6 +20,13 @@ Array = NDArray[np.float64]
 Commands = dict[str, Array]
 Fixed = Mapping[str, float | Array]
 REACHED_MM = 1e-7
+REACHED_RAD = 1e-12
+REACHED_DEG = 1e-6
+COARSE_RAD = 0.02
+SEED_DEG = 30.0
+NEWTON = 25
+POLE = 60.0
+"""A rotary axis that turns so much faster than the tool passes within 1° of the pole, where the tool points along it."""
 
 
 def home(axis: Axis) -> float:
@@ -40,6 +47,8 @@ class Nominal:
         ball = workpiece.apply_inverse(tool.apply(tool_ball))
         outputs = [ball, ca.jacobian(ball, q), workpiece.rotation, workpiece.translation, tool.rotation]
         self._function: Any = ca.Function("nominal", [q, tool_ball], [ca.densify(part) for part in outputs])
+        pointing = workpiece.rotation.T @ tool.rotation[:, 2]
+        self._pointing: Any = ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))])
 
     def _evaluate(self, commands: Mapping[str, Array], tool_ball: Sequence[float] | Array) -> list[Array]:
         """Ball (N, 3, 1), its slopes (N, 3, axes), the workpiece's rotation and translation, the tool's
@@ -103,6 +112,81 @@ class Nominal:
         for i, name in enumerate(moving):
             commands[name] = commands[name] + change[:, i]
         return commands
+
+    def pointing(self, directions: Array, what: str) -> Commands:
+        """Angles of the rotary axes, degree, that point the tool's axis along `directions` (N, 3) of the workpiece frame, a
+        path without jumps.
+
+        Of all branches that stay within the travel, the one whose axes go the least way and stay near 0. Raises
+        `InputError` where there is none.
+        """
+        rotary = [name for name in self.machine.axis_names if self.machine.axes[name].rotary]
+        steps = np.linalg.norm(np.diff(directions, axis=0), axis=1)
+        coarse = np.unique(np.searchsorted(np.cumsum(steps), np.arange(0.0, steps.sum() + COARSE_RAD, COARSE_RAD)))
+        coarse = np.append(coarse[coarse < len(directions) - 1], len(directions) - 1)
+        found: list[tuple[float, Array]] = []
+        for seed in self._seeds(rotary, directions[0]):
+            knots = np.zeros((len(coarse), len(rotary)))
+            near = seed
+            for k, row in enumerate(coarse):
+                ahead = 2.0 * knots[k - 1] - knots[k - 2] if k > 1 else near
+                near = knots[k] = self._turn(rotary, ahead[None], directions[row][None])[0]
+            path = np.stack([np.interp(np.arange(len(directions)), coarse, column) for column in knots.T], axis=1)
+            path = self._whole_turns(rotary, self._turn(rotary, path, directions))
+            quick = np.abs(np.diff(path, axis=0)).max(axis=1) > np.degrees(POLE * steps) + REACHED_DEG
+            if np.isfinite(path).all() and not quick.any() and self._inside(rotary, path):
+                found.append((float(np.abs(np.diff(path, axis=0)).sum() + np.abs(path.mean(axis=0)).sum()), path))
+        if not found:
+            problem = (
+                f"{what}: {' and '.join(rotary) or 'no rotary axis'} cannot point the tool all along within the travel"
+            )
+            remedy = "choose other angles, and none that lead close to the pole (tool along the turning axis)"
+            raise InputError(problem, remedy=remedy)
+        _, best = min(found, key=lambda f: f[0])
+        return {name: best[:, i] for i, name in enumerate(rotary)}
+
+    def _seeds(self, rotary: Sequence[str], direction: Array) -> Array:
+        """All rotary positions within a turn that point along one direction, (M, R) degree."""
+        travels = [self.machine.axes[name].travel for name in rotary]
+        grids = [np.arange(max(low, -180.0), min(high, 180.0) + 1e-9, SEED_DEG) for low, high in travels]
+        start = np.stack([g.ravel() for g in np.meshgrid(*grids, indexing="ij")], axis=1)
+        solved = self._turn(rotary, start, np.broadcast_to(direction, (len(start), 3)))
+        within = (solved[np.isfinite(solved).all(axis=1)] + 180.0) % 360.0 - 180.0
+        return np.unique(np.round(within, 6), axis=0)
+
+    def _whole_turns(self, rotary: Sequence[str], path: Array) -> Array:
+        """The path (N, R) moved by whole turns of each axis to where it is nearest to 0 within the travel."""
+        moved = path.copy()
+        for column, name in zip(moved.T, rotary, strict=True):
+            low, high = self.machine.axes[name].travel
+            nearest = -360.0 * np.round(column.mean() / 360.0)
+            turns = nearest + 360.0 * np.array([0.0, -1.0, 1.0])
+            fits = [t for t in turns if column.min() + t >= low and column.max() + t <= high]
+            column += fits[0] if fits else nearest
+        return moved
+
+    def _inside(self, rotary: Sequence[str], path: Array) -> bool:
+        limits = np.array([self.machine.axes[name].travel for name in rotary])
+        return bool(((path >= limits[:, 0] - REACHED_DEG) & (path <= limits[:, 1] + REACHED_DEG)).all())
+
+    def _turn(self, rotary: Sequence[str], start: Array, directions: Array) -> Array:
+        """Newton's method on the rotary axes (N, R), degree, from `start`; NaN where it does not arrive."""
+        names = self.machine.axis_names
+        columns = [names.index(name) for name in rotary]
+        q = np.zeros((len(names), len(start)))
+        q[columns] = start.T
+        function = self._pointing.map(len(start))
+        missed = np.full(len(start), np.inf)
+        for _ in range(NEWTON):
+            point, slope = (np.asarray(part) for part in function(ca.DM(q)))
+            left = directions - point.T
+            missed = np.linalg.norm(left, axis=1)
+            if missed.max() < REACHED_RAD:
+                break
+            slopes = slope.reshape(3, len(start), -1).transpose(1, 0, 2)[:, :, columns]
+            change = np.einsum("nij,nj->ni", np.linalg.pinv(slopes, rcond=1e-6), left)
+            q[columns] += np.clip(change, -SEED_DEG, SEED_DEG).T
+        return np.where(missed[:, None] < REACHED_RAD, q[columns].T, np.nan)
 
     def axis_line(self, name: str, fixed: Fixed) -> tuple[Array, Array]:
         """A point (mm) on a rotary axis and its direction, in the machine frame, with the other axes as in

@@ -10,6 +10,7 @@ from typing import Any
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.procedures._cone_circle import cone_circle
 from symfive.procedures._grid_encoder_lines import grid_encoder_lines
 from symfive.procedures._linear_positioning import linear_positioning
 from symfive.procedures._planar_circle import planar_circle
@@ -60,6 +61,7 @@ PROCEDURES: dict[str, Procedure] = {
             1,
             True,
         ),
+        Procedure("cone_circle", ("ball_bar",), cone_circle, "ball bar around a cone frustum, all axes together", 2),
         Procedure(
             "planar_circle", ("ball_bar", "grid_encoder"), planar_circle, "circles in a plane of two linear axes"
         ),
