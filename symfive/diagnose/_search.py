@@ -41,7 +41,8 @@ __all__ = ["Member", "Naming", "name_effects"]
 Array = NDArray[np.float64]
 MAX_EFFECTS, MAX_NAMELESS, MAX_ADDED = 5, 2, 10
 """At once; of these without a name (what two of them leave, a third does not explain); and in all, those dropped again too."""
-TRIALS = 4
+TRIALS, MOST_TRIALS = 4, 8
+"""Names tried at least; and at most, where their scores are nearly equal."""
 PASSES = 2
 SLOW = 0.1
 """Noise whose correlation lasts longer than this part of a run may be something that drifts."""
@@ -291,7 +292,9 @@ def _plain_trial(state: _State, without: Identification, base: float, member: Me
 def _best_of(scores: Sequence[Score]) -> list[Score]:
     """Those that promise most, by what they take off the cost and by what they take off for their freedom."""
     named = [s for s in scores if s.effect.id != "unknown"]
-    by_drop, by_chance = sorted(named, key=lambda s: -s.drop)[:TRIALS], sorted(named, key=lambda s: s.log_p)[:TRIALS]
+    by_drop, by_chance = sorted(named, key=lambda s: -s.drop)[:TRIALS], sorted(named, key=lambda s: s.log_p)
+    close = [s for s in by_chance[:MOST_TRIALS] if s.log_p < by_chance[0].log_p + OPEN]
+    by_chance = by_chance[: max(TRIALS, len(close))]
     nameless = [s for s in scores if s.effect.id == "unknown"]
     terms = [*sorted(nameless, key=lambda s: -s.drop)[:2], *sorted(nameless, key=lambda s: s.log_p)[:1]]
     return list({s.effect.key: s for s in (*by_chance, *by_drop, *terms)}.values())
