@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from symfive.identify import Identification
 from symfive.inference import Information, Problem, whiten
 from symfive.model import Model
 
-__all__ = ["Groups", "evidence_of", "evidence_with_noise", "marginal", "weighed"]
+__all__ = ["Groups", "evidence_of", "evidence_with_noise", "evidence_without", "marginal", "weighed"]
 
 Array = NDArray[np.float64]
 SCALINGS = 4
@@ -47,6 +47,16 @@ def weighed(problem: Problem, values: Array, sized: Groups = ()) -> tuple[float,
 def marginal(problem: Problem, wide: Model, values: Array) -> float:
     """Log evidence of the problem's model with what `wide` adds to it, linear in that."""
     return _Linear.of(problem, wide, values).evidence()
+
+
+def evidence_without(problem: Problem, values: Array, dropped: Sequence[Sequence[str]]) -> list[float]:
+    """Log evidence of the problem's model without some of its linear parameters, one set of names after the other; each such
+    parameter counts as its prior's mean."""
+    names = [p.name for p in problem.model.parameters]
+    whole = _Linear.of(problem, problem.model, values)
+    return [
+        whole.at_mean(gone).evidence(names=[n for n in names if n not in gone]) for gone in (set(d) for d in dropped)
+    ]
 
 
 def evidence_with_noise(result: Identification, without: Identification) -> float:
@@ -90,6 +100,20 @@ class _Linear:
         inner.left_out = problem.left_out
         least = min(1.0, max((n.declared / n.white) ** 2 for n in problem.noises.values()))
         return cls(wide, inner.information(inner.blocks(full)), full, least)
+
+    def at_mean(self, names: Collection[str]) -> _Linear:
+        """The same about the values with these parameters at the mean of their priors."""
+        step = np.zeros(len(self.values))
+        for i in (self.model.index[name] for name in names):
+            step[i] = self.model.prior_mean[i] - self.values[i]
+        given = self.information
+        pull = given.matrix @ step
+        moved = replace(
+            given,
+            gradient=given.gradient - pull,
+            square=given.square - 2.0 * float(given.gradient @ step) + float(step @ pull),
+        )
+        return replace(self, information=moved, values=self.values + step)
 
     def evidence(self, sized: Groups = (), names: Sequence[str] = ()) -> float:
         """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, of all parameters or of the model of those in `names` alone.

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose._evidence import Groups, evidence_of, marginal, weighed
+from symfive.diagnose._evidence import Groups, evidence_of, evidence_without, marginal, weighed
 from symfive.diagnose._places import axis_of
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import variants
+from symfive.diagnose._variants import narrower, variants
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.identify import Identification, identify
@@ -151,12 +151,9 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     """
     campaign = result.model.campaign
     effect = _roomy(campaign, trial.effect, trial.values)
-    plain = refitted(Model(campaign, (*result.model.added, effect)), trial.values, result)
+    plain = _narrowed(refitted(Model(campaign, (*result.model.added, effect)), trial.values, result))
     best, best_evidence = plain, evidence_of(plain.problem(), plain.values)
-    seen, ahead = {effect}, [*variants(effect)]
-    while ahead:
-        other = ahead.pop(0)
-        seen.add(other)
+    for other in variants(newest(plain)):
         try:
             prepared = other.prepare(campaign)
             model = Model(campaign, (*result.model.added, prepared))
@@ -170,8 +167,24 @@ def shaped(result: Identification, trial: Trial) -> Identification:
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):
             named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
             best, best_evidence = refitted(model, named, plain), evidence
-            ahead += [v for v in variants(other) if v not in seen and v not in ahead]
     return widened(best)
+
+
+def _narrowed(result: Identification) -> Identification:
+    """The fit with its newest effect, if that has no name, in those directions only that have the greatest evidence."""
+    last = newest(result)
+    shapes: list[Effect] = [last, *narrower(last)]
+    if len(shapes) == 1:
+        return result
+    campaign = result.model.campaign
+    own = [{p.name for p in shape.parameters(campaign)} for shape in shapes]
+    evidence = evidence_without(result.problem(), result.values, [sorted(own[0] - names) for names in own])
+    best = shapes[int(np.argmax(evidence))]
+    if best is last:
+        return result
+    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+    model = Model(campaign, [best if e.key == last.key else e for e in result.model.added])
+    return refitted(model, {n: v for n, v in start.items() if n in model.index}, result)
 
 
 def _best_start(problem: Problem, effect: Effect, start: Mapping[str, float]) -> Mapping[str, float]:

@@ -30,7 +30,7 @@ from symfive.diagnose._refit import (
     with_families,
 )
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import along_one, plain
+from symfive.diagnose._variants import narrower, plain
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.model import Model
@@ -208,7 +208,7 @@ def _slow(state: _State) -> tuple[Identification, float] | None:
     names = max(1, sum(s.effect.id != "unknown" for s in candidates))
     for score in candidates:
         state.progress(f"slow noise or {score.effect.key}")
-        shapes = [score.effect, *along_one(score.effect)]
+        shapes = [score.effect, *(e for e in narrower(score.effect) if len(e.directions) == 1)]
         for effect in shapes:
             model = Model(campaign, (*white.model.added, effect.prepare(campaign)))
             start = {p.name: float(v) for p, v in zip(white.parameters, white.values, strict=True)}

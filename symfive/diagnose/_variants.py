@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from itertools import combinations
 from typing import Any
 
 from symfive.effects import Effect, Unknown
 
-__all__ = ["along_one", "plain", "variants"]
+__all__ = ["narrower", "plain", "variants"]
 
 SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "backlash": ({"shape": "pre_sliding"}, {"shape": "wind_up"}),
@@ -20,11 +21,7 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
     "sensor_error": ({"shape": "gain"},),
-    "unknown": (
-        {"directions": "x"}, {"directions": "y"}, {"directions": "z"},
-        {"directions": "xy"}, {"directions": "xz"}, {"directions": "yz"},
-        {"order": 16}, {"order": 32},
-    ),
+    "unknown": ({"order": 16}, {"order": 32}),
     "gravity_sag": (
         {"parts": ("sin",)}, {"parts": ("one_minus_cos",)}, {"parts": ("sin", "sin_cubed")},
         {"parts": ("sin", "one_minus_cos", "sin_cubed")},
@@ -41,21 +38,18 @@ def plain(effect: Effect) -> Effect:
 
 
 def variants(effect: Effect) -> Iterator[Effect]:
-    """The other shapes of an effect; of a term without a name, narrower and finer ones."""
+    """The other shapes of an effect; of a term without a name, finer ones along its only coordinate."""
+    order = getattr(effect, "order", 0)
     for options in SHAPES.get(effect.id, ()):
-        if isinstance(effect, Unknown) and not _narrows(effect, options):
+        if effect.id == "unknown" and not (isinstance(order, int) and order < options["order"]):
             continue
         if all(getattr(effect, name) != value for name, value in options.items()):
             yield replace(effect, **options)
 
 
-def along_one(effect: Effect) -> list[Effect]:
-    """A term without a name that shifts the tool, in one direction each; no other effect."""
-    return [v for v in variants(effect) if isinstance(v, Unknown) and len(v.directions) == 1 < len(effect.directions)]
-
-
-def _narrows(effect: Unknown, options: dict[str, Any]) -> bool:
-    """Whether the term would shift the tool in fewer directions, or be finer along its only coordinate."""
-    if "directions" in options:
-        return effect.place == "structure" and set(options["directions"]) < set(effect.directions)
-    return isinstance(effect.order, int) and effect.order < options["order"]
+def narrower(effect: Effect) -> list[Unknown]:
+    """A term without a name that shifts the tool, in some of its directions only; no other effect."""
+    if not isinstance(effect, Unknown) or effect.place != "structure":
+        return []
+    fewer = range(1, len(effect.directions))
+    return [replace(effect, directions="".join(d)) for n in fewer for d in combinations(effect.directions, n)]
