@@ -23,6 +23,10 @@ __all__ = ["amend", "doubted", "findings_of", "moved"]
 
 Array = NDArray[np.float64]
 ALIAS_EVIDENCE = 3.0
+BESIDE_NAMELESS = 0.5
+"""Probability that a name holds at all where another effect found has none: the library lacks something there, and what it
+lacks is often mimicked by what it has. Six of seven such names were mimicry in the blind study's development cases; no more
+than even odds are taken away, since two effects may well act at once."""
 SAME = 4.0
 """What leaves less than this more of χ², 2σ, fits as well."""
 
@@ -74,7 +78,10 @@ def _finding(found: Naming, member: Member) -> Finding:
     covariance = _pairs(after, effect)
     contribution = after.model.contribution(effect, after.values)
     without = lacking(after, effect)
-    rivals, alias, confidence = _rivals(campaign, effect, member)
+    holds = 1.0
+    if effect.id != "unknown" and any(m.effect.id == "unknown" for m in found.members):
+        holds = BESIDE_NAMELESS
+    rivals, alias, confidence = _rivals(campaign, effect, member, holds)
     shape = _shape_share(after, effect, contribution)
     parameters = effect.describe(campaign, values, covariance)
     square = {run: float(np.mean(c**2)) for run, c in contribution.items()}
@@ -130,16 +137,19 @@ def moved(before: Identification, after: Identification, most: int = 8) -> dict[
     return {name: (before[name], after[name]) for _, name in sorted(ranked, reverse=True)[:most]}
 
 
-def _rivals(campaign: Campaign, effect: Effect, member: Member) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
+def _rivals(
+    campaign: Campaign, effect: Effect, member: Member, holds: float
+) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
     """Rivals with their probabilities, forms that read alike, and the probability of the name.
 
     Probabilities from the log evidence of exact refits under the final noise, every name weighed by its best form. Forms
     that read alike are other forms of the same effect with nearly its evidence, and all with no more amplitudes that fit as
-    well: however improbable they are, these readings do not tell them apart.
+    well: however improbable they are, these readings do not tell them apart. `holds`: the probability that it is a name of the
+    library at all; the rest is `unknown`'s.
     """
     own = next((t for t in member.trials if t.effect.key == effect.key), None)
     if own is None:
-        return (), (), 0.999
+        return (), (), 0.999 * holds
     behind: dict[tuple[str, str | None], tuple[float, Effect]] = {}
     alias = []
 
@@ -158,12 +168,15 @@ def _rivals(campaign: Campaign, effect: Effect, member: Member) -> tuple[tuple[R
         if not same and (who not in behind or gap < behind[who][0]):
             behind[who] = (gap, trial.effect)
     weights = {who: float(np.exp(-np.clip(gap, -30.0, 700.0))) for who, (gap, _) in behind.items()}
-    total = 1.0 + sum(weights.values())
-    names = tuple(
-        RivalName(who[0], who[1], weights[who] / total, getattr(behind[who][1], "component", None))
-        for who in sorted(weights, key=lambda w: -weights[w])
-    )
-    return names, tuple(alias), min(1.0 / total, 0.999)
+    total = (1.0 + sum(weights.values())) / holds
+    shares = {who: weight / total for who, weight in weights.items()}
+    if holds < 1.0:
+        shares["unknown", None] = shares.get(("unknown", None), 0.0) + 1.0 - holds
+    names = [
+        RivalName(*who, share, getattr(behind[who][1], "component", None) if who in behind else None)
+        for who, share in shares.items()
+    ]
+    return tuple(sorted(names, key=lambda r: -r.confidence)), tuple(alias), min(1.0 / total, 0.999)
 
 
 def _sentence(finding: Finding) -> str:

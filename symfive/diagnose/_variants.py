@@ -7,7 +7,8 @@ from dataclasses import fields, replace
 from itertools import combinations
 from typing import Any
 
-from symfive.effects import Effect, Unknown
+from symfive.effects import Effect
+from symfive.effects.unknown import Unknown
 
 __all__ = ["narrower", "plain", "variants"]
 
