@@ -11,6 +11,7 @@ Data flow one way: machine and campaign (plain data) → model (CasADi) → iden
 """
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign
+from symfive.check import check
 from symfive.codegen import codegen
 from symfive.convert import convert
 from symfive.design import assess, plan
@@ -32,8 +33,8 @@ from symfive.simulate import simulate
 __version__ = "0.1.0"
 
 __all__ = [
-    "Campaign", "InputError", "Machine", "Model", "Run", "SetupSigma", "assess", "codegen", "convert", "diagnose",
-    "fitted_model", "identify", "identify_by_position", "identify_sequentially", "make_effect", "plan", "predict",
+    "Campaign", "InputError", "Machine", "Model", "Run", "SetupSigma", "assess", "check", "codegen", "convert",
+    "diagnose", "fitted_model", "identify", "identify_by_position", "identify_sequentially", "make_effect", "plan", "predict",
     "preset", "presets", "read_campaign", "read_machine", "read_model", "redundancies", "simulate", "write_campaign",
     "write_machine", "write_model",
 ]  # fmt: skip

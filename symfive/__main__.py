@@ -1,5 +1,5 @@
 """`python -m symfive`."""
 
-from symfive.cli import main
+from symfive_cli import main
 
 main()

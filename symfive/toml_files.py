@@ -13,11 +13,12 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from symfive.errors import InputError
-from symfive.files import read_text
+from symfive.files import read_text, shown
 
-__all__ = ["TomlFile", "edited_toml", "parse_toml", "read_toml", "toml_text"]
+__all__ = ["TomlFile", "edited_toml", "parse_toml", "read_toml", "refuse_what_toml_lacks", "toml_text"]
 
 MAX_TOML_BYTES = 20_000_000
+MAX_DEPTH = 50
 
 
 @dataclass(frozen=True)
@@ -75,19 +76,39 @@ def parse_toml(path: Path, text: str) -> TomlFile:
         problem = f"not valid TOML: {str(error).split(' (at ')[0]}"
         raise InputError(problem, path=path, line=line, column=column, remedy="correct the syntax there") from None
     file = TomlFile(path, text, data, tuple(_comments(text)))
-    for keys, value in _leaves(data):
-        if isinstance(value, float) and not math.isfinite(value):
-            raise file.error(f"{keys[-1]} = {value} is not a finite number", *keys, remedy="write a number")
+    refuse_what_toml_lacks(file)
     return file
 
 
-def _leaves(value: Any, keys: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+def refuse_what_toml_lacks(file: TomlFile) -> None:
+    """Raise `InputError` where its data, which may come from elsewhere, could not be written again: NaN, infinity, nothing,
+    half a character, tables or lists more than `MAX_DEPTH` deep."""
+    try:
+        for keys, value in _leaves(file.data):
+            key = keys[-1] if keys else ""
+            if isinstance(value, float) and not math.isfinite(value):
+                raise file.error(f"{key} = {value} is not a finite number", *keys, remedy="write a number")
+            if value is None:
+                raise file.error(f"{shown(key)} is null", *keys, remedy="give it a value or remove it")
+            for text in (*keys, value):
+                if isinstance(text, str) and any("\ud800" <= c <= "\udfff" for c in text):
+                    raise file.error(f"{shown(text)} holds half a character", *keys, remedy="write it as UTF-8")
+    except RecursionError:
+        problem = f"tables or lists are nested more than {MAX_DEPTH} deep"
+        raise file.error(problem, remedy="check that it is the right file") from None
+
+
+def _leaves(
+    value: Any, keys: tuple[str | int, ...] = (), depth: int = 0
+) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    if depth > MAX_DEPTH:
+        raise RecursionError
     if isinstance(value, Mapping):
         for key, entry in value.items():
-            yield from _leaves(entry, (*keys, key))
+            yield from _leaves(entry, (*keys, key), depth + 1)
     elif isinstance(value, list):
         for number, entry in enumerate(value):
-            yield from _leaves(entry, (*keys, number) if isinstance(entry, Mapping) else keys)
+            yield from _leaves(entry, (*keys, number) if isinstance(entry, Mapping) else keys, depth + 1)
     else:
         yield keys, value
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from symfive import __version__, cli
+import symfive_cli as cli
+from symfive import __version__
 from symfive.campaign import read_campaign, write_campaign
 from symfive.machine import preset, write_machine
 from symfive.model import read_model
@@ -112,6 +114,22 @@ def test_as_a_program():
     assert "there is no such file" in done.stderr
 
 
+def test_version_help_and_completion_do_not_load_the_package():
+    """They stay below 0.3 s only as long as nothing heavy is imported; seconds depend on the computer, imports do not."""
+    code = (
+        "import sys; from symfive_cli import main; main([{word!r}]); "
+        "heavy = {{'symfive', 'numpy', 'casadi', 'scipy', 'matplotlib', 'rich'}} & set(sys.modules); "
+        "sys.exit(str(heavy) if heavy else 0)"
+    )
+    for word in ("--version", "--help"):
+        done = subprocess.run([sys.executable, "-c", code.format(word=word)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    environment = {**os.environ, "_SYMFIVE_COMPLETE": "complete_bash", "COMP_WORDS": "symfive di", "COMP_CWORD": "1"}
+    words = [sys.executable, "-X", "importtime", "-m", "symfive_cli"]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True)
+    assert done.stdout.split() == ["diagnose"] and "casadi" not in done.stderr and "numpy" not in done.stderr
+
+
 # --- the verbs ----------------------------------------------------------------------------------------------------
 
 
@@ -123,6 +141,38 @@ def test_assess(symfive):
     data = json.loads(symfive("assess", BAR, "--json").out)
     assert data["schema"] == "symfive.assessment/1"
     assert data["expected"]["EX0C"]["unit"] == "um"
+
+
+def test_check_says_what_is_declared(symfive, small_plan):
+    answer = symfive("check", BAR)
+    assert answer.code == 0 and answer.err == ""
+    lines = answer.out.splitlines()
+    assert lines[0].startswith("machine plant: w ") and lines[1].startswith("axes: ") and "EX0C ±" in lines[2]
+    assert lines[3] == "run low: 24 rows, ball bar, static, noise 0.4 µm, measured" and lines[-1] == "no problem found"
+    assert "a plan, no readings yet" in symfive("check", small_plan).out
+    data = json.loads(symfive("check", small_plan / "machine.toml", "--json").out)
+    assert data["schema"] == "symfive.check/1" and data["problems"] == [] and data["runs"] == []
+    assert data["machine"]["axes"]["B"]["unit"] == "deg" and data["machine"]["errors_possible"]["EX0C"] == 50.0
+    refused(symfive("check", small_plan / "absent.toml"), "absent.toml", "no such file")
+
+
+def test_check_finds_every_problem(symfive, broken):
+    cell(broken / "low.csv", 5, 1, "north")
+    spoil(broken / "campaign.toml", 'file = "high.csv"', 'file = "higher.csv"')
+    spoil(broken / "machine.toml", "[errors]", "[errors]\nEXOC = { sigma = 5.0 }")
+    answer = symfive("check", broken)
+    assert answer.code == 1 and "3 problems:" in answer.out and "Traceback" not in answer.err
+    for words in (
+        "low.csv, line 5, column 1",
+        "higher.csv: there is no such file",
+        "did you mean EX0C?",
+        "\n[errors]\n",
+    ):
+        assert words in answer.out
+    found = json.loads(symfive("check", broken, "--json").out)
+    assert len(found["problems"]) == 3 and found["problems"][0]["line"] and found["problems"][0]["remedy"]
+    (broken / "campaign.toml").write_text("[[run")
+    assert symfive("check", broken).code == 1
 
 
 def test_simulate_fills_a_plan_in(symfive, small_plan, tmp_path):
@@ -220,7 +270,10 @@ def test_diagnose_names_what_is_hidden(symfive, tmp_path):
 def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_path):
     answer = symfive("diagnose", BAR, "-o", tmp_path / "d")
     assert answer.code == 0
-    assert "The baseline explains the readings" in answer.out
+    lines = answer.out.splitlines()
+    assert lines[0].startswith("The model explains these readings") and lines[-1].startswith(
+        "In short: nothing found. Next: "
+    )
     assert json.loads((tmp_path / "d" / "diagnosis.json").read_text())["findings"] == []
 
 
@@ -405,7 +458,7 @@ def test_a_full_disk(symfive, small_plan, tmp_path, monkeypatch):
     def full(*arguments, **options):
         raise OSError(28, "No space left on device", "measured")
 
-    monkeypatch.setattr(cli, "write_campaign_files", full)
+    monkeypatch.setattr("symfive.campaign.write_campaign_files", full)
     answer = symfive("simulate", small_plan, "-o", tmp_path / "o")
     refused(answer, "No space left on device")
     assert not (tmp_path / "o").exists()
@@ -434,7 +487,7 @@ def test_notes_go_to_standard_error_and_quiet_leaves_them_out(symfive, broken):
 
 def test_progress_is_told_from_two_seconds_on(symfive, tmp_path, monkeypatch):
     clock = iter(range(0, 100_000, 3))
-    monkeypatch.setattr(cli.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(cli._common.time, "monotonic", lambda: next(clock))
     answer = symfive("identify", BAR, "-o", tmp_path / "o", "--no-figures")
     assert answer.code == 0
     assert " s  " in answer.err

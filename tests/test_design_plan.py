@@ -28,6 +28,7 @@ from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
 from symfive.design._optimise import value_of
 from symfive.design._order import round_trip, there_and_back
+from symfive.design._pose_table import mounted_before, pose_table
 from symfive.design._refine import Rows
 from symfive.design._request import task_of
 from symfive.design._robust import over_prior, robust_exchange
@@ -104,9 +105,27 @@ def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) 
     assert set(data["valuation"]) == {"B", "C"} and min(data["valuation"].values()) > 2.0
     page = (tmp_path / "plan" / "setup.html").read_text()
     assert page.count("<script") == 1 and "&lt;script&gt;" in page and "<svg" in page
+    assert page.count('<table class="poses-list">') == len(campaign.runs) and "then read dx_um, dy_um, dz_um" in page
+    assert page.count("again pose 1, reading 2") == len(campaign.runs), "the return to the first pose"
+    assert "Not tested: clamps" in (tmp_path / "plan" / "nc/iso/nest-1.nc").read_text()
     for file in ("nc/iso/nest-1.nc", "nc/linuxcnc/nest-1.ngc",
                  "figures/poses-nest-1.svg", "figures/uncertainty.svg", "figures/worth.svg"):  # fmt: skip
         assert (tmp_path / "plan" / file).stat().st_size > 100
+
+
+def test_the_sheet_says_what_to_mount_again() -> None:
+    runs = static_ball_bar(OYAMA)[:2]
+    first, second = (replace(r, table_ball=runs[0].table_ball, tool_ball=runs[0].tool_ball, length=100.0) for r in runs)
+    campaign = campaign_of(OYAMA, (first, second))
+    first, second = campaign.runs
+    assert mounted_before(campaign.runs, first) is None and mounted_before(campaign.runs, second) is first
+    table = pose_table(campaign, first, Post(unsafe={first.id: (2,)}, by_hand={first.id: (2,)}, dwell_s=3.0))
+    assert table.count("take the bar off, mount it again; drive there by hand") == 1
+    assert "bar of 100 mm; 3 s at rest, then read dL_um" in table and table.count("<tr>") == first.rows + 1
+    nest = r_test_grid(OYAMA)[0]
+    assert "out of the nest, seat it again" in pose_table(
+        campaign_of(OYAMA, (nest,)), nest, Post(unsafe={nest.id: (1,)})
+    )
 
 
 def test_plan_is_the_same_every_time() -> None:

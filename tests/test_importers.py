@@ -121,6 +121,44 @@ def test_bad_files_end_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFix
         polar_run(MACHINE, np.arange(0.0, 360.0, 3.0), np.zeros(12), centre=CENTRE, radius=100.0, feed=1000.0)
 
 
+ANGLES = range(0, 360, 3)
+LACKING = {
+    "angle": (["{a}"], [], "the column deviation is missing; export both", "--columns angle,deviation"),
+    "deviation": (["{d}"], [], "the column angle is missing; export both", "--columns angle,deviation"),
+    "three": (
+        ["7", "{a}", "{d}"],
+        [],
+        "the rows have 3 numbers and 2 columns are named",
+        "--columns angle,deviation,-",
+    ),
+    "named": (["{a}", "{d}"], ["--columns", "angle"], "do not name angle and deviation", "--columns angle,deviation"),
+    "feed": (["{a}", "{d}"], ["--radius", "100"], "angle and deviation are there, feed not", "--feed 1000 (mm/min)"),
+    "both": (["{a}", "{d}"], [], "radius and feed not", "add --radius 100 (mm) and --feed 1000 (mm/min)"),
+    "turn": (["{a}", "{d}"], ["--direction", "left"], "direction", "ccw, cw"),
+    "turns": (["{a}", "{d}"], ["--direction", "cw", "--direction", "cw"], "1 files have 2 directions", "once per file"),
+}
+
+
+@pytest.mark.parametrize("name", LACKING)
+def test_what_an_export_lacks_is_named_with_the_option_that_declares_it(name: str, tmp_path: Path, capsys):
+    columns, options, says, remedy = LACKING[name]
+    path = tmp_path / f"{name}.csv"
+    path.write_text("".join(";".join(columns).format(a=a, d=round(np.sin(a), 3)) + "\n" for a in ANGLES))
+    assert main(["import-polar", "three-axis", str(path), "-o", str(tmp_path / "out"), *options]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and says in said and remedy in said, said
+
+
+def test_columns_and_direction_are_declared(tmp_path: Path):
+    path = tmp_path / "cw.csv"
+    path.write_text("".join(f"{k};{np.sin(a):.4f};{a}\n" for k, a in enumerate(ANGLES)))
+    angle, deviation = read_polar(path, columns=("-", "deviation", "angle"), direction="cw")
+    assert angle.tolist() == [float(a) for a in reversed(ANGLES)] and deviation[0] == pytest.approx(
+        np.sin(357), abs=1e-4
+    )
+    assert read_polar(path, columns=("-", "deviation", "angle"), direction="ccw")[0][0] == 0.0
+
+
 @given(st.text(alphabet="0123456789.,;-+e \t\nabc°", max_size=400))
 def test_no_text_ends_in_a_traceback(text: str):
     import tempfile

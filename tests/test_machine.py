@@ -12,7 +12,9 @@ from symfive.machine import (
     ErrorTerm,
     Machine,
     Structure,
+    error_names,
     machine_from_data,
+    machine_problems,
     machine_to_data,
     make_axis,
     preset,
@@ -240,3 +242,53 @@ def test_an_axis_that_the_structure_lacks_is_named_with_those_it_has(tmp_path):
         InputError, match=r"machine.toml, line 5: the structure has no axis 'AA'.*use one of Y, A, C, X, Z"
     ):
         read_machine(file)
+
+
+HEAD = 'schema = "symfive.machine/1"\nname = "m"\nstructure = "w C\' A\' Y\' b X Z t"\n'
+AXES = "".join(f"[axes.{name}]\ntravel = [-30.0, 110.0]\n" for name in "CAYXZ")
+DRIVE = "[axes.X.drive]\nvelocity_gain = 350.0\nintegral_time = 0.05\n"
+SLIPS = [
+    (
+        AXES + DRIVE + "kv = 40.0\n",
+        r"\[axes.X.drive\] has no key 'kv'; did you mean position_gain\? Correct the name\.$",
+    ),
+    (
+        AXES + DRIVE + "postion_gain = 40.0\n",
+        r"has no key 'postion_gain'; did you mean position_gain\? Correct the name\.$",
+    ),
+    (AXES.replace("travel", "travle", 1), r"\[axes.C\] has no key 'travle'; did you mean travel\? Correct the name\.$"),
+    (AXES + "[worspace]\ntable_radius = 120.0\n", r"no key 'worspace'; did you mean workspace\? Correct the name\.$"),
+    (
+        AXES + "[errors]\nEXOC = { sigma = 5.0 }\n",
+        r"did you mean EX0C\? This .* location errors EX0C, .*EY0A, .*EB0Z and",
+    ),
+    (AXES + "[errors]\nEX0B = { sigma = 5.0 }\n", r"axis 'B', which the machine lacks; did you mean EX0C\?"),
+    (AXES + "[errors]\nEQ0C = { sigma = 5.0 }\n", r"'EQ0C' is not an error of ISO 230-1; did you mean E.0C\?"),
+    (AXES + "[axes.B]\n", r"no axis 'B'; .*give it its place: \"w B' C' A' Y' b X Z t\" if it carries the workpiece"),
+    (AXES.replace("[axes.Z]\ntravel = [-30.0, 110.0]\n", ""), r"axis Z .* has no table; add \[axes.Z\]"),
+]
+
+
+@pytest.mark.parametrize(("text", "says"), SLIPS, ids=[str(i) for i in range(len(SLIPS))])
+def test_a_slip_is_answered_with_what_was_meant(tmp_path, text, says):
+    (tmp_path / "m.toml").write_text(HEAD + text)
+    with pytest.raises(InputError, match=says):
+        read_machine(tmp_path / "m.toml")
+
+
+def test_all_problems_of_a_file_are_found(tmp_path):
+    errors = "[errors]\nEX0C = { sigma = -5.0 }\nEY0C = { sigma = 5.0 }\nEX0X = { sigma = 1.0 }\n"
+    text = AXES.replace("travel", "travle", 1) + errors
+    (tmp_path / "m.toml").write_text(HEAD + text + "[workspace]\ntable_radius = -1.0\n")
+    machine, problems = machine_problems(tmp_path / "m.toml")
+    assert machine is not None and list(machine.errors) == ["EY0C"]
+    assert [error.line for error in problems] == [5, 15, 17, 19]
+    (tmp_path / "m.toml").write_text("schema = ")
+    assert machine_problems(tmp_path / "m.toml")[0] is None
+
+
+@pytest.mark.parametrize("name", presets())
+def test_the_suggested_errors_of_every_machine_are_accepted(name):
+    machine = preset(name)
+    errors = {key: ErrorTerm(name=key, sigma=sigma) for key, sigma in error_names(machine.axes).items()}
+    assert len(errors) >= 3 and replace(machine, errors=errors, text="").errors

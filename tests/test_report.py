@@ -15,11 +15,13 @@ from symfive.identify import Confounding, Identification, Outlier, identify
 from symfive.machine import ErrorTerm, Machine, make_axis
 from symfive.machine._structure import Structure
 from symfive.model import Model
+from symfive.numbers import expected_ratio, plain_number, rounded, unit_words, with_std
 from symfive.report import (
     _save,
     correlation_matrix,
     error_motion_bands,
     identification_report,
+    identification_text,
     parameters_chart,
     polar_trace,
     prediction_chart,
@@ -29,8 +31,10 @@ from symfive.report import (
     save_figures,
 )
 from symfive.report._circles import CircleFinder, grouped
+from symfive.report._over_coordinates import coordinates_with_tips
+from symfive.report._over_time import residuals_with_tips
 from symfive.report._page import embedded
-from symfive.report._style import plain_number, rounded, short, unit_words
+from symfive.report._style import short
 from symfive.report._traces import direction_of, running_mean
 from symfive.report._words import confounded_machine, fits, meaning, verdict
 
@@ -283,6 +287,36 @@ def test_numbers_and_units_as_engineers_write_them():
     assert rounded(12.3456, 0.047) == "12.346" and rounded(-1234.5, 210.0) == "−1230" and rounded(-0.001, 5.0) == "0.0"
     assert plain_number(0.4) == "0.4" and plain_number(-37.04) == "−37" and plain_number(2e7) == "2.00e+07"
     assert short("a" * 40, 11) == "aaaa…aaaaaa"
+    assert plain_number(1.3e-15) == "0" and plain_number(-3e-5, "um") == "0" and plain_number(3e-5) == "3.00e−05"
+    assert rounded(-4e-16, 3e-15) == "0" and rounded(1e-15, 0.0, "um") == "0" and rounded(-0.0004, 0.02) == "0.000"
+    assert with_std(8.9031, 0.0612, "um") == "8.903 ± 0.061 µm" and with_std(0.5, 0.0, "1") == "0.5"
+
+
+def test_the_band_of_chi_squared_and_few_degrees_of_freedom():
+    assert expected_ratio(800.0) == "noise alone gives 1 ± 0.1"
+    assert expected_ratio(8.0) == "noise alone gives 1 ± 1; with 8 degrees of freedom it says little"
+    assert "no degree of freedom" in expected_ratio(0.2)
+
+
+def test_few_poses_are_points_with_their_number(small):
+    figure, tips = residuals_with_tips(small)
+    first = small.model.campaign.runs[0]
+    axes = panels(figure)[0]
+    lines = [line for line in axes.lines if line.get_gid()]
+    assert lines and all(line.get_linestyle() == "None" and line.get_marker() == "o" for line in lines)
+    assert len(lines[0].get_xdata()) == first.rows and axes.collections, "a stem for each pose"
+    assert "number of the pose" in texts(figure) and "time in the run" not in texts(figure)
+    assert re.fullmatch(rf"{first.id}, pose 1 \(line 2\): .*dL −?[\d.]+ µm", tips[lines[0].get_gid()][0])
+    rows = sum(run.rows for run in small.model.campaign.runs)
+    assert embedded(figure, "r", "t", "c", tips).count("</title></use>") == rows
+    figure, tips = coordinates_with_tips(small)
+    assert embedded(figure, "r", "t", "c", tips).count("</title></use>") == rows == sum(map(len, tips.values()))
+    assert re.fullmatch(r"\w+, pose \d+ \(line \d+\), C −?[\d.]+ °: dL −?[\d.]+ µm", next(iter(tips.values()))[0])
+
+
+def test_what_identify_prints_has_a_verdict_and_the_band(small):
+    said = identification_text(small)
+    assert said.splitlines()[0] == verdict(small) and "noise alone gives 1 ± " in said and "e-" not in said
 
 
 def test_directions_and_means_along_a_run():

@@ -24,13 +24,14 @@ from symfive.diagnose import (
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
+from symfive.numbers import power_of_ten
 from symfive.report import _diagnosis, _save, diagnosis_report, identification_report, save_figures
-from symfive.report._cards import card, percent
+from symfive.report._cards import card
 from symfive.report._chain import chain_picture, guilty
 from symfive.report._coordinate import coordinates_of
-from symfive.report._diagnosis import _power
 from symfive.report._evidence import gap_table
 from symfive.report._finding_figure import finding_figure
+from symfive.report._findings import closing, diagnosis_text, doubts, finding_line, percent
 from symfive.report._geometry import geometry_chart
 from symfive.report._visible import visible_parts
 
@@ -89,9 +90,11 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
     text = written.read_text()
     page = Page(text)
     assert written.name == "report.html" and len(text.encode()) < 3_000_000
-    assert "2 pieces of physics had been left out: Gravity sag of axis B; Thermal drift." in page.words
+    assert "2 pieces of physics had been left out of the model." in page.words
+    assert all(finding_line(finding, found) in page.words for finding in found.findings)
+    assert closing(found) in page.words and text.index("<ol>") < text.index("In short: ") < text.index('class="tiles"')
     for words in (
-        found.letter, "about 10⁻¹⁰⁶", "false-alarm rate allowed", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
+        *doubts(found), "about 10⁻¹⁰⁶", "false-alarm rate allowed", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
         "time constant", "the structure that axis B carries", "changing with time", "location errors of the rotary axes",
         "here the fit without it had taken 82 % of its energy", "axis C displaced along X", "gravity_sag.B.EXB",
         "χ²/dof against the noise found", "left out of the fit in turn", "location_error.EA0Z", "Class 1:",
@@ -105,6 +108,32 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
     assert not re.search(r'(src|href)="(?!data:|#)', text.replace('xlink:href="data:', "")), "loads nothing"
 
 
+def test_what_is_printed_is_verdict_list_and_next_step(found):
+    lines = diagnosis_text(found).splitlines()
+    assert lines[0] == "2 pieces of physics had been left out of the model."
+    assert re.fullmatch(
+        r"  1\. Gravity sag of axis B: in the structure that axis B carries, over the position of B, in all runs; "
+        r"component EZB, amplitude one minus cos [\d.]+ ± [\d.]+ µm; confidence 99.6 %", lines[1],
+    )  # fmt: skip
+    assert lines[2].startswith("  2. Thermal drift: ") and "over time" in lines[2] and " ± " in lines[2]
+    assert lines[-1].startswith("In short: gravity sag of axis B, thermal drift. Next: use model.json, but do not rely")
+    assert any(re.match(r"chi²/dof .* \(noise alone gives 1 ± 0\.\d+\)$", line) for line in lines)
+    clean = diagnosis_text(replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=1.0))).splitlines()
+    assert clean[0].startswith("The model explains") and "nothing found. Next: " in clean[-1]
+
+
+def test_badges_on_one_link_are_stacked(found):
+    machine = found.after.model.machine
+    many = [(number, finding) for number, finding in enumerate([*found.findings, *found.findings] * 3, start=1)]
+    text = chain_picture(machine, many, "many")
+    places = [(float(x), float(y)) for x, y in re.findall(r'class="badge" cx="(-?[\d.]+)" cy="(-?[\d.]+)"', text)]
+    assert len(places) == 12
+    gaps = [np.hypot(x - u, y - v) for i, (x, y) in enumerate(places) for u, v in places[:i]]
+    assert min(gaps) >= 22.0
+    top, height = (float(v) for v in re.search(r'viewBox="0 (-?[\d.]+) [\d.]+ ([\d.]+)"', text).groups())
+    assert all(top + 11.0 <= y <= top + height - 11.0 for _, y in places)
+
+
 def test_every_figure_of_the_page_is_a_file_too(written):
     drawn = set(re.findall(r'<figure id="([^"]+)"', written.read_text()))
     assert {path.stem for path in (written.parent / "figures").iterdir()} == drawn
@@ -114,7 +143,7 @@ def test_every_figure_of_the_page_is_a_file_too(written):
 
 def test_hovering_tells_the_numbers(written):
     text = written.read_text()
-    assert re.search(r"<use [^>]*><title>nest1, row \d+, B −?\d+ °: −?[\d.]+ → −?[\d.]+ µm</title></use>", text)
+    assert re.search(r"<use [^>]*><title>nest1, pose \d+, B −?\d+ °: −?[\d.]+ → −?[\d.]+ µm</title></use>", text)
     assert re.search(r"<title>EX0C after: −?[\d.]+ ± [\d.]+ µm</title>", text)
     assert len(set(re.findall(r' id="([^"]+)"', text))) == len(re.findall(r' id="([^"]+)"', text)), "ids are unique"
 
@@ -124,7 +153,7 @@ def _nothing(result):
 
 
 def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
-    monkeypatch.setattr(_diagnosis, "residuals_over_time", _nothing)
+    monkeypatch.setattr(_diagnosis, "residuals_with_tips", _nothing)
     fit = replace(found.fit, heldout_rms_before_um=None, heldout_rms_after_um=None)
     clean = replace(found, findings=(), p_value=0.4, fit=fit, before=found.after)
     text = diagnosis_report(clean, tmp_path).read_text()
@@ -136,7 +165,7 @@ def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
 
 def test_what_users_wrote_is_escaped(found, tmp_path, monkeypatch):
     monkeypatch.setattr(_diagnosis, "residual_spectrum", _nothing)
-    monkeypatch.setattr(_diagnosis, "residuals_over_time", _nothing)
+    monkeypatch.setattr(_diagnosis, "residuals_with_tips", _nothing)
     first = found.findings[1]
     evil = replace(
         first, says=HOSTILE, next_test=f"next/{HOSTILE}", runs=(*first.runs, "<img src=x onerror=alert(1)>"),
@@ -220,7 +249,9 @@ def test_lost_rows_are_named_by_file_and_row(found):
 
 def test_small_numbers_in_words(found):
     assert percent(0.9999) == "above 99.9 %" and percent(0.5) == "50 %" and percent(0.0) == "0 %"
-    assert _power(0.03) == "0.03" and _power(3e-7) == "about 10⁻⁷" and _power(1e-300) == "below 10⁻³⁰⁰"
+    assert (
+        power_of_ten(0.03) == "0.03" and power_of_ten(3e-7) == "about 10⁻⁷" and power_of_ten(1e-300) == "below 10⁻³⁰⁰"
+    )
     fixed = replace(found.after.model.campaign.machine, errors={})
     bare = identify(found.after.model.campaign.with_machine(fixed))
     with pytest.raises(InputError, match="no geometry"):

@@ -16,10 +16,10 @@ from symfive.campaign._options import OPTIONS
 from symfive.errors import InputError
 from symfive.files import output_folder, shown, write_text
 from symfive.instruments import instruments_of
-from symfive.machine import Machine, read_machine, unknown_keys, write_machine
+from symfive.machine import Machine, machine_problems, read_machine, unknown_keys, write_machine
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
 
-__all__ = ["SCHEMA", "read_campaign", "write_campaign"]
+__all__ = ["SCHEMA", "campaign_problems", "read_campaign", "write_campaign"]
 
 SCHEMA = "symfive.campaign/1"
 _FIELDS = {f.name for f in fields(Run)} - {"options", "time", "commands", "readings", "instrument", "setup_sigma_um"}
@@ -31,11 +31,7 @@ def read_campaign(path: Path | str) -> Campaign:
     file = read_toml(path / "campaign.toml" if os.path.isdir(path) else path)
     folder = file.path.parent
     data = file.data
-    _check_schema(file)
-    machine_file = data.get("machine", "machine.toml")
-    if not isinstance(machine_file, str) or not machine_file.strip() or not machine_file.isprintable():
-        problem = f"machine = {shown(machine_file)} is not a file name"
-        raise file.error(problem, "machine", remedy='write machine = "machine.toml"')
+    machine_file = _machine_file(file)
     machine = read_machine(folder / machine_file)
     drafts = _drafts(file, machine)
     extra = {key: value for key, value in data.items() if key not in ("schema", "machine", "run", "name")}
@@ -57,6 +53,38 @@ def read_campaign(path: Path | str) -> Campaign:
     return build(tuple(_with_columns(folder, draft, machine) for draft in drafts))
 
 
+def campaign_problems(path: Path | str) -> tuple[Machine | None, tuple[Run, ...], list[InputError]]:
+    """The machine and the runs as far as they can be read, and all that is wrong with the files rather than the first."""
+    path = Path(path)
+    found: list[InputError] = []
+    machine, runs = None, list[Run]()
+    try:
+        file = read_toml(path / "campaign.toml" if os.path.isdir(path) else path)
+        machine, found = machine_problems(file.path.parent / _machine_file(file))
+        if machine is None:
+            return None, (), found
+        for number, block in enumerate(_blocks(file)):
+            try:
+                runs.append(_with_columns(file.path.parent, _draft(file, number, block, machine), machine))
+            except InputError as error:
+                found.append(error)
+        if not found:
+            read_campaign(path)  # what only shows where all is together
+    except InputError as error:
+        found.append(error)
+    return machine, tuple(runs), found
+
+
+def _machine_file(file: TomlFile) -> str:
+    _check_schema(file)
+    name = file.data.get("machine", "machine.toml")
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise file.error(
+            f"machine = {shown(name)} is not a file name", "machine", remedy='write machine = "machine.toml"'
+        )
+    return name
+
+
 def _check_schema(file: TomlFile) -> None:
     schema = file.data.get("schema")
     if schema != SCHEMA:
@@ -74,10 +102,14 @@ def _run_notes(run: Run, block: Mapping[str, Any]) -> list[str]:
 
 def _drafts(file: TomlFile, machine: Machine) -> tuple[Run, ...]:
     """The runs without the contents of their CSV: one row at time 0."""
+    return tuple(_draft(file, number, block, machine) for number, block in enumerate(_blocks(file)))
+
+
+def _blocks(file: TomlFile) -> list[Any]:
     blocks = file.data.get("run", [])
     if not isinstance(blocks, list) or not blocks:
         raise file.error("the campaign has no runs", "run", remedy="add a [[run]] block")
-    return tuple(_draft(file, number, block, machine) for number, block in enumerate(blocks))
+    return blocks
 
 
 def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:

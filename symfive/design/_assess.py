@@ -19,6 +19,7 @@ from symfive.inference import Confounding, confounded_combinations, data_rank
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model
+from symfive.numbers import plain_number
 from symfive.parameters import Parameter
 from symfive.threads import one_thread
 
@@ -66,7 +67,9 @@ class Assessment:
         sigma = self.sigma
         lines = [f"{len(self.parameters)} parameters, {self.rank} of their combinations are determined by the readings"]
         shown = [p for p in self.parameters if p.kind != "setup"]
-        lines += [f"  {p.name:24} {sigma[p.name]:10.4g} {p.unit:5} (prior {p.sigma:g})" for p in shown]
+        lines += [
+            f"  {p.name:24} {plain_number(sigma[p.name], p.unit):>10} {p.unit:5} (prior {p.sigma:g})" for p in shown
+        ]
         if self.tool_centre_um is not None:
             mean, worst = self.tool_centre_um
             lines.append(
@@ -88,7 +91,7 @@ class Assessment:
         idle = {run: [i + FIRST_LINE for r, i in self.nothing() if r == run] for run in self.worth}
         ordered = sorted(self.run_worth, key=lambda run: -self.run_worth[run])
         return [
-            f"  run {run}: without it 1σ grows by {100.0 * math.expm1(0.5 * self.run_worth[run]):.3g} %"
+            f"  run {run}: without it 1σ grows by {plain_number(100.0 * math.expm1(0.5 * self.run_worth[run]), '%')} %"
             + (f"; lines {_spans(idle[run])} tell next to nothing" if idle[run] else "")
             for run in ordered
         ]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from typing import TYPE_CHECKING
 
 from symfive.campaign import Run
-from symfive.design._assess import FIRST_LINE
-from symfive.design._figures import UNITS
+from symfive.design._pose_table import mounted_before, pose_table
 from symfive.design._schedule import SETUP_S
 from symfive.drawing import SCRIPT, poses_figure
+from symfive.nc import Post, collision_warning
+from symfive.nc._warning import UNCHECKED
+from symfive.numbers import plain_number, unit_words
 
 if TYPE_CHECKING:
     from symfive.design._plan import Plan
@@ -24,12 +27,17 @@ table { border-collapse: collapse } td, th { padding: .15rem .8rem .15rem 0; tex
 th { font-weight: 600 } td.n { text-align: right; font-variant-numeric: tabular-nums } svg { max-width: 100%; height: auto }
 ol { margin: .2rem 0 } .quiet, figcaption { color: #555 } figure { margin: .6rem 0 }
 .warning { border: 2px solid #b00020; padding: .4rem .7rem; font-weight: 600 }
-@media print { body { margin: 0; max-width: none } h2 { break-after: avoid } section { break-inside: avoid } }
+td.again { font-weight: 600 } .poses-list td, .poses-list th { border-bottom: 1px solid #ddd; padding-right: 1.1rem }
+@media print { .poses-list thead { display: table-header-group } .poses-list tr { break-inside: avoid }
+  body { margin: 0; max-width: none } h2 { break-after: avoid } section { break-inside: avoid } }
 """
 
 
-def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]) -> str:
-    """One HTML page that loads nothing; its script turns the picture of all poses. All text from files is escaped."""
+def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str], post: Post) -> str:
+    """One HTML page that loads nothing; its script turns the picture of all poses. All text from files is escaped.
+
+    `pictures` run → SVG, `programs` their names, `post` what the user decided about them.
+    """
     title = f"Set-up sheet: {plan.machine.name}"
     name = {"r_test": "R-test", "ball_bar": "ball bar"}.get(plan.instrument, plan.instrument)
     parts = [
@@ -37,9 +45,9 @@ def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]
         f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>",
         f'<p class="quiet">{escape(plan.machine.structure.code)} · {escape(name)} · {plan.certificate.points} poses, '
         f"{plan.campaign.rows} readings with return poses · about {plan.minutes:.0f} min with set-up</p>",
-        *_unchecked(plan),
+        *_unchecked(plan, post),
         f"<p>Certificate: {escape(plan.certificate.says)}.</p>",
-        *(_run(plan, run, pictures[run.id]) for run in plan.campaign.runs),
+        *(_run(plan, run, pictures[run.id], post) for run in plan.campaign.runs),
         f"<section><h2>All poses</h2>{poses_figure(plan.campaign)}</section>",
         _expected(plan),
         _clearances(plan),
@@ -50,7 +58,7 @@ def setup_sheet(plan: Plan, pictures: Mapping[str, str], programs: Sequence[str]
     return "\n".join(parts)
 
 
-def _run(plan: Plan, run: Run, picture: str) -> str:
+def _run(plan: Plan, run: Run, picture: str, post: Post) -> str:
     x, y, z = run.table_ball
     steps = [
         "Work offset: the workpiece frame's origin, with all rotary axes at 0.",
@@ -61,33 +69,25 @@ def _run(plan: Plan, run: Run, picture: str) -> str:
     if run.length is not None:
         steps.append(f"Bar of {run.length:g} mm, calibrated length entered.")
     steps.append(f"Start the program of run {escape(run.id)}; it stops where the instrument is to be seated.")
-    unsafe = plan.unsafe.get(run.id, ())
-    if unsafe:
-        off = (
-            "take the bar off where it stops, and put it on again"
-            if run.length is not None
-            else "leave the nest as it is"
+    again = mounted_before(plan.campaign.runs, run)
+    if again is not None:
+        steps.insert(
+            1, f"The same mounting as for run {escape(again.id)}: take off and mount again, its error is drawn anew."
         )
-        lines = ", ".join(str(i + FIRST_LINE) for i in unsafe)
-        steps.append(
-            f"Before lines {lines} of {escape(run.file or run.id)} the program leaves the nest and goes around: {off}."
-        )
-    first = {name: float(run.commands[name][0]) for name in plan.machine.axis_names}
-    start = ", ".join(f"{escape(name)} {value:.2f} {plan.machine.axes[name].unit}" for name, value in first.items())
     drawing = picture[picture.index("<svg") :]
     minutes = (run.duration + SETUP_S) / 60.0
     return (
         f"<section><h2>Run {escape(run.id)} · {run.rows} rows · {minutes:.0f} min</h2><ol>"
         + "".join(f"<li>{step}</li>" for step in steps)
-        + f'</ol><p class="quiet">First pose: {start}.</p>{drawing}</section>'
+        + f"</ol>{drawing}{pose_table(plan.campaign, run, post)}</section>"
     )
 
 
 def _expected(plan: Plan) -> str:
     sigma = plan.assessment.sigma
     rows = "".join(
-        f'<tr><td>{escape(p.name)}</td><td class="n">{sigma[p.name]:.3g}</td><td class="n">{p.sigma:.3g}</td>'
-        f"<td>{escape(UNITS.get(p.unit, p.unit))}</td></tr>"
+        f'<tr><td>{escape(p.name)}</td><td class="n">{plain_number(sigma[p.name], p.unit)}</td>'
+        f'<td class="n">{plain_number(p.sigma, p.unit)}</td><td>{escape(unit_words(p.unit))}</td></tr>'
         for p in plan.assessment.parameters
         if p.kind == "location_error"
     )
@@ -104,11 +104,9 @@ def _expected(plan: Plan) -> str:
     return f"<h2>What to expect</h2><table><tr><th>error</th><th>1σ after</th><th>before</th><th></th></tr>{rows}</table>{tail}"
 
 
-def _unchecked(plan: Plan) -> list[str]:
-    if plan.machine.workspace.spindle_nose is not None:
-        return []
-    words = "Collisions were not checked: the machine file names no spindle nose. Drive the program slowly, one hand on the feed."
-    return [f'<p class="warning">{words}</p>']
+def _unchecked(plan: Plan, post: Post) -> list[str]:
+    words = " ".join(collision_warning(plan.machine, plan.campaign.runs[0], replace(post, blocked={})))
+    return [f'<p class="warning">{escape(words)}</p>'] if words.startswith(UNCHECKED) else []
 
 
 def _clearances(plan: Plan) -> str:

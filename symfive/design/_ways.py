@@ -76,7 +76,8 @@ def cleared(
     The shortest retract with which the fewest ways are blocked is taken; ways around that stay blocked are left to the operator.
     """
     runs = tuple(runs)
-    posts = [Post(unsafe=unsafe, retract_mm=retract) for retract in RETRACTS_MM]
+    tested = machine.workspace.spindle_nose is not None
+    posts = [Post(unsafe=unsafe, retract_mm=retract, tested=tested) for retract in RETRACTS_MM]
     best, left = posts[0], _blocked(machine, runs, posts[0])
     for post in posts[1:] if left else ():
         found = _blocked(machine, runs, post)
@@ -86,7 +87,7 @@ def cleared(
         rows = {run: tuple(sorted({row for row, _ in moves})) for run, moves in left.items()}
         best = replace(best, by_hand={run: [r for r in rows[run] if r in unsafe.get(run, ())] for run in rows})
         left = _blocked(machine, runs, best)
-    return best, left
+    return replace(best, blocked={run: [row for row, _ in moves] for run, moves in left.items()}), left
 
 
 def _blocked(machine: Machine, runs: Sequence[Run], post: Post) -> dict[str, list[tuple[int, str]]]:

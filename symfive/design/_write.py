@@ -91,7 +91,10 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
     chosen = plan.post
     if post is not None:
         own = post.retract_mm if post.retract_mm != Post().retract_mm else plan.post.retract_mm
-        chosen = replace(post, unsafe=plan.post.unsafe, by_hand=plan.post.by_hand, retract_mm=own)
+        chosen = replace(
+            plan.post, tool_centre_on=post.tool_centre_on, tool_centre_off=post.tool_centre_off, retract_mm=own,
+            reversed_axes=post.reversed_axes, dwell_s=post.dwell_s, tested=plan.post.tested and own == plan.post.retract_mm,
+        )  # fmt: skip
     write_programs(plan.campaign, folder / "nc", nc, chosen)
     pictures = {run.id: svg(pose_figure(plan.machine, run)) for run in plan.campaign.runs}
     for run, picture in pictures.items():
@@ -99,4 +102,4 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
     write_text(folder / "figures" / "uncertainty.svg", svg(uncertainty_figure(plan)))
     write_text(folder / "figures" / "worth.svg", svg(worth_figure(plan)))
     programs = [f"nc/{name}/*{DIALECTS[name].suffix}" for name in nc if name in DIALECTS]
-    write_text(folder / "setup.html", setup_sheet(plan, pictures, programs))
+    write_text(folder / "setup.html", setup_sheet(plan, pictures, programs, chosen))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
+from symfive.files import read_text, shown
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 
@@ -25,56 +26,86 @@ UNITS = {"um": 1.0, "mm": 1e3}
 EVEN = 0.05
 """Steps of the angle may differ from their median by this share (and be whole multiples of it where rows are lost)."""
 LEAST_ROWS = 20
+MAX_BYTES = 5_000_000
+MOST = 1e12
+"""A number from there on is no reading."""
+MOST_COLUMNS = 12
+COLUMNS = ("angle", "deviation")
+DIRECTIONS = ("ccw", "cw")
 
 
-def read_polar(path: Path | str, *, unit: str = "um") -> tuple[Array, Array]:
-    """Angle (N,) in degree and deviation (N,) in µm from two columns of a text file.
+def read_polar(
+    path: Path | str, *, unit: str = "um", columns: Sequence[str] = COLUMNS, direction: str | None = None
+) -> tuple[Array, Array]:
+    """Angle (N,) in degree and deviation (N,) in µm from columns of a text file.
 
     Columns are parted by comma, semicolon, tab or spaces (a decimal comma is understood where semicolons, tabs or spaces part
-    them); lines before the first pair of numbers are the head. `unit` of the deviation in the file: `um` or `mm`. Raises
+    them); lines before the first row of numbers are the head. `columns` names those of the file in their order: `angle`,
+    `deviation`, and anything else for what is not needed. `unit` of the deviation in the file: `um` or `mm`. `direction` `ccw`
+    or `cw` where the file sorts the angles whichever way the circle went; a file against it is read from its end. Raises
     `InputError` naming file and line.
     """
     path = Path(path)
     if unit not in UNITS:
         raise InputError(f'unit "{unit}" is unknown', remedy=f"use one of {', '.join(UNITS)}")
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as cause:
-        reason = cause.strerror if isinstance(cause, OSError) else "it is no text"
-        raise InputError(f"the file cannot be read ({reason})", remedy="give the text file of an export").at(
-            path
-        ) from None
-    pairs: list[tuple[float, float]] = []
+    if direction not in (None, *DIRECTIONS):
+        raise InputError(f'direction "{direction}" is unknown', remedy=f"use one of {', '.join(DIRECTIONS)}")
+    if any(list(columns).count(name) != 1 for name in COLUMNS):
+        problem = f"the columns {','.join(columns)} do not name {' and '.join(COLUMNS)} once each"
+        raise InputError(problem, remedy="write --columns angle,deviation in the order of the file, - for any other")
+    lines = read_text(path, at_most=MAX_BYTES).split("\n")
+    rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
-        pair = _pair(line)
-        if pair is not None:
-            pairs.append(pair)
-        elif pairs and line.strip():
-            error = InputError(
-                f"{line.strip()[:40]!r} is not an angle and a deviation", remedy="remove what is no reading"
-            )
-            raise error.at(path, number)
-    if len(pairs) < LEAST_ROWS:
-        error = InputError(
-            f"{len(pairs)} readings of angle and deviation", remedy=f"export at least {LEAST_ROWS}, two numbers a line"
-        )
-        raise error.at(path)
-    angle, deviation = np.array(pairs).T
+        row = _row(line, len(columns))
+        if row is not None:
+            rows.append(row)
+        elif rows and line.strip():
+            problem = f"{shown(line.strip())} is not {_said(columns)}"
+            raise InputError(problem, remedy="remove what is no reading").at(path, number)
+    if not rows:
+        _refuse_other_columns(path, lines, columns)
+    if len(rows) < LEAST_ROWS:
+        problem = f"{len(rows)} readings of angle and deviation"
+        raise InputError(problem, remedy=f"export at least {LEAST_ROWS}, one a line").at(path)
+    angle, deviation = (np.array(rows)[:, list(columns).index(name)] for name in COLUMNS)
+    if direction is not None and (np.median(np.diff(angle)) > 0.0) != (direction == "ccw"):
+        angle, deviation = angle[::-1], deviation[::-1]
     return angle, UNITS[unit] * deviation
 
 
-def _pair(line: str) -> tuple[float, float] | None:
-    """The two numbers of a line; None where it holds anything else."""
-    words = [word for word in re.split(r"[;\t]|\s+", line.strip()) if word]
-    if len(words) == 2:
+def _row(line: str, count: int) -> list[float] | None:
+    """The `count` numbers of a line; None where it holds anything else."""
+    words = [word for word in re.split(r"[;\t]|,?\s+", line.strip()) if word]
+    if len(words) == count:
         words = [word.replace(",", ".") for word in words]
     else:
         words = [word for word in re.split(r"[,\s]+", line.strip()) if word]
     try:
-        first, second = (float(word) for word in words)
+        numbers = [float(word) for word in words]
     except ValueError:
         return None
-    return (first, second) if np.isfinite([first, second]).all() else None
+    return numbers if len(numbers) == count and all(abs(number) < MOST for number in numbers) else None
+
+
+def _said(columns: Sequence[str]) -> str:
+    return "an angle and a deviation" if len(columns) == 2 else f"a row of {len(columns)} numbers"
+
+
+def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[str]) -> None:
+    """Raise `InputError` where the file has another number of columns than were named."""
+    for count in (n for n in range(1, MOST_COLUMNS + 1) if n != len(columns)):
+        rows = [(number, row) for number, line in enumerate(lines, start=1) if (row := _row(line, count)) is not None]
+        if len(rows) < LEAST_ROWS:
+            continue
+        if count > 1:
+            problem = f"the rows have {count} numbers and {len(columns)} columns are named ({','.join(columns)})"
+            remedy = f"name all {count}, as --columns {','.join([*COLUMNS, *['-'] * (count - 2)])}"
+        else:
+            steps = np.diff([row[0] for _, row in rows])
+            there, missing = COLUMNS if np.all(steps >= 0.0) or np.all(steps <= 0.0) else COLUMNS[::-1]
+            problem = f"the rows hold one number, the {there}: the column {missing} is missing"
+            remedy = "export both, and name them as they stand in the file: --columns angle,deviation"
+        raise InputError(problem, remedy=remedy).at(path, rows[0][0])
 
 
 def polar_run(

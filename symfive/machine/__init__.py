@@ -4,10 +4,18 @@ from symfive.machine._axis import Axis, Drive, make_axis
 from symfive.machine._data import EffectEntry, Machine, Workspace
 from symfive.machine._errors import ErrorTerm
 from symfive.machine._presets import preset, presets
-from symfive.machine._read import machine_from_data, machine_to_data, read_machine, unknown_keys, write_machine
+from symfive.machine._read import (
+    machine_from_data,
+    machine_problems,
+    machine_to_data,
+    read_machine,
+    unknown_keys,
+    write_machine,
+)
 from symfive.machine._structure import Structure
+from symfive.machine._suggest import error_names
 
 __all__ = [
-    "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace", "machine_from_data",
-    "machine_to_data", "make_axis", "preset", "presets", "read_machine", "unknown_keys", "write_machine",
+    "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace", "error_names", "machine_from_data",
+    "machine_problems", "machine_to_data", "make_axis", "preset", "presets", "read_machine", "unknown_keys", "write_machine",
 ]  # fmt: skip

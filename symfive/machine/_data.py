@@ -12,8 +12,9 @@ from symfive.machine._axis import Axis
 from symfive.machine._checks import freeze, numbers, positive
 from symfive.machine._errors import ErrorTerm
 from symfive.machine._structure import Structure
+from symfive.machine._suggest import nearest_error
 
-__all__ = ["EffectEntry", "Machine", "Workspace"]
+__all__ = ["EffectEntry", "Machine", "Workspace", "check_error"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,20 +103,10 @@ class Machine:
                 problem = f'axis {shown(name)} is not in the structure "{code}"'
                 raise InputError(problem, remedy=f"add it there or remove [axes.{name}]")
         for term in self.errors.values():
-            for axis in (term.axis, *term.over):
-                self._check_axis(f"error {term.name}", axis)
-            if term.is_location and not self.axes[term.axis].rotary and not term.angular:
-                problem = f"error {term.name}: a linear axis has no position of its own, only a direction"
-                tilts = ", ".join(f"E{c}0{term.axis}" for c in "ABC")
-                raise InputError(problem, remedy=f"remove it; {tilts} tilt the direction of travel")
+            check_error(term, self.axes)
         for entry in self.effects:
-            if entry.axis is not None:
-                self._check_axis(f"effect {entry.effect}", entry.axis)
-
-    def _check_axis(self, owner: str, axis: str) -> None:
-        if axis not in self.axes:
-            problem = f"{owner} speaks of axis {shown(axis)}, which the machine lacks"
-            raise InputError(problem, remedy=f"use one of {', '.join(self.structure.axes)}")
+            if entry.axis is not None and entry.axis not in self.axes:
+                raise _lacking(f"effect {entry.effect}", entry.axis, f"use one of {', '.join(self.structure.axes)}")
 
     @property
     def axis_names(self) -> tuple[str, ...]:
@@ -131,3 +122,20 @@ class Machine:
     def error_motions(self) -> tuple[ErrorTerm, ...]:
         """The error motions the baseline varies."""
         return tuple(term for term in self.errors.values() if not term.is_location)
+
+
+def check_error(term: ErrorTerm, axes: Mapping[str, Axis]) -> None:
+    """Raise `InputError` for an error that no machine with these axes can have."""
+    if term.axis not in axes:
+        raise _lacking(f"error {term.name}", term.axis, nearest_error(term.name, axes))
+    for axis in term.over:
+        if axis not in axes:
+            raise _lacking(f"error {term.name}", axis, f"use one of {', '.join(axes)}")
+    if term.is_location and not axes[term.axis].rotary and not term.angular:
+        problem = f"error {term.name}: a linear axis has no position of its own, only a direction"
+        tilts = ", ".join(f"E{c}0{term.axis}" for c in "ABC")
+        raise InputError(problem, remedy=f"remove it; {tilts} tilt the direction of travel")
+
+
+def _lacking(owner: str, axis: str, remedy: str) -> InputError:
+    return InputError(f"{owner} speaks of axis {shown(axis)}, which the machine lacks", remedy=remedy)

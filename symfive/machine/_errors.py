@@ -12,11 +12,17 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine._checks import finite, freeze, numbers, one_of, positive
 
-__all__ = ["BASES", "ErrorTerm"]
+__all__ = ["BASES", "ErrorTerm", "axis_of_error"]
 
 _TERM = re.compile(r"E([XYZABC])(0?)([A-Za-z][A-Za-z0-9]*)\Z")
 BASES = ("polynomial", "fourier", "bspline")
 MAX_ORDER = 60
+
+
+def axis_of_error(name: str) -> str | None:
+    """The axis of an error's name; None where ISO 230-1 forms no name so."""
+    match = _TERM.match(name)
+    return None if match is None else match.group(3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +45,7 @@ class ErrorTerm:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", freeze(self.extra))
-        if _TERM.match(self.name) is None:
+        if axis_of_error(self.name) is None:
             problem = f"{shown(self.name)} is not an error of ISO 230-1"
             raise InputError(problem, remedy="write EX0C for a location error, EXC for an error motion")
         positive(self.name, sigma=self.sigma)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,12 +11,15 @@ from typing import Any, TypeVar
 from symfive.errors import InputError
 from symfive.files import shown, write_text
 from symfive.machine._axis import Axis, Drive, make_axis
-from symfive.machine._data import EffectEntry, Machine, Workspace
-from symfive.machine._errors import ErrorTerm
+from symfive.machine._data import EffectEntry, Machine, Workspace, check_error
+from symfive.machine._errors import ErrorTerm, axis_of_error
 from symfive.machine._structure import DEFAULT_DIRECTION, Structure, default_kind
-from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
+from symfive.machine._suggest import meant, nearest_error, place_of, refuse_slips
+from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, refuse_what_toml_lacks, toml_text
 
-__all__ = ["SCHEMA", "machine_from_data", "machine_to_data", "read_machine", "unknown_keys", "write_machine"]
+__all__ = [
+    "SCHEMA", "machine_from_data", "machine_problems", "machine_to_data", "read_machine", "unknown_keys", "write_machine",
+]  # fmt: skip
 
 SCHEMA = "symfive.machine/1"
 T = TypeVar("T")
@@ -23,14 +27,27 @@ _TOP = ("schema", "name", "structure", "axes", "errors", "workspace", "model")
 
 
 def read_machine(path: Path | str) -> Machine:
-    """Read a machine file. Keys that are not known are kept in `extra`; see `unknown_keys`."""
+    """Read a machine file. Keys that are not known are kept in `extra`; see `unknown_keys`.
+
+    Raises `InputError` with the line; a key that is close to a known one is taken as a slip.
+    """
     return _from_toml(read_toml(Path(path)))
+
+
+def machine_problems(path: Path | str) -> tuple[Machine | None, list[InputError]]:
+    """The machine, None where it cannot be read, and all that is wrong with its file rather than the first."""
+    found: list[InputError] = []
+    try:
+        return _from_toml(read_toml(Path(path)), _Problems(found)), found
+    except InputError as error:
+        return None, [*found, error]
 
 
 def machine_from_data(data: Mapping[str, Any], source: str = "machine") -> Machine:
     """The same from nested mappings (as a `model.json` holds them)."""
     file = TomlFile(Path(source), "", data, ())
     _table(file, data, "machine")
+    refuse_what_toml_lacks(file)
     return _from_toml(file)
 
 
@@ -66,7 +83,24 @@ def _text(machine: Machine) -> str:
     return toml_text(data, machine.comments, sections=("axes",))
 
 
-def _from_toml(file: TomlFile) -> Machine:
+class _Problems:
+    """Problems of single entries: without a list the first one ends the reading, else all are `found`."""
+
+    def __init__(self, found: list[InputError] | None = None) -> None:
+        self.found = found
+
+    @contextmanager
+    def __call__(self) -> Iterator[None]:
+        try:
+            yield
+        except InputError as error:
+            if self.found is None:
+                raise
+            self.found.append(error)
+
+
+def _from_toml(file: TomlFile, problem: _Problems | None = None) -> Machine:
+    problem = problem or _Problems()
     data = dict(file.data)
     if data.get("schema") != SCHEMA:
         remedy = f'the first line must be schema = "{SCHEMA}"'
@@ -79,27 +113,54 @@ def _from_toml(file: TomlFile) -> Machine:
         raise file.error(f"name = {shown(name)} is not text", "name", remedy='write name = "…"')
     tables = {key: _table(file, data.get(key, {}), key) for key in ("axes", "errors", "workspace", "model")}
     extra = {key: value for key, value in data.items() if key not in _TOP}
+    with problem():
+        refuse_slips(file, (), data, _TOP)
     if set(tables["model"]) - {"effects"}:
         extra["model"] = {key: value for key, value in tables["model"].items() if key != "effects"}
     structure = _placed(file, ("structure",), lambda: Structure.parse(code))
-    for key in tables["axes"]:
-        if key not in structure.axes:
-            names = ", ".join(structure.axes)
-            raise file.error(f"the structure has no axis {shown(key)}", "axes", key, remedy=f"use one of {names}")
-    parts: dict[str, Any] = {
-        "structure": structure,
-        "axes": {key: _axis(file, key, entry) for key, entry in tables["axes"].items()},
-        "errors": {key: _error_term(file, key, entry) for key, entry in tables["errors"].items()},
-        "workspace": _placed(file, ("workspace",), lambda: Workspace(**_known(Workspace, tables["workspace"]))),
-        "effects": _effects(file, tables["model"].get("effects", [])),
-    }
+    axes = _axes(file, structure, tables["axes"], problem)
+    errors: dict[str, ErrorTerm] = {}
+    for key, entry in tables["errors"].items():
+        with problem():
+            errors[key] = _error_term(file, key, entry, axes)
+    workspace, effects = Workspace(), tuple[EffectEntry, ...]()
+    with problem():
+        refuse_slips(file, ("workspace",), tables["workspace"], _names(Workspace))
+        workspace = _placed(file, ("workspace",), lambda: Workspace(**_known(Workspace, tables["workspace"])))
+    with problem():
+        effects = _effects(file, tables["model"].get("effects", []))
     try:
-        return Machine(name=name, comments=file.comments, extra=extra, text=file.text, **parts)
+        return Machine(
+            name=name, structure=structure, axes=axes, errors=errors, workspace=workspace, effects=effects,
+            comments=file.comments, extra=extra, text=file.text,
+        )  # fmt: skip
     except InputError as error:
         words = error.problem.replace(":", " ").replace("'", " ").split()
         table = "errors" if words[0] == "error" else "model" if words[0] == "effect" else "axes"
         culprit = next((word for word in words[1:] if word in tables[table]), "effects")
         raise error.at(file.path, file.line(table, culprit)) from None
+
+
+def _axes(file: TomlFile, structure: Structure, tables: Mapping[str, Any], problem: _Problems) -> dict[str, Axis]:
+    """Every axis of the structure; where problems are collected, a wrong one stands in as its letter says."""
+    found: dict[str, Axis] = {}
+    for key, entry in tables.items():
+        with problem():
+            if key not in structure.axes:
+                close = meant(key, structure.axes)
+                first = f"did you mean {close}? " if close else ""
+                remedy = f"{first}use one of {', '.join(structure.axes)}, {place_of(key, structure.code)}"
+                raise file.error(f"the structure has no axis {shown(key)}", "axes", key, remedy=remedy)
+            found[key] = _axis(file, key, entry)
+    for key in structure.axes:
+        with problem():
+            if key not in tables:
+                words = f'axis {key} of the structure "{structure.code}" has no table'
+                raise file.error(words, "axes", remedy=f"add [axes.{key}] with its travel = [lowest, highest]")
+        if key not in found:
+            kind, direction = default_kind(key) or "linear", DEFAULT_DIRECTION.get(key, (1.0, 0.0, 0.0))
+            found[key] = Axis(name=key, kind=kind, direction=direction, travel=(-1e9, 1e9))
+    return found
 
 
 def _placed(file: TomlFile, keys: tuple[str, ...], make: Callable[[], T]) -> T:
@@ -122,9 +183,13 @@ def _table(file: TomlFile, value: Any, *keys: str) -> dict[str, Any]:
     return dict(value)
 
 
+def _names(kind: type) -> tuple[str, ...]:
+    return tuple(f.name for f in fields(kind) if f.name not in ("extra", "name"))
+
+
 def _known(kind: type, table: Mapping[str, Any]) -> dict[str, Any]:
     """Constructor arguments of a dataclass from a table: lists become tuples, unknown keys go to `extra`."""
-    names = {f.name for f in fields(kind)} - {"extra", "name"}
+    names = _names(kind)
     known = {key: _tuples(value) for key, value in table.items() if key in names}
     return {**known, "extra": {key: value for key, value in table.items() if key not in names}}
 
@@ -140,15 +205,22 @@ def _axis(file: TomlFile, name: str, entry: Any) -> Axis:
     if drive_table is not None:
         keys = ("axes", name, "drive")
         checked = _table(file, drive_table, *keys)
+        refuse_slips(file, keys, checked, _names(Drive))
         for key in ("position_gain", "velocity_gain", "integral_time"):
             if key not in checked:
                 raise file.error(f"the drive of axis {name} has no {key}", *keys, remedy=f"add {key} = …")
         drive = _placed(file, keys, lambda: Drive(**_known(Drive, checked)))
+    refuse_slips(file, ("axes", name), table, _names(Axis))
     return _placed(file, ("axes", name), lambda: make_axis(name, drive=drive, **_known(Axis, table)))
 
 
-def _error_term(file: TomlFile, name: str, entry: Any) -> ErrorTerm:
+def _error_term(file: TomlFile, name: str, entry: Any, axes: Mapping[str, Axis]) -> ErrorTerm:
+    if axis_of_error(name) is None:
+        raise file.error(
+            f"{shown(name)} is not an error of ISO 230-1", "errors", name, remedy=nearest_error(name, axes)
+        )
     table = _table(file, entry, "errors", name)
+    refuse_slips(file, ("errors", name), table, _names(ErrorTerm))
     if "sigma" not in table:
         raise file.error(f"error {name} has no sigma", "errors", name, remedy="add its prior 1σ in µm or µrad")
     for key in ("basis", "order", "over"):
@@ -157,7 +229,12 @@ def _error_term(file: TomlFile, name: str, entry: Any) -> ErrorTerm:
     knots = table.get("knots")
     if isinstance(knots, list) and not any(isinstance(k, list) for k in knots):
         table["knots"] = [knots]
-    return _placed(file, ("errors", name), lambda: ErrorTerm(name=name, **_known(ErrorTerm, table)))
+    if axis_of_error(name) not in axes:  # first of all: a wrong name makes a location error look like a motion
+        problem = f"error {name} speaks of axis {shown(axis_of_error(name))}, which the machine lacks"
+        raise file.error(problem, "errors", name, remedy=nearest_error(name, axes))
+    term = _placed(file, ("errors", name), lambda: ErrorTerm(name=name, **_known(ErrorTerm, table)))
+    _placed(file, ("errors", name), lambda: check_error(term, axes))
+    return term
 
 
 def _effects(file: TomlFile, entries: Any) -> tuple[EffectEntry, ...]:

@@ -11,12 +11,16 @@ from symfive.files import write_text
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._post import LETTERS, Post, program_steps
+from symfive.nc._warning import collision_warning
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
 from symfive.nc.siemens import SIEMENS
 
-__all__ = ["DIALECTS", "LETTERS", "Dialect", "Post", "Step", "dialect_of", "program", "program_steps", "write_programs"]
+__all__ = [
+    "DIALECTS", "LETTERS", "Dialect", "Post", "Step", "collision_warning", "dialect_of", "program", "program_steps",
+    "write_programs",
+]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
 
@@ -28,16 +32,15 @@ def dialect_of(name: str) -> Dialect:
     return DIALECTS[name]
 
 
-def _text(run: Run, dialect: Dialect, steps: Sequence[Step]) -> str:
-    note = Step(
-        kind="comment", text=f"symfive for {dialect.name}, {dialect.verified}, read it and run it slowly in air first"
-    )
-    return render(dialect, run.id, [note, *steps])
+def _text(run: Run, dialect: Dialect, steps: Sequence[Step], warning: Sequence[str]) -> str:
+    head = (f"symfive for {dialect.name}, {dialect.verified}, read it and run it slowly in air first", *warning)
+    return render(dialect, run.id, [*(Step(kind="comment", text=said) for said in head), *steps])
 
 
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None) -> str:
     """The program of one run. Raises `InputError` for an unknown dialect and for axes without an NC address."""
-    return _text(run, dialect_of(dialect), program_steps(machine, run, post))
+    warning = collision_warning(machine, run, post or Post())
+    return _text(run, dialect_of(dialect), program_steps(machine, run, post), warning)
 
 
 def write_programs(
@@ -48,8 +51,9 @@ def write_programs(
     written = []
     for run in campaign.runs if chosen else ():
         steps = program_steps(campaign.machine, run, post)
+        warning = collision_warning(campaign.machine, run, post or Post())
         for dialect in chosen:
             path = Path(folder) / dialect.name / f"{run.id}{dialect.suffix}"
-            write_text(path, _text(run, dialect, steps))
+            write_text(path, _text(run, dialect, steps, warning))
             written.append(path)
     return tuple(written)

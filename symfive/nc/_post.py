@@ -42,7 +42,8 @@ class Post:
     `tool_centre_on`, `tool_centre_off`: the control's lines that switch tool-centre point control (TRAORI, G43.4 H1, M128,
     M428 …); without them the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against
     ISO 841. `retract_mm` along the tool, `dwell_s` at each pose; `unsafe` run → rows to which the way leads around, out of
-    the nest and over the top; `by_hand` those to which even that way could not be shown to be clear: the program waits.
+    the nest and over the top; `by_hand` those to which even that way could not be shown to be clear: the program waits;
+    `tested`: whether all ways were tested for collisions with this retract, `blocked` run → rows to which they are not clear.
     """
 
     tool_centre_on: str = ""
@@ -52,6 +53,8 @@ class Post:
     dwell_s: float = DWELL_S
     unsafe: Mapping[str, Sequence[int]] = field(default_factory=dict)
     by_hand: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    tested: bool = False
+    blocked: Mapping[str, Sequence[int]] = field(default_factory=dict)
 
 
 def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:

@@ -1,8 +1,10 @@
-"""Figures and reports of what symfive found."""
+"""Figures, reports and printed words of what symfive found."""
 
 from symfive.report._bands import error_motion_bands
 from symfive.report._correlation import correlation_matrix
 from symfive.report._diagnosis import diagnosis_report
+from symfive.report._findings import diagnosis_text
+from symfive.report._identified import identification_text
 from symfive.report._over_coordinates import residuals_over_coordinates
 from symfive.report._over_time import residuals_over_time
 from symfive.report._parameters import parameters_chart
@@ -14,7 +16,7 @@ from symfive.report._spectrum import residual_spectrum
 from symfive.report.signature import plot_signature
 
 __all__ = [
-    "correlation_matrix", "diagnosis_report", "error_motion_bands", "identification_report", "parameters_chart",
-    "plot_signature", "polar_trace", "prediction_chart", "residual_spectrum", "residuals_over_coordinates",
-    "residuals_over_time", "save_figures",
+    "correlation_matrix", "diagnosis_report", "diagnosis_text", "error_motion_bands", "identification_report",
+    "identification_text", "parameters_chart", "plot_signature", "polar_trace", "prediction_chart", "residual_spectrum",
+    "residuals_over_coordinates", "residuals_over_time", "save_figures",
 ]  # fmt: skip

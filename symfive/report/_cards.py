@@ -3,43 +3,23 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
 
 from symfive.diagnose import Diagnosis, Finding, RivalName
 from symfive.effects import Quantity
 from symfive.machine import Machine
 from symfive.report._chain import chain_picture, guilty
+from symfive.report._findings import finding_line, over, percent, runs_of, title_of
 from symfive.report._geometry import moved_table
 from symfive.report._style import plain_number, rounded, unit_words
 from symfive.report._tables import Cell, table
 
-__all__ = ["card", "percent", "title_of"]
+__all__ = ["card"]
 
 MOST_RIVALS = 6
 LEAST_RIVAL = 1e-4
 MOST_INTERVALS = 40
-SHOWN_RUNS = 6
 MOST_TESTS = 30
 _ALONG = 0.985
-_QUANTITIES = {
-    "velocity sign": "the direction in which {} moves", "velocity": "the velocity of {}",
-    "acceleration": "the acceleration of {}", "": "the position of {}",
-}  # fmt: skip
-
-
-def title_of(finding: Finding) -> str:
-    """The effect and its axis, as `Gravity sag of axis B`."""
-    where = f" of axis {finding.axis}" if finding.axis else ""
-    return f"{finding.name.replace('_', ' ').capitalize()}{where}"
-
-
-def percent(share: float) -> str:
-    """A share in percent; what rounds to all or none says that it is more or less."""
-    if share >= 0.999:
-        return "above 99.9 %"
-    if share < 1e-3:
-        return "0 %" if share <= 0.0 else "below 0.1 %"
-    return f"{100.0 * share:.3g} %"
 
 
 def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> str:
@@ -52,7 +32,7 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> s
     parts = [
         f'<article class="card" id="finding-{number}">',
         f'<h3><span class="number">{number}</span> {html.escape(title)}</h3>',
-        f'<p class="says">{html.escape(finding.says)}</p>',
+        f'<p class="says">{html.escape(_after_the_title(finding, diagnosis))}.</p>',
         _tiles(finding),
         f'<div class="pair">{_parameters(finding)}{chain}</div>',
         _facts(finding, diagnosis),
@@ -63,6 +43,11 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> s
         "</article>",
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _after_the_title(finding: Finding, diagnosis: Diagnosis) -> str:
+    said = finding_line(finding, diagnosis).removeprefix(f"{title_of(finding)}: ")
+    return said[:1].upper() + said[1:]
 
 
 def _tiles(finding: Finding) -> str:
@@ -96,21 +81,24 @@ def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
     if isinstance(value, tuple):
         spreads = std if isinstance(std, tuple) else (0.0,) * len(value)
         pairs = [(v, s if isinstance(s, (int, float)) else 0.0) for v, s in zip(value, spreads, strict=False)]
-        said = ", ".join(rounded(float(v), float(s)) if isinstance(v, (int, float)) else str(v) for v, s in pairs)
+        its = quantity.unit or ""
+        said = ", ".join(rounded(v, s, its) if isinstance(v, (int, float)) else str(v) for v, s in pairs)
         return said, ", ".join(rounded(float(s), float(s)) if s else "–" for _, s in pairs), unit
     spread = float(std) if isinstance(std, (int, float)) else 0.0
-    return Cell(rounded(value, spread), value), Cell(rounded(spread, spread), spread) if spread else "", unit
+    return (
+        Cell(rounded(value, spread, quantity.unit or ""), value),
+        Cell(rounded(spread, spread), spread) if spread else "",
+        unit,
+    )
 
 
 def _facts(finding: Finding, diagnosis: Diagnosis) -> str:
     effect = finding.effect
-    runs = [run.id for run in diagnosis.after.model.campaign.runs]
-    where = "in all runs" if len(finding.runs) == len(runs) > 1 else _listed(finding.runs)
     machine = diagnosis.after.model.machine
     link = guilty(finding, machine)
     facts = [
         ("Where in the machine", link.words + (", changing with time" if link.timed else "")),
-        ("Where in the tests", f"over {_over(finding, machine)}, {where}"),
+        ("Where in the tests", f"over {over(finding, machine)}, {runs_of(finding, diagnosis)}"),
         ("In which direction", _direction(finding, machine)),
         ("What it does", effect.says),
         ("What had hidden it", _hidden(finding)),
@@ -118,11 +106,6 @@ def _facts(finding: Finding, diagnosis: Diagnosis) -> str:
     ]
     listed = "".join(f"<dt>{k}</dt><dd>{html.escape(v)}</dd>" for k, v in facts if v)
     return f'<dl class="facts-list">{listed}</dl>{_intervals(finding)}'
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:SHOWN_RUNS])
-    return f"in {shown}" + (f" and {len(names) - SHOWN_RUNS} more runs" if len(names) > SHOWN_RUNS else "")
 
 
 def _direction(finding: Finding, machine: Machine) -> str:
@@ -135,16 +118,6 @@ def _direction(finding: Finding, machine: Machine) -> str:
     if abs(finding.direction[best]) <= _ALONG:
         return f"in the machine's frame: ({vector})"
     return f"{'about' if turning else 'along'} {'XYZ'[best]} of the machine: ({vector})"
-
-
-def _over(finding: Finding, machine: Machine) -> str:
-    """The coordinate in words."""
-    said = []
-    for words in finding.coordinate.split(", "):
-        name, _, quantity = words.partition(" ")
-        known = name in machine.axes and quantity in _QUANTITIES
-        said.append(_QUANTITIES[quantity].format(name) if known else {"t": "time"}.get(words, words))
-    return " and ".join(said)
 
 
 def _hidden(finding: Finding) -> str:

@@ -16,6 +16,10 @@ BOX, GAP, TALL = 78, 34, 44
 DRIVE, BODY, INSTRUMENT = 112, 34, 190
 """Upper edges of the three rows: bodies and axes, drives below them, the instrument below those."""
 LEFT, ENDS = 14, 26
+STACK = 24
+"""From one badge to the next where several findings accuse the same link."""
+UPWARDS = ("axis", "structure", "loop")
+"""Over these the badges grow upwards, elsewhere downwards."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,15 @@ def chain_picture(machine: Machine, findings: Sequence[tuple[int, Finding]], tit
         if name in axes:
             drawn.append(_drive(name, left[name], _marks(places, ("drive",), name)))
     drawn.append(_instrument(left, names, [n for n, p in places if p.part == "instrument"]))
-    for number, place in places:
-        drawn.append(_badge(number, place, left, names, width))
+    spots = [_spot(place, left, names) for _, place in places]
+    heights = [spots[:i].count(spot) for i, spot in enumerate(spots)]
+    above = STACK * max((k for k, p in zip(heights, places, strict=True) if p[1].part in UPWARDS), default=0)
     height = INSTRUMENT + 44
+    for (number, place), (x, y), k in zip(places, spots, heights, strict=True):
+        drawn.append(_badge(number, place, x, y + STACK * k * (-1 if place.part in UPWARDS else 1)))
+        height = max(height, int(y + STACK * k * (place.part not in UPWARDS)) + 16)
     return (
-        f'<svg class="chain" role="img" aria-label="{html.escape(title)}" viewBox="0 0 {width} {height}" '
+        f'<svg class="chain" role="img" aria-label="{html.escape(title)}" viewBox="0 {-above} {width} {height + above}" '
         f'style="max-width: {width}px"><title>{html.escape(title)}</title>{"".join(drawn)}</svg>'
     )
 
@@ -133,27 +141,31 @@ def _instrument(left: dict[str, int], names: Sequence[str], guilty: Sequence[int
     )
 
 
-def _badge(number: int, place: _Place, left: dict[str, int], names: Sequence[str], width: int) -> str:
-    shift = 24 * ((number - 1) % 3)
-    spots: dict[str, tuple[float, float]] = {
-        "instrument": (width / 2 + 56 + shift, INSTRUMENT - 2),
-        "loop": (width / 2 + shift, BODY - 12),
-    }
-    if place.axis is None and place.part == "drive":
-        spots["drive"] = (LEFT + 24 + shift, DRIVE - 12)
-    elif place.axis is not None:
-        start = left[place.axis]
-        outward = start - GAP / 2 if names.index(place.axis) < names.index("bed") else start + BOX + GAP / 2
-        spots |= {"axis": (start + BOX / 2 + shift, BODY - 2), "drive": (start + BOX - 8 - shift, DRIVE - 2),
-                  "structure": (outward, BODY - 2 + shift / 3)}  # fmt: skip
-    x, y = spots[place.part]
+def _spot(place: _Place, left: dict[str, int], names: Sequence[str]) -> tuple[float, float]:
+    """Where the first badge of a place stands."""
+    if place.part == "instrument":
+        return (left[names[0]] + left[names[-1]] + BOX) / 2 + 62, INSTRUMENT + 2
+    if place.part == "loop":
+        return left[names[-1]] + BOX / 2, BODY - 2
+    if place.axis is None:
+        return LEFT + 24, DRIVE - 2
+    start = left[place.axis]
+    outward = start - GAP / 2 if names.index(place.axis) < names.index("bed") else start + BOX + GAP / 2
+    return {
+        "axis": (start + BOX / 2, BODY - 2),
+        "drive": (start + BOX - 8, DRIVE - 2),
+        "structure": (outward, BODY - 2),
+    }[place.part]
+
+
+def _badge(number: int, place: _Place, x: float, y: float) -> str:
     clock = (
-        f'<g class="clock" transform="translate({x + 20} {y})"><circle r="8"/><path d="M0 -5 V0 L4 2"/></g>'
+        f'<g class="clock" transform="translate({x + 20:g} {y:g})"><circle r="8"/><path d="M0 -5 V0 L4 2"/></g>'
         if place.timed
         else ""
     )
     words = f"{place.words}{', changing with time' if place.timed else ''}"
     return (
-        f'<g><title>{number}: {html.escape(words)}</title><circle class="badge" cx="{x}" cy="{y}" r="11"/>'
-        f'<text class="badge" x="{x}" y="{y + 4}">{number}</text>{clock}</g>'
+        f'<g><title>{number}: {html.escape(words)}</title><circle class="badge" cx="{x:g}" cy="{y:g}" r="11"/>'
+        f'<text class="badge" x="{x:g}" y="{y + 4:g}">{number}</text>{clock}</g>'
     )

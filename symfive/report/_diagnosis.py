@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -16,8 +15,9 @@ from symfive.diagnose import Diagnosis, Finding
 from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.files import output_folder
+from symfive.numbers import expected_ratio, plain_number, power_of_ten
 from symfive.report._bands import error_motion_bands
-from symfive.report._cards import card, percent, title_of
+from symfive.report._cards import card
 from symfive.report._chain import chain_picture
 from symfive.report._evidence import (
     classes_list,
@@ -27,13 +27,17 @@ from symfive.report._evidence import (
     suspects_table,
     tests_table,
 )  # fmt: skip
-from symfive.report._finding_figure import Tips, finding_figure
+from symfive.report._finding_figure import finding_figure
+from symfive.report._findings import closing, doubts, finding_line, in_order, percent, title_of, verdict_of
 from symfive.report._geometry import geometry_chart, geometry_table
-from symfive.report._over_time import residuals_over_time
+from symfive.report._over_time import READING as OVER_TIME
+from symfive.report._over_time import residuals_with_tips
 from symfive.report._page import embedded, write_page
 from symfive.report._polar import polar_trace
 from symfive.report._save import keep
+from symfive.report._spectrum import READING as SPECTRUM
 from symfive.report._spectrum import residual_spectrum
+from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
 from symfive.report._visible import visible_parts
 
@@ -43,7 +47,8 @@ NAME = "report.html"
 Array = NDArray[np.float64]
 Drawn = Callable[[], tuple[Figure, Tips]]
 _READING = (
-    "Left: the dots follow the dark line, which is this effect; where there are other findings, the residual as it was "
+    "Height: the residual, in the unit at the side; across: the coordinate named below. Left: the dots follow the line, which "
+    "is this effect; where there are other findings, the residual as it was "
     "is grey and what they explain is taken off the coloured dots. Right: with all findings in the model only noise "
     "may be left, evenly around zero within the grey band."
 )
@@ -57,7 +62,7 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
     quality of the data, noise and set-up. Raises `InputError` where the folder cannot be written.
     """
     folder = Path(folder)
-    findings = sorted(diagnosis.findings, key=lambda f: -f.share)
+    findings = in_order(diagnosis)
     title = f"Diagnosis of {diagnosis.after.model.machine.name}"
     with output_folder(folder) as target:
         body = [
@@ -74,21 +79,15 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
 def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list[str]:
     model = diagnosis.after.model
     campaign, machine = model.campaign, model.machine
-    count = len(findings)
-    headline = "The model explains these readings; nothing is missing that they could show."
-    if diagnosis.mismatch:
-        pieces = "One piece" if count == 1 else f"{count} pieces"
-        names = "; ".join(title_of(f) for f in findings)
-        headline = (
-            f"{pieces} of physics had been left out: {names}." if count else "Something is left that has no name."
-        )
     unit = diagnosis.after.unit
+    before, after = (plain_number(rms, unit) for rms in (diagnosis.fit.rms_before_um, diagnosis.fit.rms_after_um))
     tiles = [
-        ("residual RMS before → after", f"{diagnosis.fit.rms_before_um:.3g} → {diagnosis.fit.rms_after_um:.3g} {unit}")
+        ("residual RMS before → after", f"{before} → {after} {unit}")
         if findings
-        else ("residual RMS", f"{diagnosis.fit.rms_after_um:.3g} {unit}"),
-        ("noise found (1σ of one reading)", f"{diagnosis.noise_um:.3g} {unit}"),
-        ("p-value of “nothing is missing”", _power(diagnosis.p_value)),
+        else ("residual RMS", f"{after} {unit}"),
+        ("noise found (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
+        ("χ²/dof", f"{plain_number(diagnosis.fit.chi2_dof_after)} ({expected_ratio(diagnosis.after.dof)})"),
+        ("p-value of “nothing is missing”", power_of_ten(diagnosis.p_value)),
         ("false-alarm rate allowed", percent(diagnosis.false_alarms)),
         ("effects looked for", str(len(diagnosis.observability))),
     ]
@@ -101,8 +100,7 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list
     return [
         f"<h1>{html.escape(title)}</h1>",
         f'<p class="facts">{html.escape(facts)}</p>',
-        f'<div class="verdict {"no" if diagnosis.mismatch else "yes"}"><strong>{html.escape(headline)}</strong>'
-        f"<p>{html.escape(diagnosis.letter)}</p></div>",
+        _verdict(diagnosis, findings),
         '<dl class="tiles">' + "".join(f"<div><dt>{k}</dt><dd>{html.escape(v)}</dd></div>" for k, v in tiles) + "</dl>",
         chain if findings else "",
         "<nav>" + "".join(f'<a href="#{key}">{words}</a>' for key, words in links) + "</nav>",
@@ -110,13 +108,21 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list
     ]
 
 
-def _power(p: float) -> str:
-    """A probability; small ones as a power of ten."""
-    if p >= 1e-3:
-        return f"{p:.2g}"
-    exponent = math.log10(max(p, 1e-300))
-    digits = str(abs(math.floor(exponent))).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    return f"below 10⁻{digits}" if exponent <= -299.0 else f"about 10⁻{digits}"
+def _verdict(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
+    """The verdict, a line for each finding, what speaks against them, the next step."""
+    listed = "".join(
+        f'<li><a href="#finding-{number}">{html.escape(title_of(finding))}</a>'
+        f"{html.escape(finding_line(finding, diagnosis).removeprefix(title_of(finding)))}</li>"
+        for number, finding in enumerate(findings, start=1)
+    )
+    against = "".join(f"<li>{html.escape(said)}</li>" for said in doubts(diagnosis))
+    return (
+        f'<div class="verdict {"no" if diagnosis.mismatch else "yes"}">'
+        f"<strong>{html.escape(verdict_of(diagnosis))}</strong>"
+        + (f"<ol>{listed}</ol>" if listed else "")
+        + (f"<ul>{against}</ul>" if against else "")
+        + f"<p>{html.escape(closing(diagnosis))}</p></div>"
+    )
 
 
 def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> Iterator[str]:
@@ -187,17 +193,15 @@ def _quality(diagnosis: Diagnosis, figures: Path) -> list[str]:
     after = diagnosis.after
     gaps = gap_table(after.model.campaign)
     has_setup = any(p.run is not None for p in after.parameters)
-    noise = "Only noise should be left: even around zero, within the grey band, without waves or steps."
-    peaks = "Peaks above the dashed line are no noise: at a fixed frequency a vibration, at a fixed order an error per turn."
     return [
         '<h2 id="quality">Data quality</h2>',
         outlier_table(after) if after.outliers else "<p>No outliers were left out.</p>",
         gaps or "<p>No rows are missing in the recordings.</p>",
         _figure(
-            "residuals-over-time", "What is left, over time", noise, lambda: (residuals_over_time(after), {}), figures
+            "residuals-over-time", "What is left, over time", OVER_TIME, lambda: residuals_with_tips(after), figures
         ),
         _figure(
-            "residual-spectrum", "Spectrum of what is left", peaks, lambda: (residual_spectrum(after), {}), figures
+            "residual-spectrum", "Spectrum of what is left", SPECTRUM, lambda: (residual_spectrum(after), {}), figures
         ),
         '<h2 id="noise">Noise found and declared</h2>',
         noise_table(after),

@@ -9,12 +9,12 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.diagnose import Diagnosis
 from symfive.effects import EFFECTS
-from symfive.report._style import plain_number
+from symfive.numbers import expected_ratio, plain_number, power_of_ten
+from symfive.report._findings import FAINT_SIGMAS
 from symfive.report._tables import Cell, table
 
 __all__ = ["classes_list", "fit_table", "gap_table", "observability_table", "suspects_table", "tests_table"]
 
-FAINT_SIGMAS = 5.0
 GAP = 1.5
 MOST_GAPS = 500
 
@@ -23,28 +23,32 @@ def fit_table(diagnosis: Diagnosis) -> str:
     """rms, χ²/dof and left-out runs, before and after, each against what noise alone would give."""
     fit, noise, unit = diagnosis.fit, diagnosis.noise_um, diagnosis.after.unit
     before, after = diagnosis.before, diagnosis.after
+    aim = plain_number(noise, unit)
+    band = expected_ratio(after.dof).removeprefix("noise alone gives ")
     lines: list[tuple[str, float | None, float | None, str, str]] = [
-        ("residual RMS of all runs", fit.rms_before_um, fit.rms_after_um, unit, f"{noise:.3g}"),
+        ("residual RMS of all runs", fit.rms_before_um, fit.rms_after_um, unit, aim),
         ("residual RMS of runs left out of the fit in turn", fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit,
-         f"{noise:.3g}"),
-        *((f"residual RMS, a whole {what} left out at a time", b, a, unit, f"{noise:.3g}")
+         aim),
+        *((f"residual RMS, a whole {what} left out at a time", b, a, unit, aim)
           for what, (b, a) in fit.heldout_by.items()),
-        ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", "1"),
-        ("χ²/dof against the noise found", before.chi2_dof_whitened, after.chi2_dof_whitened, "", "1"),
+        ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", band),
+        ("χ²/dof against the noise found", before.chi2_dof_whitened, after.chi2_dof_whitened, "", band),
         ("parameters", len(before.parameters), len(after.parameters), "", ""),
         ("readings left out as outliers", len(before.outliers), len(after.outliers), "", ""),
     ]  # fmt: skip
     rows: list[list[str | Cell]] = [
-        [what, _number(old), _number(new), its, aim] for what, old, new, its, aim in lines if old is not None
+        [what, _number(old, its), _number(new, its), its, goal]
+        for what, old, new, its, goal in lines
+        if old is not None
     ]
     heads = ["quantity", "before", "after", "unit", "noise alone"]
     return table("What is left, against what noise alone would leave", heads, rows)
 
 
-def _number(value: float | None) -> str | Cell:
+def _number(value: float | None, unit: str) -> str | Cell:
     if value is None:
         return "–"
-    return Cell(str(value) if isinstance(value, int) else f"{value:.4g}", float(value))
+    return Cell(str(value) if isinstance(value, int) else plain_number(value, unit), float(value))
 
 
 def tests_table(diagnosis: Diagnosis) -> str:
@@ -52,7 +56,7 @@ def tests_table(diagnosis: Diagnosis) -> str:
     detection = diagnosis.detection
     limit = detection.level / max(len(detection.tests), 1)
     rows: list[list[str | Cell]] = [
-        [t.name, Cell(f"{t.p_value:.2g}", t.p_value), t.says if t.p_value < limit else "nothing beyond noise"]
+        [t.name, Cell(power_of_ten(t.p_value), t.p_value), t.says if t.p_value < limit else "nothing beyond noise"]
         for t in detection.tests
     ]
     return table("Is anything left that noise does not explain?", ["test", "p-value", "what it says"], rows)
@@ -64,7 +68,7 @@ def suspects_table(diagnosis: Diagnosis) -> str:
     if not found:
         return "<p>No place of the chain stands out of the noise.</p>"
     rows: list[list[str | Cell]] = [
-        [s.link, s.axis or "–", s.coordinate, Cell(f"{s.drop:.3g}", s.drop), s.effect.key] for s in found
+        [s.link, s.axis or "–", s.coordinate, Cell(plain_number(s.drop), s.drop), s.effect.key] for s in found
     ]
     heads = ["link", "axis", "over", "χ² it would explain", "best explained there by"]
     return table("Where: every link and axis by itself, before any of them was fitted", heads, rows)

@@ -17,13 +17,11 @@ from symfive.drawing import BLUE, FAINT, INK, ORANGE
 from symfive.identify import Identification
 from symfive.report._coordinate import Coordinate, coordinates_of
 from symfive.report._over_coordinates import means_along
-from symfive.report._style import blank, footnote, plain_number, robust_limit, short, styled, unit_words
+from symfive.report._style import Tips, blank, footnote, plain_number, robust_limit, short, styled, unit_words
 from symfive.report._traces import Array, Trace, direction_of, running_mean, spread, traces_of
 
-__all__ = ["Tips", "finding_figure"]
+__all__ = ["finding_figure"]
 
-Tips = Mapping[str, list[str]]
-"""By id of a drawn artist: what hovering over each of its points says."""
 MOST_COLUMNS = 3
 MOST_POINTS = 5000
 FEW_ROWS = 1500
@@ -209,9 +207,10 @@ def _said(parts: list[_Part], dots: NDArray[np.int64], coordinate: Coordinate, u
     for k in dots.tolist():
         part = parts[run[k]]
         row = k - int(first[run[k]])
-        old, new = (plain_number(float(v)) for v in (part.before[row], part.after[row]))
+        old, new = (plain_number(float(v), unit) for v in (part.before[row], part.after[row]))
         where = f"{words} {plain_number(float(part.at[row]))} {over}"
-        said.append(f"{short(part.run)}, row {row + 1}, {where}: {old} → {new} {unit_words(unit)}")
+        number = f"{'row' if part.dynamic else 'pose'} {row + 1}"
+        said.append(f"{short(part.run)}, {number}, {where}: {old} → {new} {unit_words(unit)}")
     return said
 
 

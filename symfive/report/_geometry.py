@@ -12,8 +12,9 @@ from symfive.diagnose import Diagnosis, Finding
 from symfive.drawing import BLUE, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
+from symfive.numbers import with_std
 from symfive.parameters import Parameter
-from symfive.report._style import blank, footnote, plain_number, rounded, short, styled, unit_words
+from symfive.report._style import blank, footnote, rounded, short, styled, unit_words
 from symfive.report._tables import Cell, table
 from symfive.report._words import meaning
 
@@ -68,10 +69,9 @@ def _draw(
             face = colour if words == "after" else "none"
             (dot,) = axes.plot([value], [row + shift], "o", color=colour, markerfacecolor=face, markersize=5.0)
             dot.set_gid(f"tip-{p.name}-{words}")
-            tips[f"tip-{p.name}-{words}"] = [
-                f"{p.name} {words}: {rounded(value, std)} ± {rounded(std, std)} {unit_words(unit)}"
-            ]
-        moved = f"{plain_number(before[p.name])} → {plain_number(after[p.name])}"
+            tips[f"tip-{p.name}-{words}"] = [f"{p.name} {words}: {with_std(value, std, unit)}"]
+        std = after.uncertainty(p.name)
+        moved = f"{rounded(before[p.name], std, unit)} → {rounded(after[p.name], std, unit)}"
         axes.text(1.02, row, moved, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
     axes.set_yticks(range(len(parameters)), [short(p.name) for p in parameters])
     axes.set_ylim(len(parameters) - 0.4, -0.6)
@@ -103,8 +103,8 @@ def _table(caption: str, moved: Mapping[str, tuple[float, float]], after: Identi
         p = after.parameters[after.model.index[name]]
         std = after.uncertainty(name)
         sigmas = abs(new - old) / std if std > 0.0 else 0.0
-        rows.append([name, meaning(p, machine), Cell(rounded(old, std), old), Cell(rounded(new, std), new),
-                     Cell(rounded(std, std), std), Cell(rounded(new - old, std), new - old), unit_words(p.unit),
+        rows.append([name, meaning(p, machine), Cell(rounded(old, std, p.unit), old), Cell(rounded(new, std, p.unit), new),
+                     Cell(rounded(std, std, p.unit), std), Cell(rounded(new - old, std, p.unit), new - old), unit_words(p.unit),
                      Cell(f"{sigmas:.1f}", sigmas)])  # fmt: skip
         classes.append("moved" if sigmas > 2.0 else "")
     heads = ["parameter", "what it is", "before", "after", "1σ after", "moved by", "unit", "in σ"]

@@ -8,16 +8,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from symfive.campaign import Run
 from symfive.drawing import BLUE, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.machine import Axis
-from symfive.report._style import blank, footnote, robust_limit, styled, unit_words
+from symfive.report._over_time import FEW_ROWS
+from symfive.report._style import blank, footnote, plain_number, robust_limit, short, styled, unit_words
 from symfive.report._traces import Array, Trace, direction_of, moving_axes, spread, traces_of
 
-__all__ = ["means_along", "residuals_over_coordinates"]
+__all__ = ["coordinates_with_tips", "means_along", "residuals_over_coordinates"]
 
 MOST_POINTS = 6000
 MOST_ROWS = 8
@@ -26,14 +28,22 @@ LEAST_ROWS = 4
 SENSES = ((1, BLUE, "moving up"), (-1, ORANGE, "moving down"))
 
 
-@styled
 def residuals_over_coordinates(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
     """Every reading's residual against the coordinate of every axis that moves, all runs together.
 
     Colours tell in which direction the axis moved (in a static run: from which side it came), so that play and
-    hysteresis show as two lines and geometry as one; the lines are means over short pieces of travel. A turning axis
+    hysteresis show as two lines and geometry as one; the lines are means over short pieces of travel, of which few rows
+    (below `FEW_ROWS`) have none. A turning axis
     that makes more than one turn is folded into one. Raises `InputError` where no axis moves.
     """
+    return coordinates_with_tips(identification, runs)[0]
+
+
+@styled
+def coordinates_with_tips(
+    identification: Identification, runs: str | Iterable[str] | None = None
+) -> tuple[Figure, dict[str, list[str]]]:
+    """The same, and what hovering over the points of few poses says."""
     traces = traces_of(identification, runs)
     machine = identification.model.machine
     moved = moving_axes([trace.run for trace in traces], machine)
@@ -43,12 +53,12 @@ def residuals_over_coordinates(identification: Identification, runs: str | Itera
     rows = kinds[:MOST_ROWS]
     figure = blank(max(6.0, min(2.9 * len(moved) + 0.6, 13.0)), 2.1 * len(rows) + 1.0)
     grid = figure.subplots(len(rows), len(moved), squeeze=False, sharey="row", sharex="col")
-    thinned = 1
+    thinned, tips = 1, dict[str, list[str]]()
     for i, (label, unit) in enumerate(rows):
         mine = [trace for trace in traces if (trace.label, trace.unit) == (label, unit)]
         limit = robust_limit(np.concatenate([t.kept for t in mine]), 4.0 * max(t.noise.declared for t in mine))
         for j, name in enumerate(moved):
-            thinned = max(thinned, _draw(grid[i, j], machine.axes[name], mine))
+            thinned = max(thinned, _draw(grid[i, j], machine.axes[name], mine, tips))
         grid[i, 0].set_ylim(-limit, limit)
         grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
     for j, name in enumerate(moved):
@@ -63,14 +73,14 @@ def residuals_over_coordinates(identification: Identification, runs: str | Itera
         f"Dots: one row in {thinned}; the lines are means over all rows." if thinned > 1 else "",
         f"Drawn: {MOST_ROWS} of {len(kinds)} reading columns." if len(kinds) > MOST_ROWS else "",
     )
-    return figure
+    return figure, tips
 
 
 def _folded(axis: Axis, runs: Sequence[Run]) -> bool:
     return axis.rotary and any(np.ptp(run.commands[axis.name]) > 360.0 + 1e-6 for run in runs)
 
 
-def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace]) -> int:
+def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace], tips: dict[str, list[str]]) -> int:
     runs = [trace.run for trace in traces]
     fold = _folded(axis, runs)
     parts = [trace for trace in traces if np.ptp(trace.run.commands[axis.name]) > 1e-9]
@@ -84,14 +94,33 @@ def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace]) -> int:
     value = np.concatenate([trace.kept for trace in parts])
     index, step = spread(len(place), MOST_POINTS)
     few = not any(trace.run.dynamic for trace in parts)
+    size = 4.0 if len(place) < FEW_ROWS else 2.4 if few else 1.2
     for which, colour, _ in SENSES:
         dots = index[sense[index] == which]
-        style = {"linestyle": "none", "marker": "o", "markersize": 2.4 if few else 1.2, "markeredgewidth": 0.0}
+        style = {"linestyle": "none", "marker": "o", "markersize": size, "markeredgewidth": 0.0}
         style |= {"color": colour, "alpha": 0.6 if few else 0.3, "rasterized": len(index) > 400}
-        axes.plot(place[dots], value[dots], **style)  # type: ignore[arg-type]
-        means = means_along(place[sense == which], value[sense == which])
-        axes.plot(*means, color=colour, linewidth=1.5, marker="o" if few else "", markersize=3.5)
+        if len(place) < FEW_ROWS:
+            dots = dots[np.isfinite(value[dots])]
+        (line,) = axes.plot(place[dots], value[dots], **style)  # type: ignore[arg-type]
+        if few and len(place) < FEW_ROWS:
+            line.set_gid(f"tip-{axis.name}-{traces[0].label}-{which % 3}")
+            tips[str(line.get_gid())] = _said(parts, dots, place, axis)
+        if len(place) >= FEW_ROWS:
+            means = means_along(place[sense == which], value[sense == which])
+            axes.plot(*means, color=colour, linewidth=1.5, marker="o" if few else "", markersize=3.5)
     return step
+
+
+def _said(parts: Sequence[Trace], dots: NDArray[np.int64], place: Array, axis: Axis) -> list[str]:
+    """Run, pose, coordinate and residual of each of the `dots`, rows of all parts one after the other."""
+    owners = [(trace, row) for trace in parts for row in range(trace.run.rows)]
+    found = []
+    for dot in dots.tolist():
+        trace, row = owners[dot]
+        at = f"{axis.name} {plain_number(place[dot], axis.unit)} {unit_words(axis.unit)}"
+        left = f"{trace.label} {plain_number(trace.residual[row], trace.unit)} {unit_words(trace.unit)}"
+        found.append(f"{short(trace.run.id)}, pose {row + 1} (line {row + 2}), {at}: {left}")
+    return found
 
 
 def means_along(place: Array, value: Array) -> tuple[Array, Array]:

@@ -2,34 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from symfive.drawing import FAINT, INK, SERIES
 from symfive.identify import Identification
 from symfive.report._style import blank, footnote, plain_number, robust_limit, short, styled, unit_words
 from symfive.report._traces import Array, Trace, running_mean, spread, traces_of
 
-__all__ = ["residuals_over_time"]
+__all__ = ["FEW_ROWS", "READING", "residuals_over_time", "residuals_with_tips"]
 
+READING = (
+    "Height: measured less modelled, in the unit at the side; across: time in s, or the number of the pose. Only noise "
+    "should be left: even around zero, within the grey band, without waves or steps; a single pose that stands out may have "
+    "been misread."
+)
+FEW_ROWS = 100
+"""Runs of fewer rows are drawn as single readings: a line between them would show nothing that was measured."""
+APART = 0.24
+"""By which the columns of a reading stand beside each other, in poses."""
+TIPPED_ROWS = 3000
 MOST_PANELS = 24
 MOST_POINTS = 12_000
 NAMED_OUTLIERS = 3
 
 
-@styled
 def residuals_over_time(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
     """What the fit leaves of every reading, run by run, on one common scale per unit.
 
-    Pale: each reading; strong: their running mean, in which anything but noise stands out; grey: ±2σ of the noise that
-    the run declares; dotted: ±2σ of the noise that the fit found, where it is larger; ringed: outliers, which the fit
-    left out (at the edge, with their value, where they lie outside the panel).
+    Recordings: pale each reading, strong their running mean, in which anything but noise stands out. Static runs: a point
+    for each pose. Grey: ±2σ of the noise that the run declares; dotted: ±2σ of the noise that the fit found, where it is
+    larger; ringed: outliers, which the fit left out (at the edge, with their value, where they lie outside the panel).
     """
+    return residuals_with_tips(identification, runs)[0]
+
+
+@styled
+def residuals_with_tips(
+    identification: Identification, runs: str | Iterable[str] | None = None
+) -> tuple[Figure, dict[str, list[str]]]:
+    """The same, and what hovering over the points of static runs says."""
     panels: dict[tuple[str, str], list[Trace]] = {}
     for trace in traces_of(identification, runs):
         panels.setdefault((trace.run.id, trace.unit), []).append(trace)
@@ -39,18 +58,23 @@ def residuals_over_time(identification: Identification, runs: str | Iterable[str
     figure = blank(9.0, max(2.6, 1.45 * rows + 1.0))
     grid = figure.subplots(rows, columns, squeeze=False)
     limits = _limits([trace for _, traces in drawn for trace in traces])
-    steps = {1}
+    steps, tips = {1}, dict[str, list[str]]()
+    tipped = sum(len(traces) * traces[0].run.rows for _, traces in drawn if not traces[0].run.dynamic) <= TIPPED_ROWS
+    alike = len({traces[0].run.dynamic for _, traces in drawn}) == 1
     for place, ((run, unit), traces) in enumerate(drawn):
         axes = grid[place // columns, place % columns]
         steps.add(_draw(axes, traces, limits[unit]))
+        if tipped and not traces[0].run.dynamic:
+            tips |= _tips(traces, limits[unit])
         axes.set_title(short(run, 48))
         axes.set_ylim(-limits[unit], limits[unit])
         axes.set_ylabel(unit_words(unit))
-        if place + columns >= len(drawn):
-            axes.set_xlabel("time in the run / s")
+        if place + columns >= len(drawn) or not alike:
+            axes.set_xlabel("time in the run / s" if traces[0].run.dynamic else "number of the pose")
     for place in range(len(drawn), rows * columns):
         grid[place // columns, place % columns].set_visible(False)
-    figure.suptitle("Residuals over time", x=0.01, ha="left")
+    title = "Residuals over time" if any(traces[0].run.dynamic for _, traces in drawn) else "Residuals, pose by pose"
+    figure.suptitle(title, x=0.01, ha="left")
     _legend(figure, [trace for _, traces in drawn for trace in traces], limits)
     footnote(
         figure,
@@ -59,7 +83,7 @@ def residuals_over_time(identification: Identification, runs: str | Iterable[str
         else "",
         f"Drawn: the first {MOST_PANELS} of {len(panels)} panels." if len(panels) > MOST_PANELS else "",
     )
-    return figure
+    return figure, tips
 
 
 def _limits(traces: list[Trace]) -> dict[str, float]:
@@ -78,18 +102,59 @@ def _draw(axes: Axes, traces: list[Trace], limit: float) -> int:
         for side in (-2.0, 2.0):
             axes.axhline(side * noise.total, color=FAINT, linewidth=0.9, linestyle=":")
     step = 1
-    for trace, colour in zip(traces, _colours(traces), strict=True):
-        time, kept = trace.run.time, trace.kept
-        index, step = spread(len(time), MOST_POINTS)
-        if trace.run.dynamic:
-            axes.plot(time[index], kept[index], color=colour, alpha=0.35, linewidth=0.5, rasterized=True)
-            axes.plot(*_smooth(time, kept), color=colour, linewidth=1.3)
+    for k, (trace, colour) in enumerate(zip(traces, _colours(traces), strict=True)):
+        at, kept = _across(traces, k), trace.kept
+        index, step = spread(len(at), MOST_POINTS)
+        if len(at) >= FEW_ROWS and trace.run.dynamic:
+            axes.plot(at[index], kept[index], color=colour, alpha=0.35, linewidth=0.5, rasterized=True)
+            axes.plot(*_smooth(at, kept), color=colour, linewidth=1.3)
         else:
-            style = {"linewidth": 0.5, "marker": "o", "markersize": 2.2}
-            axes.plot(time[index], kept[index], color=colour, **style)  # type: ignore[arg-type]
-        _outliers(axes, trace, limit, colour)
-    axes.margins(x=0.01)
+            inside = index[_shown(kept, limit)[index]]
+            if len(at) < FEW_ROWS:
+                axes.vlines(at[inside], 0.0, kept[inside], color=colour, linewidth=0.8, alpha=0.55)
+            size = 4.0 if len(at) < FEW_ROWS else 2.4
+            (dots,) = axes.plot(at[inside], kept[inside], "o", color=colour, markersize=size, markeredgewidth=0.0)
+            dots.set_gid(_name(trace))
+        _outliers(axes, trace, at, limit, colour)
+    if not traces[0].run.dynamic:
+        axes.axhline(0.0, color=INK, linewidth=0.6)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.margins(x=0.01 if traces[0].run.dynamic else 0.02)
     return step
+
+
+def _across(traces: Sequence[Trace], k: int) -> Array:
+    """Abscissae of the k-th column: time in a recording, else the pose's number, of few poses side by side."""
+    run = traces[k].run
+    if run.dynamic:
+        return run.time
+    beside = APART * (k - 0.5 * (len(traces) - 1)) if run.rows < FEW_ROWS else 0.0
+    return np.arange(1.0, run.rows + 1.0) + beside
+
+
+def _shown(values: Array, limit: float) -> NDArray[np.bool_]:
+    return np.isfinite(values) & (np.abs(values) <= limit)
+
+
+def _name(trace: Trace) -> str:
+    return f"tip-{trace.run.id}-{trace.column}"
+
+
+def _tips(traces: Sequence[Trace], limit: float) -> dict[str, list[str]]:
+    """By drawn column: pose, line of the file, positions of the rotary axes, residual."""
+    found = {}
+    for trace in traces:
+        said = []
+        for row in np.flatnonzero(_shown(trace.kept, limit)).tolist():
+            turned = ", ".join(
+                f"{n} {plain_number(v[row], 'deg')}°" for n, v in trace.run.commands.items() if n in "ABC"
+            )
+            left = f"{trace.label} {plain_number(trace.residual[row], trace.unit)} {unit_words(trace.unit)}"
+            said.append(
+                f"{short(trace.run.id)}, pose {row + 1} (line {row + 2}): {turned}{': ' if turned else ''}{left}"
+            )
+        found[_name(trace)] = said
+    return found
 
 
 def _smooth(time: Array, values: Array) -> tuple[Array, Array]:
@@ -98,13 +163,13 @@ def _smooth(time: Array, values: Array) -> tuple[Array, Array]:
     return time[index], running_mean(values, window)[index]
 
 
-def _outliers(axes: Axes, trace: Trace, limit: float, colour: str) -> None:
+def _outliers(axes: Axes, trace: Trace, across: Array, limit: float, colour: str) -> None:
     rows = np.flatnonzero(trace.outlier)
     outside = np.abs(trace.residual) > limit
     inside = rows[~outside[rows]]
     ring = {"markerfacecolor": "none", "markeredgecolor": INK, "markersize": 7.0, "linestyle": "none"}
     if inside.size:
-        at, value = trace.run.time[inside], trace.residual[inside]
+        at, value = across[inside], trace.residual[inside]
         axes.plot(at, value, marker="o", clip_on=False, **ring)  # type: ignore[arg-type]
         axes.plot(at, value, ".", color=colour, markersize=3.0)
     beyond = np.flatnonzero(outside)
@@ -112,11 +177,11 @@ def _outliers(axes: Axes, trace: Trace, limit: float, colour: str) -> None:
         up = trace.residual[row] > 0
         height = np.copysign(0.93 * limit, trace.residual[row])
         edge = INK if trace.outlier[row] else colour
-        axes.plot(trace.run.time[row], height, "^" if up else "v", color=colour, markeredgecolor=edge, markersize=5.0)
-    for row in _apart(sorted(beyond.tolist(), key=lambda r: -abs(trace.residual[r])), trace.run.time):
+        axes.plot(across[row], height, "^" if up else "v", color=colour, markeredgecolor=edge, markersize=5.0)
+    for row in _apart(sorted(beyond.tolist(), key=lambda r: -abs(trace.residual[r])), across):
         axes.annotate(
-            f" {plain_number(trace.residual[row])}",
-            (float(trace.run.time[row]), float(np.copysign(0.93 * limit, trace.residual[row]))),
+            f" {plain_number(trace.residual[row], trace.unit)}",
+            (float(across[row]), float(np.copysign(0.93 * limit, trace.residual[row]))),
             fontsize=7,
             va="center",
             xytext=(4, 0),
@@ -125,11 +190,13 @@ def _outliers(axes: Axes, trace: Trace, limit: float, colour: str) -> None:
         )
 
 
-def _apart(rows: list[int], time: Array) -> list[int]:
+def _apart(rows: list[int], across: Array) -> list[int]:
     """The first few of the rows that are far enough from each other for their values to be legible."""
     named: list[int] = []
     for row in rows:
-        if len(named) < NAMED_OUTLIERS and all(abs(time[row] - time[other]) > 0.08 * np.ptp(time) for other in named):
+        if len(named) < NAMED_OUTLIERS and all(
+            abs(across[row] - across[other]) > 0.08 * np.ptp(across) for other in named
+        ):
             named.append(row)
     return named
 

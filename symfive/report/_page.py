@@ -6,7 +6,7 @@ import base64
 import hashlib
 import html
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -17,7 +17,7 @@ from symfive import __version__
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAPER
 from symfive.drawing import SCRIPT as POSES
 from symfive.files import write_text
-from symfive.report._style import rendered
+from symfive.report._style import Tips, rendered
 
 __all__ = ["embedded", "sentences", "write_page"]
 
@@ -52,9 +52,7 @@ def write_page(path: Path, title: str, body: str) -> None:
     write_text(path, page)
 
 
-def embedded(
-    figure: Figure, name: str, title: str, reading: str, tips: Mapping[str, Sequence[str]] | None = None
-) -> str:
+def embedded(figure: Figure, name: str, title: str, reading: str, tips: Tips | None = None) -> str:
     """A `<figure>` with the drawing inline, its colours tied to the page's theme, and how to read it as caption.
 
     `tips` by the id (gid) of a drawn artist: what hovering over each of its points says.

@@ -63,7 +63,7 @@ def _draw(axes: Axes, identification: Identification, parameters: list[Parameter
         axes.plot([low, high], [row, row], color=colour, linewidth=2.0, solid_capstyle="butt")
         face = colour if colour == BLUE else "none"
         axes.plot([value], [row], "o", color=colour, markerfacecolor=face, markersize=4.5)
-        said = f"{rounded(value, std)} ± {rounded(std, std)}"
+        said = f"{rounded(value, std, unit)} ± {rounded(std, std, unit)}"
         axes.text(1.02, row, said, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
         reach += [low, high] + ([p.mean - p.sigma, p.mean + p.sigma] if p.sigma < 50.0 * max(abs(value), std) else [])
     axes.set_yticks(range(len(parameters)), [short(p.name.removeprefix("setup.")) for p in parameters])

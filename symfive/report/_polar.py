@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from symfive.campaign import Campaign
@@ -95,9 +96,15 @@ def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | N
 def _notes(circles: Sequence[Circle], both: bool, groups: int) -> list[str]:
     arcs = "" if all(c.whole for c in circles) else " (the mean only, where less than 3/4 of a turn was measured)"
     notes = [f"Measured: least-squares centre and mean radius taken off each run{arcs}.",
-             "Strong lines: running means, of which p–v is the height from peak to valley"
-             + ("; pale: each reading; outliers left out." if both else ".")]  # fmt: skip
+             _lines_in_words(circles, both)]  # fmt: skip
     return [*notes, f"Drawn: {MOST_GROUPS} of {groups} sets of runs."] if groups > MOST_GROUPS else notes
+
+
+def _lines_in_words(circles: Sequence[Circle], both: bool) -> str:
+    if not any(circle.run.dynamic for circle in circles):
+        return "Points: the readings at rest, of which p–v is the height from peak to valley; outliers left out."
+    pale = "; pale: each reading; outliers left out." if both else "."
+    return f"Strong lines: running means, of which p–v is the height from peak to valley{pale}"
 
 
 def _layout(groups: int, panels: int, runs: int, notes: float) -> tuple[Figure, list[tuple[float, float, float]]]:
@@ -210,8 +217,11 @@ def _curve(axes: Axes, deviation: _Deviation, values: Array, scale: _Scale, **st
     radius = 1.0 + scale.share * values[index]
     radius = np.where(radius > 1.0 + 1.25 * REACH, np.nan, np.maximum(radius, 0.05))
     angle = deviation.circle.angle[index]
-    if not deviation.circle.run.dynamic:
-        style = {"marker": "o", "markersize": 2.5, **style}
+    if not deviation.circle.run.dynamic and "marker" not in style:  # single readings: nothing is known between them
+        style |= {"marker": "o", "markersize": 3.5, "markeredgewidth": 0.0, "linestyle": "none"}
+        ends = np.stack([np.ones_like(radius), radius], axis=1)[:, :, None]
+        spokes = ends * np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, None, :]
+        axes.add_collection(LineCollection(list(spokes), colors=style["color"], linewidths=0.8, alpha=0.55))
     axes.plot(radius * np.cos(angle), radius * np.sin(angle), **style)  # type: ignore[arg-type]
 
 

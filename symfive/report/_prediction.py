@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from symfive.drawing import FAINT, INK, SERIES
 from symfive.errors import InputError
+from symfive.report._over_time import FEW_ROWS
 from symfive.report._style import blank, footnote, plain_number, styled, unit_words
 from symfive.report._traces import spread
 
@@ -40,7 +41,7 @@ def prediction_chart(
     if read.shape != model.shape or not read.size:
         problem = f"measured readings {read.shape} and predicted ones {model.shape} do not match"
         raise InputError(problem, remedy="give both the same rows and columns, at least one")
-    place = np.arange(len(read), dtype=float) if at is None else np.asarray(at, dtype=float)
+    place = np.arange(1.0, len(read) + 1.0) if at is None else np.asarray(at, dtype=float)
     if place.shape != (len(read),):
         raise InputError(f"at has the shape {place.shape}", remedy=f"give {len(read)} numbers, one a row")
     columns = min(read.shape[1], MOST_COLUMNS)
@@ -51,15 +52,22 @@ def prediction_chart(
         upper, lower = grid[:, j]
         name = names[j] if j < len(names) else f"column {j + 1}" if read.shape[1] > 1 else "reading"
         colour, difference = SERIES[j % len(SERIES)], read[:, j] - model[:, j]
-        upper.plot(place[index], read[index, j], color=colour, linewidth=2.4, alpha=0.45, label="measured")
-        upper.plot(place[index], model[index, j], color=INK, linewidth=0.9, label="predicted")
+        few = len(read) < FEW_ROWS
+        wide, thin = ({"linestyle": "none", "marker": m, "markersize": s} for m, s in (("o", 5.0), ("_", 8.0)))
+        look = (wide, thin) if few else ({"linewidth": 2.4}, {"linewidth": 0.9})
+        upper.plot(place[index], read[index, j], color=colour, alpha=0.45, label="measured", **look[0])
+        upper.plot(place[index], model[index, j], color=INK, label="predicted", **look[1])
         upper.set_ylabel(f"{name} / {unit_words(unit)}")
         upper.legend(loc="best")
         if noise is not None:
             lower.axhspan(-2.0 * noise, 2.0 * noise, color=FAINT, alpha=0.16, linewidth=0)
         lower.axhline(0.0, color=INK, linewidth=0.6)
-        lower.plot(place[index], difference[index], color=colour, linewidth=0.7, rasterized=len(index) > 2000)
-        rms = plain_number(float(np.sqrt(np.nanmean(difference**2))))
+        if few:
+            lower.vlines(place, 0.0, difference, color=colour, linewidth=0.8, alpha=0.55)
+            lower.plot(place, difference, "o", color=colour, markersize=4.0, markeredgewidth=0.0)
+        else:
+            lower.plot(place[index], difference[index], color=colour, linewidth=0.7, rasterized=len(index) > 2000)
+        rms = plain_number(float(np.sqrt(np.nanmean(difference**2))), unit)
         against = f", declared noise {plain_number(noise)}" if noise is not None else ""
         lower.set_title(f"measured − predicted: RMS {rms}{against} {unit_words(unit)}")
         lower.set_ylabel(unit_words(unit))

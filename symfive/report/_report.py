@@ -8,6 +8,7 @@ from pathlib import Path
 
 from symfive.drawing import poses_figure
 from symfive.identify import Identification
+from symfive.numbers import expected_ratio, plain_number
 from symfive.report._page import embedded, sentences, write_page
 from symfive.report._save import drawings, keep
 from symfive.report._style import unit_words
@@ -59,7 +60,8 @@ def _head(identification: Identification, title: str) -> str:
         *([f"effects in the model: {effects}"] if effects else []),
     ]
     state = fits(identification)
-    rms = ", ".join(f"{value:.3g} {unit_words(unit)}" for unit, value in identification.rms.items() if unit != "mixed")
+    known = {unit: value for unit, value in identification.rms.items() if unit != "mixed"}
+    rms = ", ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known.items())
     links = (("told-apart", "Not told apart"), ("values", "Parameters"), ("noise", "Noise"), ("outliers", "Outliers"),
              ("setup", "Set-up"), ("figures", "Figures"))  # fmt: skip
     return "\n".join([
@@ -70,7 +72,7 @@ def _head(identification: Identification, title: str) -> str:
         f'<p class="facts">Residual RMS {html.escape(rms or "not available")}; '
         f"χ²/dof {identification.chi2_dof:.4g} against the declared noise, "
         f"{identification.chi2_dof_whitened:.4g} against the noise found; {identification.dof:.0f} "
-        "degrees of freedom.</p>",
+        f"degrees of freedom: {html.escape(expected_ratio(identification.dof))}.</p>",
         "<nav>" + "".join(f'<a href="#{key}">{words}</a>' for key, words in links) + "</nav>",
     ])  # fmt: skip
 
@@ -102,7 +104,7 @@ def _sections(identification: Identification, target: Path | None) -> list[str]:
 
 
 def _figures(identification: Identification, target: Path | None) -> Iterator[str]:
-    for drawing, figure in drawings(identification):
+    for drawing, figure, tips in drawings(identification):
         if target is not None:
             keep(figure, drawing.name, target)
-        yield embedded(figure, drawing.name, drawing.title, drawing.reading)
+        yield embedded(figure, drawing.name, drawing.title, drawing.reading, tips)

@@ -13,12 +13,14 @@ from symfive.files import output_folder
 from symfive.identify import Identification
 from symfive.report._bands import error_motion_bands
 from symfive.report._correlation import correlation_matrix
-from symfive.report._over_coordinates import residuals_over_coordinates
-from symfive.report._over_time import residuals_over_time
+from symfive.report._over_coordinates import coordinates_with_tips
+from symfive.report._over_time import READING as OVER_TIME
+from symfive.report._over_time import residuals_with_tips
 from symfive.report._parameters import parameters_chart
 from symfive.report._polar import polar_trace
+from symfive.report._spectrum import READING as SPECTRUM
 from symfive.report._spectrum import residual_spectrum
-from symfive.report._style import rendered
+from symfive.report._style import Tips, rendered
 
 __all__ = ["FIGURES", "Drawing", "drawings", "keep", "save_figures"]
 
@@ -27,47 +29,50 @@ FORMATS = ("png", "svg", "pdf")
 
 @dataclass(frozen=True)
 class Drawing:
-    """One figure of the report: file `name`, `title`, how to read it, and what draws it."""
+    """One figure of the report: file `name`, `title`, how to read it, and what draws it and says what hovering tells."""
 
     name: str
     title: str
     reading: str
-    draw: Callable[[Identification], Figure]
+    draw: Callable[[Identification], tuple[Figure, Tips]]
+
+
+def _plain(draw: Callable[[Identification], Figure]) -> Callable[[Identification], tuple[Figure, Tips]]:
+    """A drawing that says nothing more where one hovers."""
+    return lambda identification: (draw(identification), {})
 
 
 FIGURES = (
     Drawing("parameters", "Identified parameters",
             "Dot and line: value and 95 % interval. Grey bar: what was known before (prior ±1σ). Hollow: these data "
-            "say no more than the prior did.", parameters_chart),
+            "say no more than the prior did.", _plain(parameters_chart)),
     Drawing("polar-trace", "Circular tests",
             "Left of each pair: what was measured, with the fitted model dashed. Right: what the fit leaves, magnified "
             "further. A circle is good; two senses that part at an axis point to play, a fixed oval to squareness or "
-            "scale.", polar_trace),
-    Drawing("residuals-over-time", "Residuals over time",
-            "Noise stays around zero within the grey band. A wave or a step in the strong line is something that the "
-            "model leaves out.", residuals_over_time),
+            "scale.", _plain(polar_trace)),
+    Drawing("residuals-over-time", "Residuals over time", OVER_TIME, residuals_with_tips),
     Drawing("residuals-over-coordinates", "Residuals over the axes",
-            "Two lines that part: the error depends on the direction of motion (play, friction, lag). Two lines that "
-            "bend together: an error of geometry.", residuals_over_coordinates),
-    Drawing("residual-spectrum", "Spectrum of the residuals",
-            "Peaks above the dashed line are no noise: at a fixed frequency a vibration, at a fixed order an error "
-            "that repeats with the turn.", residual_spectrum),
+            "What the fit leaves (unit at the side) over each axis' coordinate (mm or °). Two lines that part: the error "
+            "depends on the direction of motion (play, friction, lag). Two lines that bend together: an error of geometry.",
+            coordinates_with_tips),
+    Drawing("residual-spectrum", "Spectrum of the residuals", SPECTRUM, _plain(residual_spectrum)),
     Drawing("error-motions", "Identified error motions",
             "The error over the travel that was used, with its uncertainty. Where the band contains zero, no error is "
-            "proven.", error_motion_bands),
+            "proven.", _plain(error_motion_bands)),
     Drawing("correlations", "Correlations",
             "Strong colour: the readings fix a combination of the two parameters and not each of them.",
-            correlation_matrix),
+            _plain(correlation_matrix)),
 )  # fmt: skip
 
 
-def drawings(identification: Identification) -> Iterator[tuple[Drawing, Figure]]:
-    """The figures that this identification has something for."""
+def drawings(identification: Identification) -> Iterator[tuple[Drawing, Figure, Tips]]:
+    """The figures that this identification has something for, and what hovering over them tells."""
     for drawing in FIGURES:
         try:
-            yield drawing, drawing.draw(identification)
+            figure, tips = drawing.draw(identification)
         except InputError:
             continue  # nothing to draw: no circle among the runs, no error motion in the machine file
+        yield drawing, figure, tips
 
 
 def keep(figure: Figure, name: str, folder: Path) -> None:
@@ -95,7 +100,7 @@ def save_figures(
     folder = Path(folder)
     names = []
     with output_folder(folder) as target:
-        for drawing, figure in drawings(identification):
+        for drawing, figure, _ in drawings(identification):
             for format in formats:
                 names.append(f"{drawing.name}.{format}")
                 (target / names[-1]).write_bytes(rendered(figure, format))

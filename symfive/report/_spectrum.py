@@ -18,13 +18,21 @@ from symfive.report._circles import CircleFinder
 from symfive.report._style import blank, footnote, plain_log, short, styled, unit_words
 from symfive.report._traces import Array, Trace, traces_of
 
-__all__ = ["residual_spectrum"]
+__all__ = ["READING", "residual_spectrum"]
+
+READING = (
+    "Height: amplitude of what the fit leaves, in the unit at the side; across: frequency in 1/s, or order, waves per turn. "
+    "Peaks above the dashed line are no noise: at a fixed frequency a vibration, at a fixed order an error that repeats "
+    "with the turn."
+)
 
 LEVEL = 0.01
 MOST_ORDERS = 32
 MOST_RUNS = 12
 LEAST_TURN = 0.9
 PER_DECADE = 40
+BESIDE = 0.6
+"""Width, in orders, over which the stems of several runs stand beside each other."""
 
 
 @styled
@@ -167,17 +175,12 @@ def _draw_orders(
     styles: dict[str, str],
     unit: str,
 ) -> None:
-    for run, orders, amplitude, _, _ in found:
-        axes.plot(
-            orders,
-            amplitude,
-            color=colours[run],
-            linestyle=styles[run],
-            linewidth=0.8,
-            marker="o",
-            markersize=3.0,
-            label=short(run),
-        )
+    for k, (run, orders, amplitude, _, _) in enumerate(found):
+        at = orders + BESIDE * (k - 0.5 * (len(found) - 1)) / max(len(found), 3)
+        look = {"color": colours[run], "linestyle": styles[run], "linewidth": 0.8}
+        axes.plot(at, amplitude, "o", color=colours[run], markersize=3.0)
+        axes.vlines(at, 0.0, amplitude, colors=colours[run], linewidth=0.8)
+        axes.plot([], [], marker="o", markersize=3.0, label=short(run), **look)  # type: ignore[arg-type]
     axes.axhline(max(threshold for *_, threshold, _ in found), color=INK, linewidth=0.9, linestyle="--")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0.0)

@@ -1,11 +1,10 @@
-"""One look for all figures: colours that colour-blind readers can tell apart, units as engineers write them."""
+"""One look for all figures: colours that colour-blind readers can tell apart, numbers and units as engineers write them."""
 
 from __future__ import annotations
 
 import functools
 import io
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -17,9 +16,10 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from symfive.drawing import FAINT, GRID, INK, PAPER
+from symfive.numbers import plain_number, rounded, unit_words
 
 __all__ = [
-    "blank", "footnote", "label_of",
+    "Tips", "blank", "footnote", "label_of",
     "plain_log", "plain_number", "rendered", "robust_limit", "rounded", "short", "styled", "unit_words",
 ]  # fmt: skip
 
@@ -36,6 +36,8 @@ _LOOK: Any = {
 }  # fmt: skip
 _RESOLUTION = {"svg": 110}
 
+Tips = Mapping[str, Sequence[str]]
+"""By id (gid) of a drawn artist: what hovering over each of its points says."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -67,13 +69,6 @@ def rendered(figure: Figure, format: str) -> bytes:
     return stream.getvalue()
 
 
-def unit_words(unit: str) -> str:
-    """A unit of the files as one writes it: `um` µm, `urad/deg` µrad/°, `um/(m/s^2)` µm/(m/s²)."""
-    unit = re.sub(r"\bum\b", "µm", unit)
-    unit = re.sub(r"\burad\b", "µrad", unit)
-    return re.sub(r"\bdeg\b", "°", unit).replace("^2", "²").replace("*", "·")
-
-
 def label_of(column: str) -> str:
     """A reading column without its unit: `dL_um` dL, `X_act_mm` X_act."""
     return column.rsplit("_", 1)[0]
@@ -84,34 +79,12 @@ def short(text: str, most: int = 36) -> str:
     return text if len(text) <= most else f"{text[: most // 2 - 1]}…{text[-(most - most // 2) :]}"
 
 
-def plain_number(value: float) -> str:
-    """Three significant digits at most, without an exponent where it can be avoided."""
-    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
-        digits = 0 if value == 0.0 else max(0, 2 - int(np.floor(np.log10(abs(value)))))
-        text = f"{value:.{digits}f}"
-        text = text.rstrip("0").rstrip(".") if "." in text else text
-    else:
-        text = f"{value:.2e}"
-    return text.replace("-", "−")
-
-
 def plain_log(axes: Axes, which: str = "both") -> None:
     """Logarithmic axes whose ticks read 0.01, 0.1, 1, 10."""
     for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y")):
         if which in ("both", name):
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
-
-
-def rounded(value: float, std: float) -> str:
-    """A value to the digits that its uncertainty leaves: two of the 1σ; a plain number where `std` is 0."""
-    if not std > 0.0:
-        return plain_number(value)
-    digits = 1 - int(np.floor(np.log10(std)))
-    if digits > 9 or digits < -6:
-        return f"{value:.4g}".replace("-", "−")
-    text = f"{round(value, digits):.{max(digits, 0)}f}"
-    return (text.lstrip("-") if float(text) == 0.0 else text).replace("-", "−")
 
 
 def footnote(figure: Figure, *sentences: str) -> None:

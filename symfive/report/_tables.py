@@ -57,10 +57,10 @@ def parameter_table(identification: Identification) -> str:
         value, std = identification[p.name], identification.uncertainty(p.name)
         low, high = identification.interval(p.name)
         known = learnt(identification, p)
-        prior = f"{plain_number(p.mean)} ± {plain_number(p.sigma)}"
+        prior = f"{plain_number(p.mean, p.unit)} ± {plain_number(p.sigma)}"
         state = "held fixed" if std == 0.0 else "known better than before" if known else "no better than before"
-        interval = f"{rounded(low, std)} … {rounded(high, std)}"
-        rows.append([p.name, meaning(p, machine), Cell(rounded(value, std), value), Cell(rounded(std, std), std),
+        interval = f"{rounded(low, std, p.unit)} … {rounded(high, std, p.unit)}"
+        rows.append([p.name, meaning(p, machine), Cell(rounded(value, std, p.unit), value), Cell(rounded(std, std, p.unit), std),
                      Cell(interval, low), unit_words(p.unit), Cell(prior, p.sigma), state])  # fmt: skip
         classes.append("" if known else "weak")
     heads = ["parameter", "what it is", "value", "1σ", "95 % interval", "unit", "prior (mean ± 1σ)", "the data"]
@@ -77,16 +77,16 @@ def noise_table(identification: Identification) -> str:
         kept = [float(v) for t in traces for v in t.residual[~t.outlier]]
         rms = math.sqrt(math.fsum(v * v for v in kept) / max(len(kept), 1))
         slow = noise.coloured > 0.0
-        size = _number(noise.coloured) if slow else Cell("none", 0.0)
-        tau = _number(noise.time_constant) if slow else Cell("–", 0.0)
+        size = _number(noise.coloured, unit) if slow else Cell("none", 0.0)
+        tau = _number(noise.time_constant, "s") if slow else Cell("–", 0.0)
         words = [run.id, traces[0].instrument.replace("_", " "), run.sampling]
         numbers = [
             Cell(str(run.rows), run.rows),
-            _number(noise.declared),
-            _number(noise.white),
+            _number(noise.declared, unit),
+            _number(noise.white, unit),
             size,
             tau,
-            _number(rms),
+            _number(rms, unit),
         ]
         rows.append([*words, *numbers, unit_words(unit)])
     heads = ["run", "instrument", "sampling", "rows", "declared 1σ", "white 1σ found", "slow 1σ found",
@@ -94,8 +94,9 @@ def noise_table(identification: Identification) -> str:
     return table("Noise of one reading", heads, rows)
 
 
-def _number(value: float) -> Cell:
-    return Cell(f"{value:#.3g}".replace("-", "−") if 1e-3 <= abs(value) < 1e3 else plain_number(value), value)
+def _number(value: float, unit: str) -> Cell:
+    text = f"{value:#.3g}".replace("-", "−") if 1e-3 <= abs(value) < 1e3 else plain_number(value, unit)
+    return Cell(text, value)
 
 
 def outlier_table(identification: Identification) -> str:
@@ -108,7 +109,7 @@ def outlier_table(identification: Identification) -> str:
         time = float(run.time[o.row])
         unit, sigmas = unit_words(units.get((o.run, o.column), "")), f"{o.sigmas:.1f}".replace("-", "−")
         rows.append([run.id, run.file, Cell(str(o.row + 2), o.row), o.column, Cell(f"{time:.3f}", time),
-                     _number(o.residual), unit, Cell(sigmas, o.sigmas)])  # fmt: skip
+                     _number(o.residual, units.get((o.run, o.column), "")), unit, Cell(sigmas, o.sigmas)])  # fmt: skip
     heads = ["run", "file", "row in the file", "column", "time / s", "residual", "unit", "in σ of the noise"]
     more = len(identification.outliers) - len(rows)
     return table(f"Outliers left out of the fit{f' (first {len(rows)}; {more} more)' if more else ''}", heads, rows)
@@ -122,7 +123,7 @@ def setup_table(identification: Identification) -> str:
         quantity = p.name.removeprefix(f"setup.{p.run}.")
         value, std = identification[p.name], identification.uncertainty(p.name)
         known = "" if learnt(identification, p) else " *"
-        said = f"{rounded(value, std)} ± {rounded(std, std)}{known}"
+        said = f"{rounded(value, std, p.unit)} ± {rounded(std, std, p.unit)}{known}"
         entries.setdefault(str(p.run), {})[quantity] = Cell(said, value)
         units.setdefault(quantity, unit_words(p.unit))
     rows: list[list[str | Cell]] = []

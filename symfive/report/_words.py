@@ -6,6 +6,7 @@ from scipy.stats import chi2
 
 from symfive.identify import Identification
 from symfive.machine import Machine
+from symfive.numbers import expected_ratio
 from symfive.parameters import Parameter
 from symfive.report._parameters import LEARNT
 from symfive.report._style import plain_number, unit_words
@@ -52,10 +53,10 @@ def verdict(identification: Identification) -> str:
 
 def _fit(identification: Identification) -> str:
     known = [(unit, value) for unit, value in identification.rms.items() if unit != "mixed"]
-    rms = " and ".join(f"{plain_number(value)} {unit_words(unit)}" for unit, value in known)
+    rms = " and ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known)
     left = f"the residuals are {rms} RMS, " if rms else ""
     ratio = identification.chi2_dof
-    much = f"χ²/dof {ratio:.3g} against the declared noise"
+    much = f"χ²/dof {ratio:.3g} against the declared noise ({expected_ratio(identification.dof)})"
     return {
         "yes": f"The model explains the readings down to the declared noise: {left}{much}.",
         "better": f"The model explains the readings, and better than the declared noise would allow: {left}{much}; "

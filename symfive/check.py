@@ -1,0 +1,181 @@
+"""`check`: what a machine file or a campaign declares, in a few lines, and every problem found in its files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from symfive.campaign import Run, campaign_problems
+from symfive.errors import InputError
+from symfive.machine import Axis, ErrorTerm, Machine, error_names, machine_problems, unknown_keys
+from symfive.numbers import plain_number, unit_words
+from symfive.toml_files import read_toml
+
+__all__ = ["SCHEMA", "Check", "check"]
+
+SCHEMA = "symfive.check/1"
+UNREAD_TRAVEL = 1e9
+"""What stands for the travel of an axis whose table is wrong."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What the files at `path` declare and what is wrong with them.
+
+    `machine` and `runs` as far as they can be read (a wrong entry is left out); `problems` in words with file and line;
+    `notes` on what is kept without being known.
+    """
+
+    path: Path
+    machine: Machine | None
+    runs: tuple[Run, ...]
+    problems: tuple[InputError, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def right(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.problems
+
+    def to_data(self) -> dict[str, Any]:
+        """The same as nested mappings."""
+        return {
+            "schema": SCHEMA,
+            "path": str(self.path),
+            "machine": None if self.machine is None else _machine_data(self.machine),
+            "runs": [_run_data(run) for run in self.runs],
+            "problems": [
+                {"problem": e.problem, "remedy": e.remedy, "file": None if e.path is None else str(e.path),
+                 "line": e.line, "column": e.column}
+                for e in self.problems
+            ],
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        lines = _machine_lines(self.machine) if self.machine is not None else []
+        lines += [_run_line(run) for run in self.runs]
+        lines += [f"note: {note}" for note in self.notes]
+        count = len(self.problems)
+        lines.append(f"{count} problem{'s' if count > 1 else ''}:" if count else "no problem found")
+        lines += [f"  {problem}" for problem in self.problems]
+        if self.machine is not None and any(_concerns_errors(problem) for problem in self.problems):
+            lines += ["a ready block for this structure (prior 1σ in µm and µrad):", "", errors_block(self.machine)]
+        return "\n".join(lines)
+
+
+def check(path: Path | str) -> Check:
+    """Read a machine file, a campaign's folder or its `campaign.toml` to the end, whatever is wrong in it.
+
+    Raises `InputError` only where there is no such file.
+    """
+    path = Path(path)
+    if not os.path.lexists(path):
+        raise InputError("there is no such file or folder", path=path, remedy="check the name")
+    runs: tuple[Run, ...] = ()
+    if path.is_dir() or _is_campaign(path):
+        machine, runs, found = campaign_problems(path)
+    else:
+        machine, found = machine_problems(path)
+    if machine is not None and not machine.errors and not any(map(_concerns_errors, found)):
+        problem = "no error is declared, so that nothing can be identified"
+        found = [*found, InputError(problem, path=_machine_path(path), remedy="write what may be wrong into [errors]")]
+    notes = (
+        tuple(
+            f'key "{key}" is unknown to symfive; it is kept'
+            for key in unknown_keys(machine)
+            if not _named_in(found, key)
+        )
+        if machine
+        else ()
+    )
+    return Check(path, machine, runs, tuple(found), notes)
+
+
+def errors_block(machine: Machine) -> str:
+    """[errors] with the location errors that a machine of this structure can have, to be copied."""
+    return "\n".join(
+        ["[errors]", *(f"{name} = {{ sigma = {sigma:.1f} }}" for name, sigma in error_names(machine.axes).items())]
+    )
+
+
+def _is_campaign(path: Path) -> bool:
+    try:
+        return str(read_toml(path).data.get("schema", "")).startswith("symfive.campaign/")
+    except InputError:
+        return path.name == "campaign.toml"
+
+
+def _machine_path(path: Path) -> Path:
+    return path / "machine.toml" if path.is_dir() else path
+
+
+def _named_in(problems: Sequence[InputError], key: str) -> bool:
+    return any(f"'{key.rsplit('.', 1)[-1]}'" in problem.problem for problem in problems)
+
+
+def _concerns_errors(error: InputError) -> bool:
+    return "error" in error.problem.split()[:4] or "[errors]" in error.remedy
+
+
+def _machine_lines(machine: Machine) -> list[str]:
+    return [
+        f"machine {machine.name}: {machine.structure.code}",
+        f"axes: {', '.join(map(_axis_words, (machine.axes[name] for name in machine.axis_names)))}",
+        f"errors, prior 1σ: {', '.join(map(_error_words, machine.errors.values())) or 'none'}",
+        *(
+            [f"effects in the model: {', '.join(_named(e.effect, e.axis) for e in machine.effects)}"]
+            if machine.effects
+            else []
+        ),
+    ]
+
+
+def _named(effect: str, axis: str | None) -> str:
+    return effect if axis is None else f"{effect} of {axis}"
+
+
+def _axis_words(axis: Axis) -> str:
+    if axis.travel[1] >= UNREAD_TRAVEL:
+        return f"{axis.name} (not read)"
+    low, high = (plain_number(v) for v in axis.travel)
+    drive = " with drive" if axis.drive is not None else ""
+    return f"{axis.name} {low}…{high} {unit_words(axis.unit)}{drive}"
+
+
+def _error_words(term: ErrorTerm) -> str:
+    form = "" if term.is_location else f" {'×'.join(f'{b} {o}' for b, o in zip(term.basis, term.order, strict=True))}"
+    over = "" if term.over in ((), (term.axis,)) else f" over {', '.join(term.over)}"
+    return f"{term.name}{form}{over} ±{plain_number(term.sigma)} {'µrad' if term.angular else 'µm'}"
+
+
+def _noises(run: Run) -> str:
+    found = dict.fromkeys(plain_number(run.noise(name)) for name in run.instrument)
+    return (
+        f"noise {' and '.join(found)} µm (or its reading's unit)" if len(found) > 1 else f"noise {next(iter(found))} µm"
+    )
+
+
+def _run_line(run: Run) -> str:
+    state = "measured" if run.measured else "a plan, no readings yet"
+    instruments = " and ".join(name.replace("_", " ") for name in run.instrument)
+    return f"run {run.id}: {run.rows} rows, {instruments}, {run.sampling}, {_noises(run)}, {state}"
+
+
+def _machine_data(machine: Machine) -> dict[str, Any]:
+    return {
+        "name": machine.name,
+        "structure": machine.structure.code,
+        "axes": {a.name: {"travel": list(a.travel), "unit": a.unit, "drive": a.drive is not None} for a in machine.axes.values()},
+        "errors": {t.name: {"sigma": t.sigma, "unit": "urad" if t.angular else "um"} for t in machine.errors.values()},
+        "errors_possible": error_names(machine.axes),
+    }  # fmt: skip
+
+
+def _run_data(run: Run) -> dict[str, Any]:
+    instruments: Sequence[str] = run.instrument
+    return {"id": run.id, "rows": run.rows, "instrument": list(instruments), "sampling": run.sampling,
+            "noise": {name: run.noise(name) for name in instruments}, "measured": run.measured}  # fmt: skip

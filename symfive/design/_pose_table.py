@@ -1,0 +1,79 @@
+"""The list of poses on the set-up sheet: where each stands, when to read, what to do before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from symfive.campaign import Campaign, Run
+from symfive.design._assess import FIRST_LINE
+from symfive.instruments import instruments_of
+from symfive.nc import Post
+
+__all__ = ["mounted_before", "pose_table"]
+
+
+def mounted_before(runs: Sequence[Run], run: Run) -> Run | None:
+    """The first of the earlier runs whose ball, tool and bar stand as in this one; None where it is a new mounting."""
+    mounting = (run.table_ball, run.tool_ball, run.length)
+    for earlier in runs[: [r.id for r in runs].index(run.id)]:
+        if (earlier.table_ball, earlier.tool_ball, earlier.length) == mounting:
+            return earlier
+    return None
+
+
+def pose_table(campaign: Campaign, run: Run, post: Post) -> str:
+    """Pose by pose: number, line of the file, when the program gets there, the axes' positions, what to do before.
+
+    All poses of a run have the same ball, dwell and reading columns; these stand above the table.
+    """
+    machine = campaign.machine
+    names = sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary)
+    heads = [
+        "pose",
+        "line",
+        "read at / min:s",
+        *(f"{escape(n)} / {_unit(machine.axes[n].unit)}" for n in names),
+        "before",
+    ]
+    rows = []
+    for row in range(run.rows):
+        cells = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + post.dwell_s)]
+        cells += [f"{run.commands[name][row] + 0.0:.3f}" for name in names]
+        numbers = "".join(f'<td class="n">{cell}</td>' for cell in cells)
+        rows.append(f'<tr>{numbers}<td class="again">{escape(_before(run, row, post))}</td></tr>')
+    columns = [column.name for i in instruments_of(run) for column in i.columns(run, machine)]
+    at = ", ".join(f"{v:.1f}" for v in run.table_ball)
+    what = f"table ball at ({at}) mm, bar of {run.length:g} mm" if run.length is not None else f"nest at ({at}) mm"
+    head = "".join(f"<th>{h}</th>" for h in heads)
+    return (
+        f"<p>All {run.rows} poses: {what}; {post.dwell_s:g} s at rest, then read {escape(', '.join(columns))} into the line of "
+        f"{escape(run.file)}.</p>"
+        f'<table class="poses-list"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
+    )
+
+
+def _unit(unit: str) -> str:
+    return {"deg": "°"}.get(unit, unit)
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{seconds % 60:04.1f}"
+
+
+def _before(run: Run, row: int, post: Post) -> str:
+    """What the operator has to know before a pose."""
+    said = []
+    if row in post.unsafe.get(run.id, ()):
+        bar = run.length is not None
+        said.append(
+            "take the bar off, mount it again" if bar else "out of the nest, seat it again: leave the nest as it is"
+        )
+    if row in post.by_hand.get(run.id, ()):
+        said.append("drive there by hand")
+    if row in post.blocked.get(run.id, ()):
+        said.append("the way is not clear: take care")
+    same = [k for k in range(row) if all(c[k] == c[row] for c in run.commands.values())]
+    if same:
+        said.append(f"again pose {same[0] + 1}, reading {len(same) + 1}")
+    return "; ".join(said)

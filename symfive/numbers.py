@@ -1,0 +1,69 @@
+"""Numbers and units as engineers write them: no more digits than the uncertainty or the unit leaves, no 1e-15, no -0."""
+
+from __future__ import annotations
+
+import math
+import re
+
+__all__ = ["expected_ratio", "plain_number", "power_of_ten", "rounded", "unit_words", "with_std"]
+
+RESOLUTION = {"um": 1e-4, "urad": 1e-4, "mm": 1e-6, "deg": 1e-7, "s": 1e-7, "%": 1e-4}
+"""What is smaller in this unit is 0 to any machine tool."""
+NOTHING = 1e-12
+"""What is smaller in other units is rounding of the computer."""
+FEW_DOF = 20.0
+
+
+def plain_number(value: float, unit: str = "") -> str:
+    """Three significant digits at most, without an exponent where it can be avoided; 0 below the unit's resolution."""
+    value = float(value)
+    if abs(value) < RESOLUTION.get(unit.replace("µ", "u"), NOTHING):
+        return "0"
+    if 1e-3 <= abs(value) < 1e5:
+        text = f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+    else:
+        text = f"{value:.2e}"
+    return text.replace("-", "−")
+
+
+def rounded(value: float, std: float, unit: str = "") -> str:
+    """A value to the digits that its uncertainty leaves: two of the 1σ; a plain number where `std` is 0."""
+    if not std > RESOLUTION.get(unit.replace("µ", "u"), NOTHING):
+        return plain_number(value, unit)
+    digits = 1 - math.floor(math.log10(std))
+    if digits < -6:
+        return f"{value:.4g}".replace("-", "−")
+    text = f"{round(value, digits):.{max(digits, 0)}f}"
+    return (text.lstrip("-") if float(text) == 0.0 else text).replace("-", "−")
+
+
+def with_std(value: float, std: float, unit: str = "") -> str:
+    """Value ± 1σ with its unit, as `8.90 ± 0.06 µm`; without the 1σ where there is none."""
+    spread = f" ± {rounded(std, std, unit)}" if std > 0.0 else ""
+    words = unit_words(unit)
+    return f"{rounded(value, std, unit)}{spread}{f' {words}' if words not in ('', '1') else ''}"
+
+
+def unit_words(unit: str) -> str:
+    """A unit of the files as one writes it: `um` µm, `urad/deg` µrad/°, `um/(m/s^2)` µm/(m/s²)."""
+    unit = re.sub(r"\bum\b", "µm", unit)
+    unit = re.sub(r"\burad\b", "µrad", unit)
+    return re.sub(r"\bdeg\b", "°", unit).replace("^2", "²").replace("*", "·")
+
+
+def power_of_ten(p: float) -> str:
+    """A probability; small ones as a power of ten."""
+    if p >= 1e-3:
+        return f"{p:.2g}"
+    exponent = math.log10(max(p, 1e-300))
+    digits = str(abs(math.floor(exponent))).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"below 10⁻{digits}" if exponent <= -299.0 else f"about 10⁻{digits}"
+
+
+def expected_ratio(dof: float) -> str:
+    """What noise alone makes of χ²/dof: 1 ± 2 √(2/dof), two standard deviations of χ² over its mean."""
+    if not dof >= 1.0:
+        return "no degree of freedom is left to judge it"
+    said = f"noise alone gives 1 ± {2.0 * math.sqrt(2.0 / dof):.2g}"
+    return said + (f"; with {dof:.0f} degrees of freedom it says little" if dof < FEW_DOF else "")

@@ -1,0 +1,29 @@
+"""An identification in words: what `symfive identify` prints."""
+
+from __future__ import annotations
+
+from symfive.identify import Identification
+from symfive.numbers import expected_ratio, plain_number, rounded, unit_words
+from symfive.report._words import confounded_machine, verdict
+
+__all__ = ["identification_text"]
+
+
+def identification_text(identification: Identification) -> str:
+    """The verdict, value ± 1σ of the machine's parameters, fit, and what the readings cannot tell apart."""
+    rows = [("parameter", "value", "1σ", "unit", "prior 1σ")]
+    rows += [
+        (name, rounded(value, std, unit), rounded(std, std, unit), unit_words(unit), plain_number(prior, unit))
+        for name, value, std, unit, prior in identification.table()
+    ]
+    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        f"{n:<{wide[0]}}  {v:>{wide[1]}}  {s:>{wide[2]}}  {u:<{wide[3]}}  {p:>{wide[4]}}".rstrip()
+        for n, v, s, u, p in rows
+    ]
+    unit = identification.unit
+    lines.append(
+        f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} to the declared "
+        f"noise ({expected_ratio(identification.dof)}), rank {identification.rank}"
+    )
+    return "\n".join([verdict(identification), "", *lines, *confounded_machine(identification)])

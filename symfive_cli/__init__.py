@@ -1,0 +1,61 @@
+"""The command line: every verb of the Python API, with clear errors and exit codes (conventions, section 6).
+
+It stands beside the package so that `--version`, `--help` and completion need not load the package: each verb imports
+what it uses when it runs.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import typer
+
+from symfive_cli import _evaluate, _files, _measure  # noqa: F401  (in the order of the help)
+from symfive_cli._common import app
+
+__all__ = ["app", "main"]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit code (0 done, 1 problems found, 2 bad input, 130 interrupted)."""
+    code = _guarded(lambda: app(arguments, prog_name="symfive", standalone_mode=True))
+    if arguments is None:
+        sys.exit(code)
+    return code
+
+
+def _guarded(run: Callable[[], Any]) -> int:
+    try:
+        run()
+    except SystemExit as end:
+        return int(end.code or 0) if not isinstance(end.code, str) else 2
+    except KeyboardInterrupt:
+        typer.echo("symfive: interrupted; nothing was written.", err=True)
+        return 130
+    except Exception as error:
+        said = _sentence(error)
+        if said is None:
+            raise
+        typer.echo(f"symfive: {said}", err=True)
+        return 2
+    return 0
+
+
+def _sentence(error: Exception) -> str | None:
+    """What a user can do about an error; None where it is a fault of the program."""
+    from numpy.linalg import LinAlgError
+
+    from symfive.errors import InputError
+
+    if isinstance(error, InputError):
+        return str(error)
+    if isinstance(error, LinAlgError):
+        return f"the equations cannot be solved ({error}); check priors and noise in the files."
+    if isinstance(error, MemoryError):
+        return "the recording does not fit into memory; split the campaign."
+    if isinstance(error, OSError):
+        place = f"{error.filename}: " if error.filename else ""
+        return f"{place}{error.strerror or error}; check the disk and your rights."
+    return None

@@ -1,0 +1,5 @@
+"""`python -m symfive_cli`."""
+
+from symfive_cli import main
+
+main()

@@ -1,0 +1,95 @@
+"""What all verbs share: the program, arguments and options of the same meaning, notes and progress."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign
+    from symfive.machine import Machine
+
+__all__ = ["CampaignPath", "Json", "OutputPath", "Progress", "Quiet", "app", "joined", "machine_of", "read", "tell"]
+
+app = typer.Typer(
+    name="symfive",
+    help="One symbolic model of five-axis machine tools: plan, measure, identify, diagnose, predict, generate code.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: loading rich takes as long as all the rest
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+CampaignPath = Annotated[Path, typer.Argument(help="A campaign's folder, or its campaign.toml.", show_default=False)]
+OutputPath = Annotated[Path, typer.Option("-o", "--output", help="The folder for the results.", show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors and the result.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"symfive {version('symfive')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+class Progress:
+    """Plain lines on standard error, from two seconds on."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._begin = time.monotonic()
+
+    def __call__(self, message: str) -> None:
+        elapsed = time.monotonic() - self._begin
+        if not self._quiet and elapsed > 2.0:
+            typer.echo(f"{elapsed:5.1f} s  {message}", err=True)
+
+
+def machine_of(name: str) -> Machine:
+    """A machine file, or a preset by its name."""
+    from symfive.machine import preset, presets, read_machine
+
+    return read_machine(name) if Path(name).suffix == ".toml" or name not in presets() else preset(name)
+
+
+def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
+    """A campaign, its notes told; `measured`: raises `InputError` where a run has no readings."""
+    from symfive.campaign import read_campaign
+    from symfive.errors import InputError
+
+    campaign = read_campaign(path)
+    if not quiet:
+        for note in campaign.notes:
+            typer.echo(f"note: {note}", err=True)
+    if measured and not campaign.measured:
+        empty = next(run.id for run in campaign.runs if not run.measured)
+        raise InputError(f"run {empty} has no readings", path=path, remedy="measure or simulate the plan first")
+    return campaign
+
+
+def joined(path: Path, also: list[Path] | None, quiet: bool) -> Campaign:
+    """A measured campaign, joined with further ones of the same machine."""
+    data = read(path, quiet, measured=True)
+    for number, more in enumerate(also or [], start=2):
+        data = data.joined(read(more, quiet, measured=True), prefix=f"c{number}-")
+    return data
+
+
+def tell(data: dict[str, Any], text: str, as_json: bool) -> None:
+    """The result on standard output."""
+    typer.echo(json.dumps(data, indent=1) if as_json else text)

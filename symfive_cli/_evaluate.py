@@ -1,0 +1,120 @@
+"""From readings to answers: identify, predict, diagnose, and many machines at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from symfive_cli._common import CampaignPath, Json, OutputPath, Progress, Quiet, app, joined, read, tell
+
+__all__ = ["diagnose", "fleet", "identify", "predict"]
+
+
+@app.command(epilog="Example: symfive identify measured/ -o results/")
+def identify(
+    campaign: CampaignPath,
+    output: OutputPath,
+    also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
+    noise: Annotated[str, typer.Option(help="estimate, or declared (believe the data sheet).")] = "estimate",
+    loss: Annotated[str, typer.Option(help="square, or huber (by IPOPT).")] = "square",
+    figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Identify the machine's errors: identification.json, model.json, identification.html and figures."""
+    from symfive.files import output_folder
+    from symfive.identify import identify as identify_campaign
+    from symfive.report import identification_text
+    from symfive.results import write_identification
+
+    progress = Progress(quiet)
+    data = joined(campaign, also, quiet)
+    result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
+    with output_folder(output) as folder:
+        write_identification(result, folder, figures=figures, progress=progress)
+    if not quiet:
+        for note in result.notes:
+            typer.echo(f"note: {note}", err=True)
+    tell(result.to_data(), identification_text(result), as_json)
+
+
+@app.command(epilog="Example: symfive predict results/model.json heldout/ -o predicted/")
+def predict(
+    model: Annotated[Path, typer.Argument(help="A fitted model.json (or its folder).", show_default=False)],
+    campaign: CampaignPath,
+    output: OutputPath,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Predict the readings of a plan or campaign; a run's own set-up is fitted where it has readings."""
+    from symfive.campaign import write_campaign_files
+    from symfive.files import output_folder, write_json
+    from symfive.identify import predict as predict_campaign
+    from symfive.model import read_model
+    from symfive.numbers import plain_number
+
+    result = predict_campaign(read_model(model), read(campaign, quiet))
+    with output_folder(output) as folder:
+        write_campaign_files(result.campaign, folder)
+        setup = {run: dict(values) for run, values in result.setup.items()}
+        summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "setup": setup}
+        write_json(folder / "prediction.json", summary)
+    lines = [
+        f"{run}: rms of measured minus predicted {plain_number(rms)} (its readings' unit)"
+        for run, rms in result.rms.items()
+    ]
+    tell(summary, "\n".join(lines) or "no run has readings: nothing to compare with", as_json)
+
+
+@app.command(epilog="Example: symfive diagnose measured/ -o diagnosis/")
+def diagnose(
+    campaign: CampaignPath,
+    output: OutputPath,
+    also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
+    false_alarms: Annotated[
+        float, typer.Option(min=1e-6, max=0.5, help="False-alarm rate over the whole catalogue.")
+    ] = 0.01,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Where the model is wrong: locate the mismatch, name the physics left out, model it and show the fit improve."""
+    from symfive.diagnose import diagnose as diagnose_campaign
+    from symfive.files import output_folder
+    from symfive.report import diagnosis_text
+    from symfive.results import write_diagnosis
+
+    progress = Progress(quiet)
+    data = joined(campaign, also, quiet)
+    result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
+    with output_folder(output) as folder:
+        write_diagnosis(result, folder, progress=progress)
+    tell(result.to_data(), diagnosis_text(result), as_json)
+
+
+@app.command(epilog="Example: symfive fleet machines/ -o results/ --workers 4")
+def fleet(
+    campaigns: Annotated[
+        list[Path], typer.Argument(help="Campaigns' folders, or folders that hold some.", show_default=False)
+    ],
+    output: OutputPath,
+    diagnose: Annotated[bool, typer.Option("--diagnose", help="Diagnose instead of identify.")] = False,
+    workers: Annotated[int, typer.Option(help="Processes of this computer; 0: none but this one.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
+    figures: Annotated[bool, typer.Option(help="Draw the figures (a diagnosis always does).")] = True,
+    redo: Annotated[bool, typer.Option("--redo", help="Begin anew what is complete already.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Identify or diagnose many campaigns: a folder of results each, and one table of all (CSV and text)."""
+    from symfive.executors import executor
+    from symfive.fleet import fleet as fleet_of
+
+    with executor(workers, scheduler) as pool:
+        table = fleet_of(
+            campaigns, output, diagnose=diagnose, figures=figures, redo=redo, pool=pool, progress=Progress(quiet)
+        )
+    tell(table.to_data(), str(table), as_json)
+    if any(row.failed for row in table.rows):
+        raise typer.Exit(2)

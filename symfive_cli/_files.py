@@ -1,0 +1,164 @@
+"""Files in and out: code for controllers, recordings of instruments and of others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from symfive_cli._common import OutputPath, Quiet, app, machine_of
+
+if TYPE_CHECKING:
+    from symfive.errors import InputError
+
+__all__ = ["codegen", "convert", "import_mtconnect", "import_polar"]
+
+
+@app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
+def codegen(
+    model: Annotated[
+        str, typer.Argument(help="A fitted model.json, a machine file, or the name of a preset.", show_default=False)
+    ],
+    output: OutputPath,
+    target: Annotated[
+        str, typer.Option(help="c, linuxcnc, setp, isg, or a sheet: siemens, fanuc, heidenhain, haas.")
+    ] = "c",
+    prefix: Annotated[str, typer.Option(help="What every C name and file begins with.")] = "sf",
+    quiet: Quiet = False,
+) -> None:
+    """Code for controllers: C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
+    from symfive.codegen import codegen as generate
+
+    written = generate(model, output, target=target, prefix=prefix)
+    if not quiet:
+        typer.echo("\n".join(str(path) for path in written))
+
+
+@app.command(
+    name="import-polar",
+    epilog="Example: symfive import-polar three-axis ccw.csv cw.csv -o measured/ --radius 100 --feed 1000",
+)
+def import_polar(
+    machine: Annotated[str, typer.Argument(help="A machine file, or the name of a preset.", show_default=False)],
+    files: Annotated[list[Path], typer.Argument(help="Angle and deviation, one file per sense.", show_default=False)],
+    output: OutputPath,
+    radius: Annotated[float | None, typer.Option(help="Radius of the circle: the bar's length, mm.")] = None,
+    feed: Annotated[float | None, typer.Option(help="Feed along the circle, mm/min.")] = None,
+    columns: Annotated[str, typer.Option(help="The file's columns in order, - for what is not needed.")] = (
+        "angle,deviation"
+    ),
+    direction: Annotated[
+        list[str] | None, typer.Option(help="ccw or cw, one per file, where the angles do not run as the circle did.")
+    ] = None,
+    centre: Annotated[str, typer.Option(help="The table ball in the workpiece frame, mm.")] = "0,0,0",
+    plane: Annotated[str, typer.Option(help="XY, YZ or ZX.")] = "XY",
+    unit: Annotated[str, typer.Option(help="Unit of the deviation: um or mm.")] = "um",
+    noise_um: Annotated[float, typer.Option(help="1σ of one reading, from the instrument's data sheet.")] = 0.3,
+    quiet: Quiet = False,
+) -> None:
+    """A campaign from what a ball bar's software exports: deviation over angle, the positions reconstructed."""
+    import numpy as np
+
+    from symfive.campaign import write_campaign_files
+    from symfive.errors import InputError
+    from symfive.files import output_folder
+    from symfive.importers import polar_run, read_polar
+    from symfive.procedures import campaign_of
+
+    data = machine_of(machine)
+    place = _place(centre)
+    names = [name.strip() for name in columns.split(",")]
+    senses: list[str | None] = list(direction) if direction else [None] * len(files)
+    if len(senses) != len(files):
+        problem = f"{len(files)} files have {len(senses)} directions"
+        raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
+    runs = []
+    for path, sense in zip(files, senses, strict=True):
+        angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense)
+        if radius is None or feed is None:
+            raise _not_in_the_file(path, radius, feed)
+        if unit == "um" and float(np.abs(deviation).max()) < noise_um:
+            typer.echo(
+                f"note: {path.name}: no deviation reaches {noise_um:g} µm; if they are mm, give --unit mm", err=True
+            )
+        try:
+            runs.append(
+                polar_run(
+                    data, angle, deviation, centre=place, radius=radius, feed=feed, id=path.stem, plane=plane,
+                    noise_um=noise_um,
+                )
+            )  # fmt: skip
+        except InputError as error:
+            raise error.at(path) from None
+    campaign = campaign_of(data, runs, output.name)
+    with output_folder(output) as folder:
+        write_campaign_files(campaign, folder)
+    if not quiet:
+        typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
+
+
+def _place(centre: str) -> list[float]:
+    from symfive.errors import InputError
+
+    try:
+        place = [float(word) for word in centre.split(",")]
+        if len(place) != 3:
+            raise ValueError
+    except ValueError:
+        raise InputError(f'--centre "{centre}" is no place', remedy="write --centre 0,0,50") from None
+    return place
+
+
+def _not_in_the_file(path: Path, radius: float | None, feed: float | None) -> InputError:
+    """What angle and deviation do not tell, and the options that do."""
+    from symfive.errors import InputError
+
+    missing = {"radius": (radius, "--radius 100 (mm)"), "feed": (feed, "--feed 1000 (mm/min)")}
+    lacking = {name: option for name, (value, option) in missing.items() if value is None}
+    problem = f"angle and deviation are there, {' and '.join(lacking)} not"
+    turn = "the angles give the direction, rising is ccw; where they do not, add --direction cw"
+    return InputError(problem, path=path, remedy=f"add {' and '.join(lacking.values())} ({turn})")
+
+
+@app.command(name="import-mtconnect", epilog="Example: symfive import-mtconnect probe.xml -o machine.toml")
+def import_mtconnect(
+    probe: Annotated[Path, typer.Argument(help="What the agent answers to …/probe, as a file.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The machine file.", show_default=False)],
+    device: Annotated[str, typer.Option(help="Name, uuid or id of the device, where there are several.")] = "",
+    code: Annotated[
+        str, typer.Option(help="The structural code, as \"w C' B' X' Y' b Z t\", where the document tells none.")
+    ] = "",
+    quiet: Quiet = False,
+) -> None:
+    """A machine file's skeleton from an MTConnect probe; what the document does not tell is asked for in comments."""
+    from symfive.importers import read_mtconnect
+    from symfive.importers.mtconnect import TO_DO
+    from symfive.machine import write_machine
+
+    machine = read_mtconnect(probe, device=device, code=code)
+    write_machine(machine, output)
+    if not quiet:
+        for comment in machine.comments:
+            if comment.startswith(TO_DO):
+                typer.echo(f"note: {comment}", err=True)
+        typer.echo(f"{machine.structure.code} in {output}", err=True)
+
+
+@app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")
+def convert(
+    name: Annotated[str, typer.Argument(help="A real recording: emps, ess-xyz, irb120-tracker, …", show_default=False)],
+    output: OutputPath,
+    data: Annotated[Path | None, typer.Option(help="Where the recordings lie (default: $SYMFIVE_DATA).")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Turn a public real recording into a campaign (docs/recordings.md says which, and under which licence)."""
+    from symfive.campaign import write_campaign_files
+    from symfive.convert import convert as convert_recording
+    from symfive.files import output_folder
+
+    campaign = convert_recording(name, data)
+    with output_folder(output) as folder:
+        write_campaign_files(campaign, folder)
+    if not quiet:
+        typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
