@@ -184,7 +184,8 @@ def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_pa
     machine = plant.static_table()
     step = {"effect": "compensation_table_step", "axis": "Y", "at": -11.0, "ramp": 2.0, "step": 9.0}
     found = diagnose(_measured(tmp_path / "c", machine, _grids(machine), [step]))
-    assert _names(found) == [("error_motion", "Y")]
+    assert _names(found)[0] == ("error_motion", "Y")
+    assert all(finding.share < 0.01 for finding in found.findings[1:])  # chance: one survey in a hundred
     place = found.findings[0].parameters["at"]
     assert abs(place.value + 10.0) < 2.0 * place.std
     assert found.findings[0].parameters["height"].value == pytest.approx(9.0, rel=0.05)

@@ -163,7 +163,7 @@ def _rivals(
         who = (trial.effect.vocabulary, axis_of(trial.effect))
         same = who == (effect.vocabulary, axis_of(effect))
         alike = trial.misfit - own.misfit < SAME and freedom(trial.effect) <= freedom(effect)
-        if (same and gap < ALIAS_EVIDENCE) or (alike and trial.effect.id != "unknown"):
+        if trial.effect.id != "unknown" and (alike or (same and gap < ALIAS_EVIDENCE)):
             alias.append(trial.effect.key)
         if not same and (who not in behind or gap < behind[who][0]):
             behind[who] = (gap, trial.effect)

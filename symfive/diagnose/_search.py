@@ -13,7 +13,7 @@ from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._evidence import evidence_of, evidence_with_noise
 from symfive.diagnose._locate import Location, Survey, locate, survey
-from symfive.diagnose._places import axis_of, coordinate_of
+from symfive.diagnose._places import axis_of, coordinate_of, direction_of
 from symfive.diagnose._refit import (
     DECISIVE,
     Forms,
@@ -32,6 +32,7 @@ from symfive.diagnose._refit import (
 from symfive.diagnose._scores import Score
 from symfive.diagnose._variants import narrower, plain
 from symfive.effects import Effect
+from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
 from symfive.model import Model
 from symfive.threads import one_thread
@@ -52,6 +53,8 @@ SLOW_NOISE = 0.2
 """The share of instruments whose own noise is that slow and larger than half of what is declared."""
 OPEN, OPEN_SHARE = 10.0, 0.2
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
+SIDEWAYS = 0.3
+"""What moves less than this share of an effect along an axis of the machine does not move along it."""
 MATERIAL = 0.15
 """An effect counts only if its readings about their mean have at least this rms in units of the declared noise: less
 changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
@@ -161,13 +164,32 @@ def _forward(state: _State, seen: Survey | None) -> None:
             continue
         trial, log_p = best
         after = shaped(state.after, trial)
-        if not _nearer(after, state.after):
+        if not _nearer(after, state.after) or _is_shape_of_another(after, state.members):
             state.dropped.add(trial.effect.key)
             continue
         state.joined(after, log_p, trial.looks)
         seen = None
         state.progress(f"found {trial.effect.key}")
         _prune(state, state.members[:-1])
+
+
+def _is_shape_of_another(after: Identification, members: Sequence[Member]) -> bool:
+    """Whether the newest effect is a term without a name that only changes the shape of a named one: it moves what that moves,
+    over the same coordinate. Then the rest of the named one's family takes its place."""
+    last = newest(after)
+    if not isinstance(last, Unknown):
+        return False
+    values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
+    for member in members:
+        effect = member.effect
+        turns = str(getattr(effect, "component", ""))[1:2] in tuple("ABC")
+        if effect.id == "unknown" or turns or coordinate_of(effect) != coordinate_of(last):
+            continue
+        along = direction_of(after.model.machine, effect, values) or (0.0, 0.0, 0.0)
+        moved = {c for c, share in zip("xyz", along, strict=True) if abs(share) > SIDEWAYS}
+        if last.place != "structure" or set(last.directions) <= moved:
+            return True
+    return False
 
 
 def _nearer(after: Identification, before: Identification) -> bool:

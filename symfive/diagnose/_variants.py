@@ -22,6 +22,7 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
     "sensor_error": ({"shape": "gain"},),
+    "table_step": ({"shape": "late"}, {"shape": "early"}),
     "unknown": ({"order": 16}, {"order": 32}),
     "gravity_sag": (
         {"parts": ("sin",)}, {"parts": ("one_minus_cos",)}, {"parts": ("sin", "sin_cubed")},

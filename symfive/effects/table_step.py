@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import casadi as ca
+import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
     from symfive.model._row import Row
 
-SHAPES = ("step", "dent")
+SHAPES = ("step", "dent", "late", "early")
+NEAREST = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +28,9 @@ class TableStep(Effect):
     """`shape` `step`: q → q + height·clip((q - at)/ramp, 0, 1); `dent`: q → q + height·max(0, 1 - |q -
     at|/ramp).
 
-    `at` and `ramp` (the distance between two nodes) in mm or degree; they are found by a scan. Typical 1–20
-    µm.
+    `at` and `ramp` (the distance between two nodes) in mm or degree; they are found by a scan. Where positions are as far
+    apart as in a grid, one of them may lie on the step itself: `late` goes on with a second height to the next position
+    beyond, `early` begins at the one before. Typical 1–20 µm.
     """
 
     id = "table_step"
@@ -39,32 +42,58 @@ class TableStep(Effect):
     at: float
     ramp: float = 0.1
     shape: str = "step"
+    beyond: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("shape", SHAPES)
         if not (math.isfinite(self.at) and self.ramp > 0.0):
             raise InputError(f"effect {self.id} needs a place and a ramp above 0", remedy="write at = …, ramp = 0.1")
-        return super().prepare(campaign)
+        effect = super().prepare(campaign)
+        return replace(effect, beyond=effect._next_gap(campaign)) if self.shape in ("late", "early") else effect
+
+    def _next_gap(self, campaign: Campaign) -> float:
+        """From the ramp to the next position on the side where the step goes on. Raises `InputError` where there is none."""
+        used = np.unique(np.concatenate([run.commands[str(self.axis)] for run in campaign.runs]))
+        end = self.at + self.ramp if self.shape == "late" else self.at
+        ahead = used - end if self.shape == "late" else end - used
+        ahead = ahead[ahead > NEAREST * self.ramp]
+        if not ahead.size:
+            raise InputError(f"effect {self.id}: nothing was read beyond the step", remedy='write shape = "step"')
+        return float(ahead.min())
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        rotary = self.its_axis(campaign).rotary
-        return (self.own("height", "urad" if rotary else "um", 30.0 if rotary else 5.0),)
+        unit, sigma = ("urad", 30.0) if self.its_axis(campaign).rotary else ("um", 5.0)
+        names = ("height", "rest") if self.beyond else ("height",)
+        return tuple(self.own(name, unit, sigma) for name in names)
+
+    def _ramps(self) -> list[tuple[str, float, float]]:
+        """Name of the height, beginning and length of each ramp, mm or degree."""
+        first = [("height", self.at, self.ramp)]
+        if not self.beyond:
+            return first
+        return [*first, ("rest", self.at + self.ramp if self.shape == "late" else self.at - self.beyond, self.beyond)]
 
     def apply(self, row: Row) -> None:
         unit = row.machine.axes[str(self.axis)].to_internal
-        place = (row.signal(Position(str(self.axis))) - self.at * unit) / (self.ramp * unit)
-        form = ca.fmin(ca.fmax(place, 0.0), 1.0) if self.shape == "step" else ca.fmax(1.0 - ca.fabs(place), 0.0)
-        row.axis[str(self.axis)] += self.parameter(row, "height") * form
+        for name, begin, length in self._ramps():
+            place = (row.signal(Position(str(self.axis))) - begin * unit) / (length * unit)
+            form = ca.fmax(1.0 - ca.fabs(place), 0.0) if self.shape == "dent" else ca.fmin(ca.fmax(place, 0.0), 1.0)
+            row.axis[str(self.axis)] += self.parameter(row, name) * form
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`component` is the error motion along or about the axis itself, `at` the middle of the ramp."""
+        """`component` is the error motion along or about the axis itself, `at` its middle, `height` the whole step."""
         axis = self.its_axis(campaign)
         main = max(range(3), key=lambda i: abs(axis.direction[i]))
         component = f"E{('ABC' if axis.rotary else 'XYZ')[main]}{axis.name}"
-        middle = self.at + (0.5 * self.ramp if self.shape == "step" else 0.0)
-        place = Quantity(middle, self.ramp / math.sqrt(12.0), axis.unit)
+        ramps = self._ramps()
+        heights = np.array([values[f"{self.key}.{name}"] for name, *_ in ramps])
+        weights = np.abs(heights) / max(float(np.abs(heights).sum()), 1e-300)
+        centres = [begin + (0.0 if self.shape == "dent" else 0.5 * length) for _, begin, length in ramps]
+        spread = math.sqrt(sum(w * length**2 / 12.0 for w, (_, _, length) in zip(weights, ramps, strict=True)))
+        names = [f"{self.key}.{name}" for name, *_ in ramps]
+        (total,), (std,) = propagate(lambda x: [float(x.sum())], names, values, covariance)
         return {
             "component": Quantity(component),
-            "at": place,
-            **super().describe(campaign, values, covariance),
+            "at": Quantity(float(weights @ centres), spread, axis.unit),
+            "height": Quantity(float(total), float(std), self.parameters(campaign)[0].unit),
         }
