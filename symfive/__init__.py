@@ -10,25 +10,16 @@
 Data flow one way: machine and campaign (plain data) → model (CasADi) → identify, plan, diagnose → report.
 """
 
-from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign
-from symfive.check import check
-from symfive.codegen import codegen
-from symfive.convert import convert
-from symfive.design import assess, plan
-from symfive.diagnose import diagnose
-from symfive.effects import make_effect
-from symfive.errors import InputError
-from symfive.identify import (
-    fitted_model,
-    identify,
-    identify_by_position,
-    identify_sequentially,
-    predict,
-    redundancies,
-)
-from symfive.machine import Machine, preset, presets, read_machine, write_machine
-from symfive.model import Model, read_model, write_model
-from symfive.simulate import simulate
+# ruff: noqa: F403, F405  (the names are properties of the package)
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from symfive._api import *
 
 __version__ = "0.1.0"
 
@@ -38,3 +29,29 @@ __all__ = [
     "preset", "presets", "read_campaign", "read_machine", "read_model", "redundancies", "simulate", "write_campaign",
     "write_machine", "write_model",
 ]  # fmt: skip
+
+
+class _Package(ModuleType):
+    """This package, its names loaded on first use: the command line says its version at once.
+
+    A property, unlike a module's `__getattr__` (PEP 562), also wins over the package of the same name: `symfive.identify` is
+    the function, whichever was imported first.
+    """
+
+    def __dir__(self) -> list[str]:
+        return sorted({*__all__, "__doc__", "__version__"})
+
+
+def _loaded(name: str) -> property:
+    def value(package: ModuleType) -> Any:
+        return getattr(import_module("symfive._api"), name)
+
+    def keep(package: ModuleType, module: Any) -> None:
+        """The import system sets a package's name in its parent; the function stays."""
+
+    return property(value, keep)
+
+
+for _name in __all__:
+    setattr(_Package, _name, _loaded(_name))
+sys.modules[__name__].__class__ = _Package

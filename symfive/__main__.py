@@ -1,5 +1,5 @@
 """`python -m symfive`."""
 
-from symfive_cli import main
+from symfive.cli import main
 
 main()

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import typer
 
-import symfive_cli as cli
+import symfive.cli as cli
 from symfive import __version__
 from symfive.campaign import read_campaign, write_campaign
 from symfive.machine import preset, write_machine
@@ -114,20 +114,32 @@ def test_as_a_program():
     assert "there is no such file" in done.stderr
 
 
-def test_version_help_and_completion_do_not_load_the_package():
+def test_version_help_and_completion_load_no_numerics():
     """They stay below 0.3 s only as long as nothing heavy is imported; seconds depend on the computer, imports do not."""
     code = (
-        "import sys; from symfive_cli import main; main([{word!r}]); "
-        "heavy = {{'symfive', 'numpy', 'casadi', 'scipy', 'matplotlib', 'rich'}} & set(sys.modules); "
+        "import sys; from symfive.cli import main; main([{word!r}]); "
+        "heavy = {{'symfive._api', 'numpy', 'casadi', 'scipy', 'matplotlib', 'rich'}} & set(sys.modules); "
         "sys.exit(str(heavy) if heavy else 0)"
     )
     for word in ("--version", "--help"):
         done = subprocess.run([sys.executable, "-c", code.format(word=word)], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
     environment = {**os.environ, "_SYMFIVE_COMPLETE": "complete_bash", "COMP_WORDS": "symfive di", "COMP_CWORD": "1"}
-    words = [sys.executable, "-X", "importtime", "-m", "symfive_cli"]
+    words = [sys.executable, "-X", "importtime", "-m", "symfive.cli"]
     done = subprocess.run(words, env=environment, capture_output=True, text=True)
     assert done.stdout.split() == ["diagnose"] and "casadi" not in done.stderr and "numpy" not in done.stderr
+
+
+def test_a_function_wins_over_the_package_of_its_name_whichever_comes_first():
+    code = (
+        "import sys, symfive; assert not {'casadi', 'symfive._api'} & set(sys.modules); "
+        "import symfive.identify, symfive.check; from symfive import diagnose; "
+        "assert all(callable(f) for f in (symfive.identify, symfive.check, diagnose)); "
+        "assert set(symfive.__all__) <= set(dir(symfive)); import symfive._api as api; "
+        "assert symfive.__all__ == api.__all__ and symfive.identify is api.identify"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 # --- the verbs ----------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from symfive_cli._common import CampaignPath, Json, OutputPath, Progress, Quiet, app, joined, read, tell
+from symfive.cli._common import CampaignPath, Json, OutputPath, Progress, Quiet, app, joined, read, tell
 
 __all__ = ["diagnose", "fleet", "identify", "predict"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from symfive_cli._common import CampaignPath, Json, OutputPath, Progress, Quiet, app, machine_of, read, tell
+from symfive.cli._common import CampaignPath, Json, OutputPath, Progress, Quiet, app, machine_of, read, tell
 
 if TYPE_CHECKING:
     from symfive.effects import Effect

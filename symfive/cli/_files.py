@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from symfive_cli._common import OutputPath, Quiet, app, machine_of
+from symfive.cli._common import OutputPath, Quiet, app, machine_of
 
 if TYPE_CHECKING:
     from symfive.errors import InputError

@@ -1,7 +1,6 @@
 """The command line: every verb of the Python API, with clear errors and exit codes (conventions, section 6).
 
-It stands beside the package so that `--version`, `--help` and completion need not load the package: each verb imports
-what it uses when it runs.
+`--version`, `--help` and completion load no numerics: each verb imports what it uses when it runs.
 """
 
 from __future__ import annotations
@@ -12,8 +11,8 @@ from typing import Any
 
 import typer
 
-from symfive_cli import _evaluate, _files, _measure  # noqa: F401  (in the order of the help)
-from symfive_cli._common import app
+from symfive.cli import _evaluate, _files, _measure  # noqa: F401  (in the order of the help)
+from symfive.cli._common import app
 
 __all__ = ["app", "main"]
 

@@ -1,0 +1,5 @@
+"""`python -m symfive.cli`."""
+
+from symfive.cli import main
+
+main()

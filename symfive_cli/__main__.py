@@ -1,5 +1,0 @@
-"""`python -m symfive_cli`."""
-
-from symfive_cli import main
-
-main()
