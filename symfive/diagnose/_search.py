@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection
-from symfive.diagnose._evidence import evidence_of, evidence_with_noise
+from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of
 from symfive.diagnose._refit import (
-    DECISIVE,
     Forms,
     Trial,
     amplitudes,
@@ -24,17 +23,15 @@ from symfive.diagnose._refit import (
     newest,
     refitted,
     shaped,
-    start_of,
     tried,
-    widened,
     with_families,
 )
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import narrower, plain
+from symfive.diagnose._slow import changes_slowly, physics_or_noise, without_slow_noise
+from symfive.diagnose._variants import plain
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
-from symfive.model import Model
 from symfive.threads import one_thread
 
 __all__ = ["Member", "Naming", "name_effects"]
@@ -45,12 +42,6 @@ MAX_EFFECTS, MAX_NAMELESS, MAX_ADDED = 5, 2, 10
 TRIALS, MOST_TRIALS = 4, 8
 """Names tried at least; and at most, where their scores are nearly equal."""
 PASSES = 2
-SLOW = 0.1
-"""Noise whose correlation lasts longer than this part of a run may be something that drifts."""
-SLOWLY = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "unknown")
-"""What changes while nothing moves."""
-SLOW_NOISE = 0.2
-"""The share of instruments whose own noise is that slow and larger than half of what is declared."""
 OPEN, OPEN_SHARE = 10.0, 0.2
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
 SIDEWAYS = 0.3
@@ -176,20 +167,23 @@ def _forward(state: _State, seen: Survey | None) -> None:
 def _is_shape_of_another(after: Identification, members: Sequence[Member]) -> bool:
     """Whether the newest effect is a term without a name that only changes the shape of a named one: it moves what that moves,
     over the same coordinate. Then the rest of the named one's family takes its place."""
-    last = newest(after)
+    last, machine = newest(after), after.model.machine
     if not isinstance(last, Unknown):
         return False
     values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
-    for member in members:
-        effect = member.effect
-        turns = str(getattr(effect, "component", ""))[1:2] in tuple("ABC")
-        if effect.id == "unknown" or turns or coordinate_of(effect) != coordinate_of(last):
-            continue
-        along = direction_of(after.model.machine, effect, values) or (0.0, 0.0, 0.0)
-        moved = {c for c, share in zip("xyz", along, strict=True) if abs(share) > SIDEWAYS}
-        if last.place != "structure" or set(last.directions) <= moved:
-            return True
-    return False
+
+    def moved(effect: Effect) -> set[str]:
+        if isinstance(effect, Unknown) and effect.place == "structure":
+            return set(effect.directions)
+        along = direction_of(machine, effect, values) or (0.0, 0.0, 0.0)
+        return {c for c, share in zip("xyz", along, strict=True) if abs(share) > SIDEWAYS}
+
+    named = [
+        m.effect for m in members
+        if m.effect.id != "unknown" and coordinate_of(m.effect) == coordinate_of(last)
+        and str(getattr(m.effect, "component", ""))[1:2] not in tuple("ABC")
+    ]  # fmt: skip
+    return any(last.place == "reading" or moved(last) <= moved(effect) for effect in named)
 
 
 def _nearer(after: Identification, before: Identification) -> bool:
@@ -206,42 +200,13 @@ def _nearer(after: Identification, before: Identification) -> bool:
 
 
 def _slow(state: _State) -> tuple[Identification, float] | None:
-    """An effect over time that was taken for noise: where the noise is larger than declared and changes as slowly as the runs
-    last, the best of these effects with the noise found anew, if its odds against slow noise are high enough; with their log.
-
-    No score under that noise would find it: the noise's own parameters have swallowed it. By Markov's inequality slow
-    noise gives odds above K at a rate below 1/K, and few instruments have any.
-    """
-    campaign = state.campaign
-    lasting = {run.id: float(run.time[-1] - run.time[0]) for run in campaign.runs}
-    noises = state.after.noises
-    if not any(
-        n.coloured > 0.5 * n.declared and n.time_constant > SLOW * lasting[run] for (run, _), n in noises.items()
-    ):
+    """An effect over time that was taken for noise, with its log p."""
+    white = without_slow_noise(state.after)
+    if white is None:
         return None
-    white = replace(state.after, noises={k: replace(n, coloured=0.0) for k, n in noises.items()})
-    scores = [
-        s
-        for s in survey(white, state.exclude).scores
-        if s.effect.id in SLOWLY and coordinate_of(s.effect) in ("time", "t") and state.open(s)
-    ]
-    trials = []
+    scores = [s for s in survey(white, state.exclude).scores if changes_slowly(s.effect) and state.open(s)]
     candidates = [s for s in scores if s.effect.id == "unknown" or s in _best_of(scores)]
-    names = max(1, sum(s.effect.id != "unknown" for s in candidates))
-    for score in candidates:
-        state.progress(f"slow noise or {score.effect.key}")
-        shapes = [score.effect, *(e for e in narrower(score.effect) if len(e.directions) == 1)]
-        for effect in shapes:
-            model = Model(campaign, (*white.model.added, effect.prepare(campaign)))
-            start = {p.name: float(v) for p, v in zip(white.parameters, white.values, strict=True)}
-            start |= start_of(model, score)
-            fit = widened(refitted(model, start, white))
-            share = DECISIVE + float(np.log(len(shapes))) if effect.id == "unknown" else float(np.log(names))
-            trials.append((evidence_with_noise(fit, state.after) - share, fit))
-    best = max(trials, key=lambda t: t[0], default=None)
-    if best is None or best[0] < float(np.log(SLOW_NOISE / state.level)):
-        return None
-    return best[1], min(float(np.log(SLOW_NOISE)) - best[0], 0.0)
+    return physics_or_noise(state.after, white, candidates, state.level, state.progress)
 
 
 def _simplify(state: _State, first: Survey) -> None:
