@@ -173,10 +173,9 @@ def row_of(task: Task) -> Row:
     if not campaign.measured:
         raise InputError("a run has no readings", path=task.folder, remedy="measure or simulate the plan first")
     done, key = task.target / DONE, _key(campaign, task)
-    before = read_json(done) if done.is_file() and not task.redo else {}
-    if before.get("key") == key:
-        errors = {name: tuple(error) for name, error in before["row"]["errors"].items()}
-        return Row(**before["row"] | {"campaign": task.name, "errors": errors})
+    before = _before(done, task.name, key) if done.is_file() and not task.redo else None
+    if before is not None:
+        return before
     result = diagnose_campaign(campaign) if task.diagnose else identify(campaign)
     done.unlink(missing_ok=True)
     with output_folder(task.target) as folder:
@@ -187,6 +186,25 @@ def row_of(task: Task) -> Row:
     row = _row(task.name, result)
     write_json(done, {"key": key, "row": asdict(row)})
     return row
+
+
+def _before(done: Path, name: str, key: str) -> Row | None:
+    """The row of results that lie there complete; None where it is of others or cannot be used."""
+    try:
+        data = read_json(done)
+        if data["key"] != key:
+            return None
+        row = dict(data["row"])
+        errors = {str(n): (float(value), float(std), str(unit)) for n, (value, std, unit) in row["errors"].items()}
+        rms, chi2 = float(row["rms"]), float(row["chi2_dof"])
+        found = Row(
+            campaign=name, verdict=str(row["verdict"]), says=str(row["says"]), rms=rms, rms_unit=str(row["rms_unit"]),
+            chi2_dof=chi2, errors=errors,
+        )  # fmt: skip
+    except (InputError, AttributeError, LookupError, OverflowError, TypeError, ValueError):
+        return None
+    numbers = [rms, chi2, *(number for value, std, _ in errors.values() for number in (value, std))]
+    return found if all(map(math.isfinite, numbers)) else None
 
 
 def _key(campaign: Campaign, task: Task) -> str:

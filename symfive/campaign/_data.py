@@ -44,9 +44,14 @@ def _inside(owner: str, name: object) -> str:
     if parts.anchor or ".." in parts.parts:
         problem = f"{owner}: file {shown(name)} lies outside the campaign"
         raise InputError(problem, remedy="put the CSV into the campaign's folder")
-    if name.casefold() in _RESERVED:
+    if not parts.parts or _place(name) in _RESERVED:
         raise InputError(f"{owner}: file {shown(name)} is not a CSV", remedy='write file = "….csv"')
     return name
+
+
+def _place(name: str) -> str:
+    """What two names of one file have in common: `./A.csv` is `a.csv`."""
+    return PureWindowsPath(name).as_posix().casefold()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,10 +256,10 @@ class Campaign:
         for run in self.runs:
             if run.id in ids:
                 raise InputError(f'two runs have the id "{run.id}"', remedy="give every run its own id")
-            if run.file.casefold() in files:
+            if _place(run.file) in files:
                 raise InputError(f'two runs have the file "{run.file}"', remedy="give every run its own CSV")
             ids.add(run.id)
-            files.add(run.file.casefold())
+            files.add(_place(run.file))
             if set(run.commands) != set(self.machine.axis_names):
                 odd = sorted(set(run.commands) ^ set(self.machine.axis_names))
                 problem = f"run {run.id}: the commands and the machine's axes differ in {', '.join(odd)}"

@@ -144,9 +144,9 @@ def assess(
 
 def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
     """Values and effects of a truth file: `truth.json`, `model.json` or `identification.json`."""
-    from math import isfinite
-
     from symfive.errors import InputError
+    from symfive.files import shown
+    from symfive.machine._checks import is_number
     from symfive.model import effects_from_data, read_json
 
     if path is None:
@@ -158,8 +158,8 @@ def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
     values = {}
     for name, entry in parameters.items():
         value = entry.get("value") if isinstance(entry, dict) else entry
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
-            raise InputError(f"the value of {name} is not a finite number", path=path, remedy="write a number")
+        if not is_number(value):
+            raise InputError(f"the value of {shown(name)} is not a finite number", path=path, remedy="write a number")
         values[str(name)] = float(value)
     return values, effects_from_data(data.get("effects", []), path)
 

@@ -21,7 +21,7 @@ from symfive.machine import ErrorTerm, Machine
 
 __all__ = ["isg_files", "read_isg"]
 
-POINTS = 73
+POINTS, MOST = 73, 1e12
 FORMAT = "{:.17g}"
 
 
@@ -90,11 +90,13 @@ def _note(machine: Machine, left_out: list[str]) -> str:
 def read_isg(path: Path | str, machine: Machine) -> dict[str, float]:
     """The parameters of a machine from such a file, by name in µm and µrad; tables by least squares in the machine's bases.
 
-    Raises `InputError` with the line for text where a number belongs, a wrong number of columns and unknown names.
+    Raises `InputError` with the line for text where a number belongs, a wrong number of columns or rows and unknown names.
     """
     path = Path(path)
     found: dict[str, float] = {}
     for header_line, header, rows in _blocks(path):
+        if not rows:
+            raise InputError("the block has no rows", path=path, line=header_line, remedy="complete the file")
         if header[0] in machine.axes:
             found |= _motions(path, header_line, machine, header, np.array(rows))
         else:
@@ -106,7 +108,7 @@ def _blocks(path: Path) -> list[tuple[int, list[str], list[list[float]]]]:
     """(line, column names, rows) of every block."""
     blocks: list[tuple[int, list[str], list[list[float]]]] = []
     fresh = True
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
         words = line.split("//", 1)[0].split()
         if words and words[0].startswith("#"):
             fresh = True
@@ -122,29 +124,40 @@ def _values(path: Path, line: int, words: list[str], count: int) -> list[float]:
     if len(words) != count:
         raise InputError(f"{len(words)} values under {count} names", path=path, line=line, remedy="complete the row")
     try:
-        return [float(word) for word in words]
+        values = [float(word) for word in words]
+        if all(abs(value) < MOST for value in values):
+            return values
+        raise ValueError
     except ValueError:
         raise InputError("text stands where a number belongs", path=path, line=line, remedy="write numbers") from None
 
 
 def _locations(path: Path, line: int, machine: Machine, names: list[str], rows: list[list[float]]) -> dict[str, float]:
-    found = {}
+    found: dict[str, float] = {}
+    if len(rows) != 1 or len(set(names)) != len(names):
+        raise InputError(
+            "location errors are one row of different names", path=path, line=line, remedy="correct the block"
+        )
     known = {_short(term.name): term for term in machine.location_errors}
-    for name, value in zip(names, rows[0] if rows else [], strict=False):
+    for name, value in zip(names, rows[0], strict=True):
         if name not in known:
             remedy = f"it varies {', '.join(known) or 'none'}"
-            raise InputError(f"the machine varies no location error {name}", path=path, line=line, remedy=remedy)
+            raise InputError(f"the machine varies no location error {name[:40]}", path=path, line=line, remedy=remedy)
         found[known[name].name] = value / (1e-6 if known[name].angular else 1e-3)
     return found
 
 
 def _motions(path: Path, line: int, machine: Machine, names: list[str], rows: np.ndarray) -> dict[str, float]:
     found: dict[str, float] = {}
+    low, high = machine.axes[names[0]].travel
+    if rows[:, 0].min() < low - 1e-9 * abs(low) or rows[:, 0].max() > high + 1e-9 * abs(high):
+        remedy = f"it must be a table of this machine: {low:g}…{high:g}"
+        raise InputError(f"a position lies outside the travel of {names[0]}", path=path, line=line, remedy=remedy)
     at = rows[:, 0] * machine.axes[names[0]].to_internal
     for column, name in enumerate(names[1:], start=1):
         term = machine.errors.get(name)
         if term is None or term.is_location:
-            raise InputError(f"the machine varies no error motion {name}", path=path, line=line, remedy="add it")
+            raise InputError(f"the machine varies no error motion {name[:40]}", path=path, line=line, remedy="add it")
         basis = basis_of(term, machine)
         weights = np.linalg.lstsq(basis.matrix(at), rows[:, column], rcond=None)[0]
         scale = 1e-6 if term.angular else 1e-3

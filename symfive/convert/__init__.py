@@ -9,8 +9,12 @@ its README.
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.convert.ecmc_iso230 import ecmc_iso230
@@ -56,8 +60,8 @@ def data_folder() -> Path:
 def convert(name: str, data: Path | str | None = None) -> Campaign:
     """The recording `name` as a campaign, read from the folder `data/name` (default: below `data_folder()`).
 
-    Raises `InputError` for a name that is not in `CONVERTERS` and for files that are missing or of another
-    layout.
+    Raises `InputError` for a name that is not in `CONVERTERS` and for files that are missing, of another layout or
+    cut short.
     """
     if name not in CONVERTERS:
         raise InputError(f'there is no converter for "{name}"', remedy=f"use one of {', '.join(CONVERTERS)}")
@@ -68,4 +72,30 @@ def convert(name: str, data: Path | str | None = None) -> Campaign:
             path=folder,
             remedy=f"set {VARIABLE} or pass its parent folder",
         )
-    return CONVERTERS[name](folder)
+    remedy = "it must have the layout of the public recording"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)  # numpy's for means of nothing and overflows
+            campaign = CONVERTERS[name](folder)
+    except InputError as error:
+        raise InputError(
+            error.problem, path=error.path or folder, line=error.line, remedy=error.remedy or remedy
+        ) from None
+    except (ArithmeticError, LookupError, RuntimeWarning, TypeError, ValueError) as error:
+        raise InputError(f"the recording cannot be converted ({error})", path=folder, remedy=remedy) from None
+    for run in campaign.runs:
+        columns = (run.time, *run.commands.values(), *run.readings.values())
+        if not all(np.isfinite(column).all() for column in columns) or np.any(np.diff(run.time) <= 0.0):
+            problem = f"run {run.id}: a value is not finite or time does not increase"
+            raise InputError(problem, path=folder, remedy=remedy)
+    return _within_travel(campaign)
+
+
+def _within_travel(campaign: Campaign) -> Campaign:
+    """The campaign with as much travel as was recorded: a converter only assumes it."""
+    axes = dict(campaign.machine.axes)
+    for name, axis in axes.items():
+        low = min([axis.travel[0], *(float(run.commands[name].min()) for run in campaign.runs)])
+        high = max([axis.travel[1], *(float(run.commands[name].max()) for run in campaign.runs)])
+        axes[name] = replace(axis, travel=(low, high))
+    return campaign if axes == campaign.machine.axes else campaign.with_machine(replace(campaign.machine, axes=axes))

@@ -46,7 +46,7 @@ def files(folder: Path, pattern: str) -> list[Path]:
 
 def table(path: Path, columns: int, delimiter: str | None = None) -> Array:
     """A table of numbers without header: (rows, columns)."""
-    lines = [(k, line) for k, line in enumerate(read_text(path).splitlines(), start=1) if line.strip()]
+    lines = [(k, line) for k, line in enumerate(read_text(path).split("\n"), start=1) if line.strip()]
     rows = []
     for number, line in lines:
         cells = line.split(delimiter)
@@ -108,7 +108,7 @@ def read_log(path: Path) -> Log:
     times: dict[str, list[float]] = {}
     values: dict[str, list[float]] = {}
     skipped = 0
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
         cells = line.split()
         if not cells or any(mark in line for mark in _NO_VALUE):
             skipped += bool(cells)
@@ -116,6 +116,8 @@ def read_log(path: Path) -> Log:
         try:
             instant = datetime.fromisoformat(f"{cells[1]} {cells[2]}").replace(tzinfo=UTC).timestamp()
             value = float(cells[3])
+            if not np.isfinite(value):
+                raise ValueError
         except (ValueError, IndexError):
             raise InputError(
                 "the line does not read channel, date, time, value",

@@ -8,6 +8,7 @@ report beside the file (`*.md`) prints that ratio, with which the reference gets
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -15,12 +16,12 @@ import numpy as np
 
 from symfive.campaign import Run
 from symfive.errors import InputError
-from symfive.files import read_text
+from symfive.files import read_text, shown
 
 __all__ = ["iso230_axis", "iso230_run"]
 
 _RATIO = re.compile(r"^Target Position \| Reference \| *([-+.0-9eE]+)", re.MULTILINE)
-_ENTRY = re.compile(r"(TGT_DATA|REF_DATA_FWD|REF_DATA_BWD)\[(\d+)(?:,(\d+))?\]=(\S+)")
+_ENTRY = re.compile(r"(TGT_DATA|REF_DATA_FWD|REF_DATA_BWD)\[(\d{1,9})(?:,(\d{1,9}))?\]=(\S+)")
 _TARGET = re.compile(r"TGT_SET_PV=.*:(?:([A-Z])-|Axis)")
 TURN_MM = 1e-6
 
@@ -84,7 +85,7 @@ def _ratio(path: Path) -> float:
 def _entries(path: Path) -> tuple[dict[int, float], dict[tuple[str, int, int], float]]:
     targets: dict[int, float] = {}
     measured: dict[tuple[str, int, int], float] = {}
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
         match = _ENTRY.match(line.strip().removeprefix("TEST_DATA="))
         if match is None:
             continue
@@ -92,7 +93,9 @@ def _entries(path: Path) -> tuple[dict[int, float], dict[tuple[str, int, int], f
         try:
             value = float(text)
         except ValueError:
-            raise InputError(f'"{text}" is not a number', path=path, line=number) from None
+            value = math.nan
+        if not math.isfinite(value):
+            raise InputError(f"{shown(text)} is not a finite number", path=path, line=number)
         if kind == "TGT_DATA":
             targets[int(position)] = value
         elif cycle is None or int(position) not in targets:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, fields
-from typing import TYPE_CHECKING, Any
+from functools import cache
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from symfive.effects._base import STAGES, Effect
+from symfive.effects._options import fits
 from symfive.effects._quantity import Quantity
 from symfive.effects.backlash import Backlash
 from symfive.effects.bar_temperature import BarTemperature
@@ -34,6 +36,7 @@ from symfive.effects.transmission_error import TransmissionError
 from symfive.effects.unknown import Unknown
 from symfive.effects.vibration import Vibration
 from symfive.errors import InputError
+from symfive.files import shown
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
@@ -75,6 +78,12 @@ VOCABULARY: tuple[str, ...] = tuple(name for name, effect in EFFECTS.items() if 
 """The words a finding may use."""
 
 
+@cache
+def _types_of(effect: str) -> dict[str, Any]:
+    """The types of an effect's options by name."""
+    return get_type_hints(EFFECTS[effect])
+
+
 def make_effect(effect: str, axis: str | None = None, **options: Any) -> Effect:
     """An effect by name. Raises `InputError` for an unknown name, and for an option it lacks or does not have."""
     if effect not in EFFECTS:
@@ -87,6 +96,13 @@ def make_effect(effect: str, axis: str | None = None, **options: Any) -> Effect:
     for name, f in known.items():
         if name not in options and f.default is MISSING and f.default_factory is MISSING:
             raise InputError(f"effect {effect} needs its option {name}", remedy=f"write {name} = …")
+    hints = _types_of(effect)
+    for name, value in {"axis": axis, **options}.items():
+        if not fits(value, hints[name]):
+            problem = f"effect {effect}: {name} = {shown(value)} is not of the right kind"
+            raise InputError(
+                problem, remedy=f"write {name} as {known[name].type if name in known else 'the name of an axis'}"
+            )
     return kind(axis=axis, **options)
 
 

@@ -16,7 +16,7 @@ from symfive.files import read_text, shown
 
 __all__ = ["Element", "number", "read_xml", "vector"]
 
-MAX_BYTES, MAX_DEPTH = 5_000_000, 100
+MAX_BYTES, MAX_DEPTH, MOST = 5_000_000, 100, 1e15
 REMEDY = "check that it is the right file"
 
 
@@ -91,14 +91,14 @@ def read_xml(path: Path) -> Element:
 
 
 def number(element: Element, word: str | None = None) -> float:
-    """The element's text, or one word of it, as a finite number."""
+    """The element's text, or one word of it, as a number below 1e15."""
     word = element.text if word is None else word
     try:
         value = float(word)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise element.error(f"{element.tag} holds {shown(word)}, not a number", "correct it")
+    if not abs(value) < MOST:
+        raise element.error(f"{element.tag} holds {shown(word)}, not a number below {MOST:g}", "correct it")
     return value
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeGuard
 
 from symfive.errors import InputError
 from symfive.files import shown
@@ -13,7 +13,7 @@ from symfive.files import shown
 __all__ = ["finite", "freeze", "is_number", "numbers", "one_of", "positive"]
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Whether it is a finite int or float (and no bool, no integer beyond all floats)."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return False

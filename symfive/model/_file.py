@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
-from symfive.files import read_text, write_json
+from symfive.files import read_text, shown, write_json
 from symfive.machine import Machine, machine_from_data, machine_to_data
 
 __all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
@@ -56,12 +56,12 @@ def effects_from_data(entries: Any, source: Path | str) -> tuple[Effect, ...]:
     for entry in entries:
         if not isinstance(entry, Mapping) or not isinstance(entry.get("effect"), str):
             raise InputError("an effect has no id", path=source, remedy='write { "effect": "backlash", "axis": "C" }')
-        options = {k: _tuple(v) for k, v in entry.items() if k not in ("effect", "axis")}
         try:
+            options = {k: _tuple(v) for k, v in entry.items() if k not in ("effect", "axis")}
             found.append(make_effect(entry["effect"], entry.get("axis"), **options))
-        except (InputError, TypeError, ValueError) as error:
+        except (InputError, RecursionError, TypeError, ValueError) as error:
             problem = error.problem if isinstance(error, InputError) else str(error)
-            raise InputError(problem, path=source, remedy=getattr(error, "remedy", "")) from None
+            raise InputError(problem, path=source, remedy=getattr(error, "remedy", "") or "correct the entry") from None
     return tuple(found)
 
 
@@ -86,11 +86,18 @@ def write_model(model: FittedModel, path: Path | str) -> None:
 
 def read_json(path: Path) -> Any:
     """A JSON file; what is not JSON ends in an `InputError` with line and column."""
+    text = read_text(path)
     try:
-        return json.loads(read_text(path))
+        data = json.loads(text)
+        json.dumps(data, ensure_ascii=False).encode()  # half a character (\\ud800) has no UTF-8
+        return data
     except json.JSONDecodeError as error:
         raise InputError(
             f"not valid JSON: {error.msg}", path=path, line=error.lineno, column=error.colno, remedy="correct it there"
+        ) from None
+    except ValueError as error:  # half a character, or an integer of more than 4300 digits
+        raise InputError(
+            f"not JSON that can be read: {error}", path=path, remedy="this is not a file of symfive"
         ) from None
     except RecursionError:
         raise InputError("the JSON is nested too deeply", path=path, remedy="this is not a file of symfive") from None
@@ -109,9 +116,12 @@ def read_model(path: Path | str) -> FittedModel:
     try:
         machine = machine_from_data(data["machine"], str(path))
         entries = {str(name): _entry(name, e, path) for name, e in data["parameters"].items()}
+        _check_units(machine, entries)
         names = tuple(map(str, data["covariance"]["names"]))
         covariance = np.array(data["covariance"]["matrix"], dtype=float).reshape(len(names), len(names))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        if len(set(names)) < len(names) or not set(names) <= set(entries) or not np.isfinite(covariance).all():
+            raise ValueError("its covariance is not one of its parameters")
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"the model is incomplete ({error})", path=path, remedy="run symfive identify again") from None
@@ -126,8 +136,16 @@ def read_model(path: Path | str) -> FittedModel:
     )
 
 
+def _check_units(machine: Machine, entries: Mapping[str, tuple[float, float, str]]) -> None:
+    for name, (_, _, unit) in entries.items():
+        term = machine.errors.get(name.split(".")[0])
+        if term is not None and unit != ("urad" if term.angular else "um"):
+            raise ValueError(f"{shown(name)} is in {shown(unit)}")
+
+
 def _entry(name: str, entry: Any, path: Path) -> tuple[float, float, str]:
     value, std = float(entry["value"]), float(entry["std"])
-    if not (math.isfinite(value) and math.isfinite(std)):
-        raise InputError(f"parameter {name} is not a finite number", path=path, remedy="run symfive identify again")
+    if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
+        problem = f"parameter {shown(name)} is not a finite number with a 1σ"
+        raise InputError(problem, path=path, remedy="run symfive identify again")
     return value, std, str(entry["unit"])
