@@ -149,6 +149,9 @@ CASES = [
          {"direction": SLANTED, "frequency_hz": 25.0, "damping": 0.04},
          along("participation", 100.0) | {"frequency_hz": 25.0, "damping": 0.04}),
     Case("unknown", "static", None, {"over": ("B",)}),
+    Case("unknown", "static", None, {"over": ("B", "C"), "basis": "fourier", "order": (1, 2), "carrier": "C"},
+         {"effect": "two_axis_motion", "axes": ["B", "C"], "component": "EYC", "order": 2, "phase": 0.3, "amplitude": 9.0},
+         {"y.sin1(B)*sin2(C)": 9.0 * math.cos(0.3), "y.sin1(B)*cos2(C)": 9.0 * math.sin(0.3)}),
     Case("unknown", "planar", None, {"over": ("t",), "basis": "fourier", "order": 3}),
     Case("unknown", "planar", None, {"over": ("X velocity",), "place": "reading", "order": 4}),
     Case("unknown", "static", None, {"over": ("B", "C"), "basis": ("bspline", "fourier"), "order": (3, 1),
@@ -159,6 +162,8 @@ CASES = [
          {"height": 6.0, "delay_ms": 120.0, "width_ms": 60.0}, rows=0.1),
     Case("table_step", "planar", "X", {"at": 20.0, "ramp": 5.0},
          {"effect": "compensation_table_step", "at": 20.0, "ramp": 5.0, "step": 6.0}, {"height": 6.0}),
+    Case("table_step", "static", "C", {"at": 100.0, "ramp": 20.0, "shape": "late"}),
+    Case("table_step", "static", "C", {"at": 100.0, "ramp": 20.0, "shape": "early"}),
     Case("table_step", "static", "C", {"at": 100.0, "ramp": 20.0, "shape": "dent"},
          {"effect": "compensation_table_step", "form": "dent", "at": 100.0, "ramp": 20.0, "step": 60.0},
          {"height": 60.0}),
@@ -425,8 +430,11 @@ REFUSED = [
     ("static", "transmission_error", "C", {}, "needs its period"),
     ("static", "lateral_play", None, {"component": "EXX"}, "lies along the motion"),
     ("static", "setup_shift", None, {"run": "n1", "t_s": -5.0}, "outside the run"),
+    ("static", "table_step", "C", {"at": 1000.0, "ramp": 20.0, "shape": "late"}, "nothing was read beyond the step"),
     ("static", "unknown", None, {"over": ("speed",)}, "is unknown"),
     ("planar", "unknown", None, {"over": ("Z",)}, "does not move"),
+    ("static", "unknown", None, {"over": ("B",), "carrier": "Q"}, "no axis Q carries it"),
+    ("static", "unknown", None, {"over": ("B",), "carrier": "C", "place": "reading"}, "no axis C carries it"),
 ]  # fmt: skip
 
 

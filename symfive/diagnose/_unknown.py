@@ -25,7 +25,7 @@ MOST_ROTARY = 3
 def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
     """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time.
 
-    They move the axis itself, the tool in the machine frame, or the readings.
+    They move the axis itself, the tool in the machine frame or in what a rotary axis carries, or the readings.
     """
     taken = {effect.key for effect in held}
     for options in _terms(campaign):
@@ -56,7 +56,9 @@ def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
     rotary = [axis for axis in moving if campaign.machine.axes[axis].rotary]
     for pair in combinations(rotary, 2) if len(rotary) <= MOST_ROTARY else ():
         shapes = [_smooth(campaign, axis) for axis in pair]
-        yield {"over": pair, "basis": tuple(b for b, _ in shapes), "order": tuple(n for _, n in shapes)}
+        term = {"over": pair, "basis": tuple(b for b, _ in shapes), "order": tuple(n for _, n in shapes)}
+        yield term
+        yield from ({**term, "carrier": axis, "tag": f"carried-{axis}"} for axis in pair)
     for place in ("structure", "reading"):
         yield _spline("t", place)
         if campaign.rows > 4 * FINE:

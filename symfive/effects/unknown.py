@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import SimpleNamespace
@@ -43,8 +45,9 @@ class Unknown(Effect):
     several; `bspline` of order n has n intervals. They have no constant part, which zeros and set-ups hold.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
     covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
-    machine frame, `reading` each column. With `only_within` it acts within the span alone. Prior 1σ of a
-    coefficient: `sigma_um` (for a rotary axis as many µm at 100 mm).
+    machine frame (of the frame that the axis `carrier` carries, where one is named), `reading` each column. With
+    `only_within` it acts within the span alone. Prior 1σ of a coefficient: `sigma_um` (for a rotary axis as many µm
+    at 100 mm), less for the higher ones of a series, since slopes are bounded.
     """
 
     id = "unknown"
@@ -56,6 +59,7 @@ class Unknown(Effect):
     span: tuple[tuple[float, float], ...] = ()
     place: str = "structure"
     directions: str = "xyz"
+    carrier: str = ""
     sigma_um: float = 5.0
     only_within: bool = False
 
@@ -80,6 +84,10 @@ class Unknown(Effect):
                 )
         if self.place == "axis" and _owner(self.over[0]) not in machine.axes:
             raise InputError(f"{self.key}: time moves no axis", remedy='write place = "structure"')
+        if self.carrier and (self.carrier not in machine.axes or self.place != "structure"):
+            raise InputError(
+                f"{self.key}: no axis {self.carrier} carries it", remedy='name an axis, with place = "structure"'
+            )
         if not self.over or not self.directions or any(c not in "xyz" for c in self.directions):
             raise InputError(
                 f"{self.key} needs coordinates and directions",
@@ -123,7 +131,9 @@ class Unknown(Effect):
         names = self._basis(campaign.machine).names
         rotary = self.place == "axis" and self.its_axis(campaign).rotary
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
-        return tuple(self.own(f"{c}.{name}", unit, sigma) for c in self._channels(campaign) for name in names)
+        return tuple(
+            self.own(f"{c}.{name}", unit, sigma * _share_of(name)) for c in self._channels(campaign) for name in names
+        )
 
     def signals(self) -> tuple[Signal, ...]:
         found: list[Signal] = [Velocity(_owner(name)) for name in self.over if name.endswith(VELOCITY)]
@@ -145,7 +155,10 @@ class Unknown(Effect):
             row.axis[str(self.axis)] += term("axis")
         elif self.place == "structure":
             for c in self.directions:
-                row.shift["xyz".index(c)] += term(c)
+                if self.carrier:
+                    row.add_motion(f"E{c.upper()}{self.carrier}", term(c))
+                else:
+                    row.shift["xyz".index(c)] += term(c)
         else:
             for i in row.sensed:
                 row.readings[i] += term(row.columns[i].name)
@@ -171,7 +184,7 @@ class Unknown(Effect):
         return row.signal(Position(name))
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`over`, its `rms` over the campaign's rows and the main `direction` (for a shift of the tool)."""
+        """`over`, its `rms` over the campaign's rows, the main `direction` of a shift, and the `carrier` in whose frame it is."""
         machine, basis = campaign.machine, self._basis(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
         points = []
@@ -195,6 +208,8 @@ class Unknown(Effect):
         (value,), (std,) = propagate(rms, names, values, covariance)
         size = Quantity(float(value), float(std), self.parameters(campaign)[0].unit)
         found = {"over": Quantity(self.over), "rms": size}
+        if self.carrier:
+            found["carrier"] = Quantity(self.carrier)
         if self.place == "structure":
             _, _, right = np.linalg.svd(shape(np.array([values[name] for name in names])), full_matrices=False)
             main = right[0] * (1.0 if right[0][np.argmax(np.abs(right[0]))] > 0.0 else -1.0)
@@ -215,6 +230,11 @@ def _basis_over(
     }
     term = ErrorTerm(name="EXunknown", sigma=1.0, basis=basis, order=order, over=over)
     return Basis(term, SimpleNamespace(axes=axes))
+
+
+def _share_of(name: str) -> float:
+    """Prior 1σ of a coefficient over that of the first two of its series: they fall like k^(-3/2) in every factor."""
+    return math.prod(min(1.0, (2.0 / int(k)) ** 1.5) for k in re.findall(r"(?:P|cos|sin)(\d+)", name))
 
 
 def _owner(name: str) -> str:
