@@ -27,7 +27,7 @@ from symfive.diagnose._refit import (
     with_families,
 )
 from symfive.diagnose._scores import Score
-from symfive.diagnose._slow import changes_slowly, physics_or_noise, without_slow_noise
+from symfive.diagnose._slow import changes_slowly, physics_or_noise, slow_noise, whitened
 from symfive.diagnose._variants import plain
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
@@ -201,12 +201,12 @@ def _nearer(after: Identification, before: Identification) -> bool:
 
 def _slow(state: _State) -> tuple[Identification, float] | None:
     """An effect over time that was taken for noise, with its log p."""
-    white = without_slow_noise(state.after)
-    if white is None:
+    if not slow_noise(state.after):
         return None
-    scores = [s for s in survey(white, state.exclude).scores if changes_slowly(s.effect) and state.open(s)]
+    seen = survey(whitened(state.after), state.exclude)
+    scores = [s for s in seen.scores if changes_slowly(s.effect) and state.open(s)]
     candidates = [s for s in scores if s.effect.id == "unknown" or s in _best_of(scores)]
-    return physics_or_noise(state.after, white, candidates, state.level, state.progress)
+    return physics_or_noise(state.after, candidates, state.level, state.progress)
 
 
 def _simplify(state: _State, first: Survey) -> None:

@@ -16,14 +16,16 @@ from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.model import Model
 
-__all__ = ["changes_slowly", "physics_or_noise", "without_slow_noise"]
+__all__ = ["changes_slowly", "physics_or_noise", "slow_noise", "whitened"]
 
 SLOW = 0.1
 """Noise whose correlation lasts longer than this part of a run may be something that drifts."""
 SLOWLY = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "unknown")
 """What changes while nothing moves."""
+LARGE, SMALL = 0.5, 0.15
+"""Slow noise in units of the declared: few instruments have a large one, any may have a small one; less does not matter."""
 SLOW_NOISE = 0.2
-"""The share of instruments whose own noise is that slow and larger than half of what is declared."""
+"""The share of instruments whose own noise is that slow and large."""
 
 
 def changes_slowly(effect: Effect) -> bool:
@@ -31,31 +33,35 @@ def changes_slowly(effect: Effect) -> bool:
     return effect.id in SLOWLY and coordinate_of(effect) in ("time", "t")
 
 
-def without_slow_noise(fit: Identification) -> Identification | None:
-    """The fit under white noise, where its noise is larger than declared and changes as slowly as the runs last; else None.
+def slow_noise(fit: Identification) -> float:
+    """The largest part of the noise that changes as slowly as the runs last, in units of the declared noise; 0 without any.
 
     No score under such noise would find what drifts: the noise's own parameters have swallowed it.
     """
     lasting = {run.id: float(run.time[-1] - run.time[0]) for run in fit.model.campaign.runs}
-    slow = any(
-        n.coloured > 0.5 * n.declared and n.time_constant > SLOW * lasting[run] for (run, _), n in fit.noises.items()
-    )
-    return replace(fit, noises={k: replace(n, coloured=0.0) for k, n in fit.noises.items()}) if slow else None
+    parts = (n.coloured / n.declared for (run, _), n in fit.noises.items() if n.time_constant > SLOW * lasting[run])
+    largest = max(parts, default=0.0)
+    return largest if largest > SMALL else 0.0
+
+
+def whitened(fit: Identification) -> Identification:
+    """The fit as if its noise were white."""
+    return replace(fit, noises={k: replace(n, coloured=0.0) for k, n in fit.noises.items()})
 
 
 def physics_or_noise(
     fit: Identification,
-    white: Identification,
     candidates: Sequence[Score],
     level: float,
     progress: Callable[[str], None],
 ) -> tuple[Identification, float] | None:
     """The best of effects over time, with the noise found anew, if its odds against slow noise are high enough; with their log.
 
-    By Markov's inequality slow noise gives odds above K at a rate below 1/K, and few instruments have any. A term without a name
-    is tried along single directions too: an instrument's noise prefers none.
+    By Markov's inequality slow noise gives odds above K at a rate below 1/K, and few instruments have a large one. A term without
+    a name is tried along single directions too: an instrument's noise prefers none.
     """
-    campaign = fit.model.campaign
+    campaign, white = fit.model.campaign, whitened(fit)
+    share = SLOW_NOISE if slow_noise(fit) > LARGE else 1.0
     names = max(1, sum(s.effect.id != "unknown" for s in candidates))
     trials = []
     for score in candidates:
@@ -65,9 +71,9 @@ def physics_or_noise(
             model = Model(campaign, (*white.model.added, effect.prepare(campaign)))
             start = {p.name: float(v) for p, v in zip(white.parameters, white.values, strict=True)}
             found = widened(refitted(model, start | start_of(model, score), white))
-            share = DECISIVE + float(np.log(len(shapes))) if effect.id == "unknown" else float(np.log(names))
-            trials.append((evidence_with_noise(found, fit) - share, found))
+            choice = DECISIVE + float(np.log(len(shapes))) if effect.id == "unknown" else float(np.log(names))
+            trials.append((evidence_with_noise(found, fit) - choice, found))
     best = max(trials, key=lambda t: t[0], default=None)
-    if best is None or best[0] < float(np.log(SLOW_NOISE / level)):
+    if best is None or best[0] < float(np.log(share / level)):
         return None
-    return best[1], min(float(np.log(SLOW_NOISE)) - best[0], 0.0)
+    return best[1], min(float(np.log(share)) - best[0], 0.0)
