@@ -539,3 +539,15 @@ def test_a_drift_says_how_far_it_went_where_amplitude_and_time_constant_are_know
     assert said["amplitude"].value == pytest.approx(50.0) and said["amplitude"].std == pytest.approx(45.0)
     assert said["reached"].value == pytest.approx(0.05, rel=1e-3) and said["reached"].std < 1e-4
     assert said["reached"].unit == "um"
+
+
+def test_a_component_that_is_not_seen_is_in_the_uncertainty_of_an_amplitude():
+    """A circle in XY sees nothing of z: its prior's 1σ is all that is known, and to first order it adds nothing."""
+    plan = campaign("planar")
+    drift = make_effect("thermal_drift").prepare(plan)
+    names = [f"thermal_drift.{name}" for name in ("amplitude.x", "amplitude.y", "amplitude.z", "time_constant_s")]
+    values = dict(zip(names, (3.0, 4.0, 0.0, 100.0), strict=True))
+    known = {(name, name): 0.01 for name in names[:2]}
+    assert drift.describe(plan, values, known)["amplitude"].std == pytest.approx(0.1, rel=0.01)
+    unseen = {**known, (names[2], names[2]): 25.0}
+    assert drift.describe(plan, values, unseen)["amplitude"].std == pytest.approx(2.89, rel=0.01)

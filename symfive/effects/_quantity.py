@@ -18,6 +18,7 @@ __all__ = [
     "Values",
     "amplitude_and_phase",
     "length_and_direction",
+    "length_spread",
     "own_quantity",
     "propagate",
 ]
@@ -72,6 +73,23 @@ def propagate(
     return np.asarray(function(x), dtype=float), np.sqrt(np.maximum(variance, 0.0))
 
 
+def length_spread(
+    length: Callable[[Array], float], names: Sequence[str], values: Values, covariance: Covariance
+) -> float:
+    """1σ of a length of `names` about its value: to first order, or with what components that are not seen may add to it, which
+    to first order is nothing, whichever is more.
+
+    The latter from 2n points at √3 σ along the covariance's principal axes (S. Julier & J. Uhlmann 1997, κ = 3 - n).
+    """
+    _, (first,) = propagate(lambda p: [length(p)], names, values, covariance)
+    x = np.array([values[name] for name in names], dtype=float)
+    powers, axes = np.linalg.eigh(np.array([[_entry(covariance, a, b) for b in names] for a in names]))
+    steps = (axes * np.sqrt(3.0 * np.maximum(powers, 0.0))).T
+    centre = length(x)
+    far = sum((length(x + e) - centre) ** 2 + (length(x - e) - centre) ** 2 for e in steps)
+    return max(float(first), math.sqrt(far / 6.0))
+
+
 def amplitude_and_phase(
     sine: str, cosine: str, unit: str, values: Values, covariance: Covariance
 ) -> tuple[Quantity, Quantity]:
@@ -97,7 +115,8 @@ def length_and_direction(
 
     value, std = propagate(split, names, values, covariance)
     direction = Quantity(tuple(map(float, value[:-1])), tuple(map(float, np.minimum(std[:-1], 1.0))), "1")
-    return Quantity(float(value[-1]), float(std[-1]), unit), direction
+    spread = length_spread(lambda p: float(np.linalg.norm(p)), names, values, covariance)
+    return Quantity(float(value[-1]), spread, unit), direction
 
 
 def _entry(covariance: Covariance, a: str, b: str) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
-from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
@@ -110,11 +110,11 @@ class Vibration(Effect):
             sign = 1.0 if left[np.argmax(np.abs(left[:, 0])), 0] > 0.0 else -1.0
             return float(sizes[0]), sign * left[:, 0], math.atan2(sign * right[0, 1], sign * right[0, 0])
 
-        (amplitude,), (std,) = propagate(lambda p: [main(p)[0]], names, values, covariance)
-        _, direction, phase = main(np.array([values[name] for name in names]))
+        amplitude, direction, phase = main(np.array([values[name] for name in names]))
+        std = length_spread(lambda p: main(p)[0], names, values, covariance)
         found = {
             "frequency_hz": own_quantity(parameters[-1], values, covariance),
-            "amplitude": Quantity(float(amplitude), float(std), parameters[0].unit),
+            "amplitude": Quantity(amplitude, std, parameters[0].unit),
             "phase": Quantity(phase, None, "rad"),
         }
         if self.place == "structure":
