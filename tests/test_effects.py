@@ -551,3 +551,14 @@ def test_a_component_that_is_not_seen_is_in_the_uncertainty_of_an_amplitude():
     assert drift.describe(plan, values, known)["amplitude"].std == pytest.approx(0.1, rel=0.01)
     unseen = {**known, (names[2], names[2]): 25.0}
     assert drift.describe(plan, values, unseen)["amplitude"].std == pytest.approx(2.89, rel=0.01)
+
+
+def test_the_part_of_an_amplitude_that_is_seen_is_said_by_itself():
+    plan = campaign("planar")
+    compliance = make_effect("inertial_compliance", "X").prepare(plan)
+    names = [f"inertial_compliance.X.compliance.{c}" for c in "xyz"]
+    values = dict(zip(names, (3.0, 4.0, 1.0), strict=True))
+    known = {(name, name): 0.01 for name in names}
+    assert "seen" not in compliance.describe(plan, values, known)
+    seen = compliance.describe(plan, values, {**known, (names[2], names[2]): 25.0})["seen"]
+    assert (seen.value, seen.std) == (pytest.approx(5.0), pytest.approx(0.1)) and seen.unit == "um/(m/s^2)"

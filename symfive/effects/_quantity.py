@@ -21,9 +21,12 @@ __all__ = [
     "length_spread",
     "own_quantity",
     "propagate",
+    "seen_length",
 ]
 
 Array = NDArray[np.float64]
+UNSEEN = 0.3
+"""A component with a 1σ of more than this share of the rest is not seen where the others have less than this share of its own."""
 Values = Mapping[str, float]
 Covariance = Mapping[tuple[str, str], float]
 """By pairs of parameter names, file units; pairs that are left out count as 0, and either order will do."""
@@ -102,6 +105,21 @@ def amplitude_and_phase(
 
     value, std = propagate(polar, (sine, cosine), values, covariance)
     return Quantity(float(value[0]), float(std[0]), unit), Quantity(float(value[1]), float(min(std[1], math.pi)), "rad")
+
+
+def seen_length(names: Sequence[str], unit: str, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+    """`seen`: the length of the vector of `names` in those directions that the readings determine; nothing where they determine
+    all."""
+    x = np.array([values[name] for name in names], dtype=float)
+    matrix = np.array([[_entry(covariance, a, b) for b in names] for a in names])
+    powers, axes = np.linalg.eigh(matrix)
+    sigma = np.sqrt(np.maximum(powers, 0.0))
+    known = axes[:, sigma < UNSEEN * sigma[-1]]
+    part = known @ (known.T @ x)
+    length = float(np.linalg.norm(part))
+    if length == 0.0 or sigma[-1] < UNSEEN * length:
+        return {}
+    return {"seen": Quantity(length, math.sqrt(max(float(part @ matrix @ part), 0.0)) / length, unit)}
 
 
 def length_and_direction(

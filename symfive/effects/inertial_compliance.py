@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from symfive.effects._base import Effect
-from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction
+from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, seen_length
 from symfive.motion import Acceleration
 from symfive.parameters import Parameter
 
@@ -49,5 +49,7 @@ class InertialCompliance(Effect):
         row.shift += ca.vertcat(*(row.parameter(name) for name in self._names)) * row.signal(self.signals()[0])
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        compliance, direction = length_and_direction(self._names, self._unit(campaign), values, covariance)
-        return {"compliance": compliance, "direction": direction}
+        unit = self._unit(campaign)
+        compliance, direction = length_and_direction(self._names, unit, values, covariance)
+        seen = seen_length(self._names, unit, values, covariance)
+        return {"compliance": compliance, "direction": direction, **seen}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
-from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity
+from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity, seen_length
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
@@ -117,6 +117,7 @@ class Vibration(Effect):
             "amplitude": Quantity(amplitude, std, parameters[0].unit),
             "phase": Quantity(phase, None, "rad"),
         }
+        found |= seen_length(names, parameters[0].unit, values, covariance)
         if self.place == "structure":
             full = dict(zip(self.directions, map(float, direction), strict=True))
             found["direction"] = Quantity(tuple(full.get(c, 0.0) for c in "xyz"), None, "1")
