@@ -562,3 +562,23 @@ def test_the_part_of_an_amplitude_that_is_seen_is_said_by_itself():
     assert "seen" not in compliance.describe(plan, values, known)
     seen = compliance.describe(plan, values, {**known, (names[2], names[2]): 25.0})["seen"]
     assert (seen.value, seen.std) == (pytest.approx(5.0), pytest.approx(0.1)) and seen.unit == "um/(m/s^2)"
+
+
+def test_a_shape_stays_as_it_is_beyond_what_was_recorded():
+    """A polynomial of order 8 would be 200 times as large at 1.4 times its span."""
+    shapes = (
+        make_effect("family_shape", of="thermal_drift", channel="tool", family="time", size=1.0, clock=(0.0, 100.0)),
+        make_effect("unknown", over=("t",), basis="polynomial", order=5, span=((0.0, 100.0),)),
+    )
+    for shape in shapes:
+        said = []
+        for start in (100.0, 140.0, 5000.0):
+            plan = campaign("planar")
+            late = replace(plan, runs=tuple(replace(run, start_s=start) for run in plan.runs[:1]))
+            effect = shape.prepare(late)
+            values = {p.name: 1.0 for p in effect.parameters(late)}
+            (readings,) = Model(late, [effect]).predict(values).values()
+            said.append(readings - next(iter(Model(late, [effect]).predict({}).values())))
+        np.testing.assert_allclose(said[1], said[0], atol=1e-12)
+        np.testing.assert_allclose(said[2], said[0], atol=1e-12)
+        assert 0.1 < np.abs(said[0]).max() < 100.0

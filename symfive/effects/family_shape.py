@@ -135,8 +135,9 @@ class FamilyShape(Effect):
         return list(make[self.family](axis))
 
     def _place(self, row: Row) -> Any:
+        """Where in the span the axis stands, -1…1; beyond it nothing was seen, and the shape stays as it is at its end."""
         low, high = self.span
-        return (2.0 * row.signal(Position(self._turning)) - (low + high)) / max(high - low, 1e-12)
+        return _within((2.0 * row.signal(Position(self._turning)) - (low + high)) / max(high - low, 1e-12))
 
     def _sign(self, row: Row) -> Any:
         return row.signal(Direction(self._turning))
@@ -205,7 +206,7 @@ class FamilyShape(Effect):
         low, high = self.clock
 
         def value(k: int) -> Callable[[Row], Any]:
-            return lambda row: _legendre(k, (2.0 * row.clock - (low + high)) / max(high - low, 1e-12))
+            return lambda row: _legendre(k, _within((2.0 * row.clock - (low + high)) / max(high - low, 1e-12)))
 
         yield from ((f"T{k}", value(k)) for k in range(1, WAVES + 1))
 
@@ -215,6 +216,10 @@ def _share_of(name: str) -> float:
     coefficients that fall like k^(-3/2)."""
     series = re.match(r"(?:P|T|cos|sin)(\d+)$", name)
     return min(1.0, (2.0 / int(series[1])) ** 1.5) if series else 1.0
+
+
+def _within(x: Any) -> Any:
+    return ca.fmin(ca.fmax(x, -1.0), 1.0)
 
 
 def _legendre(order: int, x: Any) -> Any:

@@ -144,7 +144,7 @@ class Unknown(Effect):
 
     def apply(self, row: Row) -> None:
         basis = self._basis(row.machine)
-        functions = ca.vertcat(*basis.values(*(self._coordinate(row, name) for name in self.over)))
+        functions = ca.vertcat(*basis.values(*(self._held(row, i) for i in range(len(self.over)))))
         within = self._within(row) if self.only_within else 1.0
 
         def term(channel: str) -> Any:
@@ -162,6 +162,16 @@ class Unknown(Effect):
         else:
             for i in row.sensed:
                 row.readings[i] += term(row.columns[i].name)
+
+    def _held(self, row: Row, number: int) -> Any:
+        """A coordinate; for polynomials, which would run away, no further than the span."""
+        name, q = self.over[number], self._coordinate(row, self.over[number])
+        basis = self.basis if isinstance(self.basis, str) else self.basis[number]
+        if basis != "polynomial":
+            return q
+        unit = row.machine.axes[name].to_internal if name in row.machine.axes else 1.0
+        low, high = self.span[number]
+        return ca.fmin(ca.fmax(q, low * unit), high * unit)
 
     def _within(self, row: Row) -> Any:
         inside = ca.SX(1)
