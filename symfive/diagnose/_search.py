@@ -258,7 +258,7 @@ def _contest(state: _State) -> bool:
         found = [best_shape(without, base, t, state.forms) if t.evidence > least else t for t in found]
         trials = sorted([own, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
-        if trials[0].evidence > own.evidence + 1.0:
+        if trials[0].evidence > own.evidence:
             state.after = shaped(without, trials[0])
             state.members[number] = Member(newest(state.after), member.log_p, trials[0].looks)
             state.progress(f"{trials[0].effect.key} takes the place of {member.effect.key}")
