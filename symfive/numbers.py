@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["expected_ratio", "plain_number", "power_of_ten", "rounded", "unit_words", "with_std"]
+__all__ = ["expected_ratio", "name_words", "plain_number", "power_of_ten", "rounded", "unit_words", "with_std"]
 
 RESOLUTION = {"um": 1e-4, "urad": 1e-4, "mm": 1e-6, "deg": 1e-7, "s": 1e-7, "%": 1e-4}
 """What is smaller in this unit is 0 to any machine tool."""
@@ -50,6 +50,11 @@ def unit_words(unit: str) -> str:
     unit = re.sub(r"\bum\b", "µm", unit)
     unit = re.sub(r"\burad\b", "µrad", unit)
     return re.sub(r"\bdeg\b", "°", unit).replace("^2", "²").replace("*", "·")
+
+
+def name_words(name: str, unit: str | None) -> str:
+    """A quantity's name as words, without the unit that stands behind the number."""
+    return name.removesuffix(f"_{(unit or '').lower()}").replace("_", " ")
 
 
 def power_of_ten(p: float) -> str:

@@ -19,10 +19,12 @@ from symfive.files import shown
 from symfive.machine import Machine
 from symfive.machine._checks import finite, freeze, is_number, numbers, one_of
 
-__all__ = ["Campaign", "Run", "SetupSigma"]
+__all__ = ["FIRST_LINE", "Campaign", "Run", "SetupSigma"]
 
 Vector = tuple[float, float, float]
 Array = NDArray[np.float64]
+FIRST_LINE = 2
+"""The line of a run's file in which its row 0 stands, as an editor counts: the header is line 1."""
 _RESERVED = ("campaign.toml", "machine.toml")
 LONG = 50_000
 """Rows from which the interval of a run is taken."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign
+from symfive.campaign import FIRST_LINE, Campaign
 from symfive.design._information import inverse
 from symfive.design._space import Space, make_space
 from symfive.effects import Effect
@@ -28,8 +28,6 @@ __all__ = ["Assessment", "assess", "machine_information", "workspace_places"]
 Array = NDArray[np.float64]
 LEVER_MM = 100.0
 WORTHLESS = 1e-4
-FIRST_LINE = 2
-"""The line of a run's file in which its row 0 stands, as an editor counts: the header is line 1."""
 
 
 @dataclass(frozen=True)

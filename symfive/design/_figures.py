@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
-from symfive.design._assess import FIRST_LINE
+from symfive.campaign import FIRST_LINE, Run
 from symfive.machine import Machine
 from symfive.procedures import Nominal
 

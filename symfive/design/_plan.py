@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign, SetupSigma
+from symfive.campaign import FIRST_LINE, Campaign, SetupSigma
 from symfive.design._anywhere import bound_anywhere
-from symfive.design._assess import FIRST_LINE, Assessment, assess
+from symfive.design._assess import Assessment, assess
 from symfive.design._budget import affordable, most_per_minute, shortened
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._certificate import Certificate, certify

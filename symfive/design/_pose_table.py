@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from symfive.campaign import Campaign, Run
-from symfive.design._assess import FIRST_LINE
+from symfive.campaign import FIRST_LINE, Campaign, Run
 from symfive.instruments import instruments_of
 from symfive.nc import Post
+from symfive.numbers import unit_words
 
 __all__ = ["mounted_before", "pose_table"]
 
@@ -33,7 +33,7 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> str:
         "pose",
         "line",
         "read at / min:s",
-        *(f"{escape(n)} / {_unit(machine.axes[n].unit)}" for n in names),
+        *(f"{escape(n)} / {unit_words(machine.axes[n].unit)}" for n in names),
         "before",
     ]
     rows = []
@@ -51,10 +51,6 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> str:
         f"{escape(run.file)}.</p>"
         f'<table class="poses-list"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
     )
-
-
-def _unit(unit: str) -> str:
-    return {"deg": "°"}.get(unit, unit)
 
 
 def _clock(seconds: float) -> str:

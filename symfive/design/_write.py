@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from symfive.campaign import write_campaign_files
-from symfive.design._assess import FIRST_LINE
+from symfive.campaign import FIRST_LINE, write_campaign_files
 from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
 from symfive.design._sheet import setup_sheet
 from symfive.files import write_json, write_text

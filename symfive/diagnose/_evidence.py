@@ -49,14 +49,12 @@ def marginal(problem: Problem, wide: Model, values: Array) -> float:
     return _Linear.of(problem, wide, values).evidence()
 
 
-def evidence_without(problem: Problem, values: Array, dropped: Sequence[Sequence[str]]) -> list[float]:
+def evidence_without(problem: Problem, values: Array, dropped: Sequence[Collection[str]]) -> list[float]:
     """Log evidence of the problem's model without some of its linear parameters, one set of names after the other; each such
     parameter counts as its prior's mean."""
     names = [p.name for p in problem.model.parameters]
     whole = _Linear.of(problem, problem.model, values)
-    return [
-        whole.at_mean(gone).evidence(names=[n for n in names if n not in gone]) for gone in (set(d) for d in dropped)
-    ]
+    return [whole.at_mean(gone).evidence(names=[n for n in names if n not in gone]) for gone in dropped]
 
 
 def evidence_with_noise(result: Identification, without: Identification) -> float:

@@ -17,6 +17,7 @@ from symfive.diagnose._search import Member, Naming
 from symfive.effects import Effect, Quantity
 from symfive.identify import Identification, identify
 from symfive.model import Model
+from symfive.numbers import name_words
 from symfive.threads import one_thread
 
 __all__ = ["amend", "doubted", "findings_of", "moved"]
@@ -186,7 +187,7 @@ def _sentence(finding: Finding) -> str:
     sizes = []
     for name, q in _ranked(finding.parameters):
         if isinstance(q.value, float) and isinstance(q.std, float):
-            sizes.append(f"{_plain(name, q.unit)} {q.value:.4g} ± {q.std:.2g} {_shown(q.unit)}".rstrip())
+            sizes.append(f"{name_words(name, q.unit)} {q.value:.4g} ± {q.std:.2g} {_shown(q.unit)}".rstrip())
         elif isinstance(q.value, str):
             sizes.append(f"{name} {q.value}")
     sure = "over 99" if finding.confidence >= 0.995 else f"{100 * finding.confidence:.0f}"
@@ -218,8 +219,3 @@ def _ranked(parameters: Mapping[str, Quantity]) -> list[tuple[str, Quantity]]:
 
 def _shown(unit: str | None) -> str:
     return "" if unit == "1" else (unit or "").replace("um", "µm").replace("urad", "µrad").replace("^2", "²")
-
-
-def _plain(name: str, unit: str | None) -> str:
-    """A parameter's name as words, without the unit that stands behind the number."""
-    return name.removesuffix(f"_{(unit or '').lower()}").replace("_", " ")

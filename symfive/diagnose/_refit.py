@@ -178,7 +178,7 @@ def _narrowed(result: Identification) -> Identification:
         return result
     campaign = result.model.campaign
     own = [{p.name for p in shape.parameters(campaign)} for shape in shapes]
-    evidence = evidence_without(result.problem(), result.values, [sorted(own[0] - names) for names in own])
+    evidence = evidence_without(result.problem(), result.values, [own[0] - names for names in own])
     best = shapes[int(np.argmax(evidence))]
     if best is last:
         return result

@@ -205,7 +205,8 @@ def _slow(state: _State) -> tuple[Identification, float] | None:
         return None
     seen = survey(whitened(state.after), state.exclude)
     scores = [s for s in seen.scores if changes_slowly(s.effect) and state.open(s)]
-    candidates = [s for s in scores if s.effect.id == "unknown" or s in _best_of(scores)]
+    nameless = [s for s in scores if s.effect.id == "unknown"]
+    candidates = [*_best_of([s for s in scores if s.effect.id != "unknown"]), *nameless]
     return physics_or_noise(state.after, candidates, state.level, state.progress)
 
 

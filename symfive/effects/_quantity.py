@@ -65,8 +65,7 @@ def propagate(
 ) -> tuple[Array, Array]:
     """function(values of `names`) (k,) and its standard deviations (k,), to first order (GUM, 5.1.2; central
     differences)."""
-    x = np.array([values[name] for name in names], dtype=float)
-    matrix = np.array([[_entry(covariance, a, b) for b in names] for a in names])
+    x, matrix = _moments(names, values, covariance)
     steps = 1e-5 * np.maximum(np.abs(x), np.sqrt(np.maximum(np.diag(matrix), 0.0))) + 1e-12
     slopes = [
         (np.asarray(function(x + e)) - np.asarray(function(x - e))) / (2.0 * e.max()) for e in np.diag(steps)
@@ -85,8 +84,8 @@ def length_spread(
     The latter from 2n points at √3 σ along the covariance's principal axes (S. Julier & J. Uhlmann 1997, κ = 3 - n).
     """
     _, (first,) = propagate(lambda p: [length(p)], names, values, covariance)
-    x = np.array([values[name] for name in names], dtype=float)
-    powers, axes = np.linalg.eigh(np.array([[_entry(covariance, a, b) for b in names] for a in names]))
+    x, matrix = _moments(names, values, covariance)
+    powers, axes = np.linalg.eigh(matrix)
     steps = (axes * np.sqrt(3.0 * np.maximum(powers, 0.0))).T
     centre = length(x)
     far = sum((length(x + e) - centre) ** 2 + (length(x - e) - centre) ** 2 for e in steps)
@@ -110,8 +109,7 @@ def amplitude_and_phase(
 def seen_length(names: Sequence[str], unit: str, values: Values, covariance: Covariance) -> dict[str, Quantity]:
     """`seen`: the length of the vector of `names` in those directions that the readings determine; nothing where they determine
     all."""
-    x = np.array([values[name] for name in names], dtype=float)
-    matrix = np.array([[_entry(covariance, a, b) for b in names] for a in names])
+    x, matrix = _moments(names, values, covariance)
     powers, axes = np.linalg.eigh(matrix)
     sigma = np.sqrt(np.maximum(powers, 0.0))
     known = axes[:, sigma < UNSEEN * sigma[-1]]
@@ -127,14 +125,19 @@ def length_and_direction(
 ) -> tuple[Quantity, Quantity]:
     """|v| and v/|v| of a vector given by its components; the direction of no length is zero."""
 
-    def split(p: Array) -> Array:
-        length = float(np.linalg.norm(p))
-        return np.append(p / length if length > 0.0 else 0.0 * p, length)
+    def length(p: Array) -> float:
+        return float(np.linalg.norm(p))
 
-    value, std = propagate(split, names, values, covariance)
-    direction = Quantity(tuple(map(float, value[:-1])), tuple(map(float, np.minimum(std[:-1], 1.0))), "1")
-    spread = length_spread(lambda p: float(np.linalg.norm(p)), names, values, covariance)
-    return Quantity(float(value[-1]), spread, unit), direction
+    value, std = propagate(lambda p: p / (length(p) or 1.0), names, values, covariance)
+    direction = Quantity(tuple(map(float, value)), tuple(map(float, np.minimum(std, 1.0))), "1")
+    size = length(np.array([values[name] for name in names]))
+    return Quantity(size, length_spread(length, names, values, covariance), unit), direction
+
+
+def _moments(names: Sequence[str], values: Values, covariance: Covariance) -> tuple[Array, Array]:
+    """The values of `names` (n,) and their covariance (n, n)."""
+    matrix = np.array([[_entry(covariance, a, b) for b in names] for a in names])
+    return np.array([values[name] for name in names], dtype=float), matrix
 
 
 def _entry(covariance: Covariance, a: str, b: str) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -12,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
+from symfive.effects._series import share_of
 from symfive.motion import Acceleration, Direction, Position, ReversalDistance, ReversalTime, Velocity
 from symfive.parameters import Parameter
 
@@ -96,7 +96,7 @@ class FamilyShape(Effect):
             unit = "urad" if self.channel != "tool" and self.channel[1] in "ABC" else "um"
         parts = ("x.", "y.", "z.") if self.channel == "tool" else ("",)
         names = self._names(campaign)
-        return tuple(self.own(part + name, unit, self.size * _share_of(name)) for part in parts for name in names)
+        return tuple(self.own(part + name, unit, self.size * share_of(name)) for part in parts for name in names)
 
     def signals(self) -> tuple[Signal, ...]:
         if self.family == "time":
@@ -209,13 +209,6 @@ class FamilyShape(Effect):
             return lambda row: _legendre(k, _within((2.0 * row.clock - (low + high)) / max(high - low, 1e-12)))
 
         yield from ((f"T{k}", value(k)) for k in range(1, WAVES + 1))
-
-
-def _share_of(name: str) -> float:
-    """Prior of a coefficient over that of the second one of its series: curves with a slope that is bounded in the mean have
-    coefficients that fall like k^(-3/2)."""
-    series = re.match(r"(?:P|T|cos|sin)(\d+)$", name)
-    return min(1.0, (2.0 / int(series[1])) ** 1.5) if series else 1.0
 
 
 def _within(x: Any) -> Any:

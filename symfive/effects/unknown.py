@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import SimpleNamespace
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.effects._series import share_of
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.kinematics import Basis
@@ -132,7 +131,7 @@ class Unknown(Effect):
         rotary = self.place == "axis" and self.its_axis(campaign).rotary
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
         return tuple(
-            self.own(f"{c}.{name}", unit, sigma * _share_of(name)) for c in self._channels(campaign) for name in names
+            self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels(campaign) for name in names
         )
 
     def signals(self) -> tuple[Signal, ...]:
@@ -165,20 +164,25 @@ class Unknown(Effect):
 
     def _held(self, row: Row, number: int) -> Any:
         """A coordinate; for polynomials, which would run away, no further than the span."""
-        name, q = self.over[number], self._coordinate(row, self.over[number])
+        q = self._coordinate(row, self.over[number])
         basis = self.basis if isinstance(self.basis, str) else self.basis[number]
         if basis != "polynomial":
             return q
+        low, high = self._limits(row, number)
+        return ca.fmin(ca.fmax(q, low), high)
+
+    def _limits(self, row: Row, number: int) -> tuple[float, float]:
+        """The span of a coordinate in the row's units."""
+        name, (low, high) = self.over[number], self.span[number]
         unit = row.machine.axes[name].to_internal if name in row.machine.axes else 1.0
-        low, high = self.span[number]
-        return ca.fmin(ca.fmax(q, low * unit), high * unit)
+        return low * unit, high * unit
 
     def _within(self, row: Row) -> Any:
         inside = ca.SX(1)
-        for name, (low, high) in zip(self.over, self.span, strict=True):
-            unit = row.machine.axes[name].to_internal if name in row.machine.axes else 1.0
+        for number, name in enumerate(self.over):
+            low, high = self._limits(row, number)
             q = self._coordinate(row, name)
-            inside *= ca.if_else(ca.logic_and(q >= low * unit, q <= high * unit), 1.0, 0.0)
+            inside *= ca.if_else(ca.logic_and(q >= low, q <= high), 1.0, 0.0)
         return inside
 
     def _coordinate(self, row: Row, name: str) -> Any:
@@ -240,11 +244,6 @@ def _basis_over(
     }
     term = ErrorTerm(name="EXunknown", sigma=1.0, basis=basis, order=order, over=over)
     return Basis(term, SimpleNamespace(axes=axes))
-
-
-def _share_of(name: str) -> float:
-    """Prior 1σ of a coefficient over that of the first two of its series: they fall like k^(-3/2) in every factor."""
-    return math.prod(min(1.0, (2.0 / int(k)) ** 1.5) for k in re.findall(r"(?:P|cos|sin)(\d+)", name))
 
 
 def _owner(name: str) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from symfive.campaign import FIRST_LINE
 from symfive.campaign._disk import let_go
 from symfive.errors import InputError
 from symfive.inference import Confounding, Noise, Outlier, Problem
@@ -179,7 +180,7 @@ class Identification:
                 for (run, instrument), n in self.noises.items()
             },
             "outliers": [
-                {"run": o.run, "row": o.row + 2, "column": o.column, "residual": o.residual, "sigmas": o.sigmas}
+                {"run": o.run, "row": o.row + FIRST_LINE, "column": o.column, "residual": o.residual, "sigmas": o.sigmas}
                 for o in self.outliers
             ],
             "notes": list(self.notes),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from symfive.campaign import Run
+from symfive.campaign import FIRST_LINE, Run
 from symfive.machine import Machine
 from symfive.nc._post import Post
 
@@ -10,7 +10,6 @@ __all__ = ["UNCHECKED", "collision_warning"]
 
 UNCHECKED = "Collisions were not checked"
 CARE = "Drive the program slowly, one hand on the feed."
-FIRST_LINE = 2
 
 
 def collision_warning(machine: Machine, run: Run, post: Post) -> tuple[str, ...]:

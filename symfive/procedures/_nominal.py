@@ -4,6 +4,7 @@ stand."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.errors import InputError
-from symfive.kinematics import axis_pose, chain_poses
+from symfive.kinematics import Pose, axis_pose, chain_poses
 from symfive.machine import Axis, Machine
 
 __all__ = ["Commands", "Fixed", "Nominal", "home"]
@@ -39,16 +40,25 @@ class Nominal:
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
-        names = machine.axis_names
-        q = ca.SX.sym("q", len(names))
         tool_ball = ca.SX.sym("tool_ball", 3)
-        position = {name: machine.axes[name].to_internal * q[i] for i, name in enumerate(names)}
-        workpiece, tool = chain_poses(machine, position, {}, {})
+        q, workpiece, tool = self._chain()
         ball = workpiece.apply_inverse(tool.apply(tool_ball))
         outputs = [ball, ca.jacobian(ball, q), workpiece.rotation, workpiece.translation, tool.rotation]
         self._function: Any = ca.Function("nominal", [q, tool_ball], [ca.densify(part) for part in outputs])
+
+    def _chain(self) -> tuple[Any, Pose, Pose]:
+        """Commands as symbols, file units, and the poses of workpiece and tool."""
+        names = self.machine.axis_names
+        q = ca.SX.sym("q", len(names))
+        position = {name: self.machine.axes[name].to_internal * q[i] for i, name in enumerate(names)}
+        return q, *chain_poses(self.machine, position, {}, {})
+
+    @cached_property
+    def _pointing(self) -> Any:
+        """Commands → the tool's axis in the workpiece frame (3,) and its slopes (3, axes)."""
+        q, workpiece, tool = self._chain()
         pointing = workpiece.rotation.T @ tool.rotation[:, 2]
-        self._pointing: Any = ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))])
+        return ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))])
 
     def _evaluate(self, commands: Mapping[str, Array], tool_ball: Sequence[float] | Array) -> list[Array]:
         """Ball (N, 3, 1), its slopes (N, 3, axes), the workpiece's rotation and translation, the tool's

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from symfive.diagnose import Diagnosis, Finding
 from symfive.effects import Quantity
 from symfive.machine import Machine
-from symfive.numbers import expected_ratio, plain_number, rounded, unit_words, with_std
+from symfive.numbers import expected_ratio, name_words, plain_number, rounded, unit_words, with_std
 from symfive.report._chain import guilty
 
 __all__ = [
@@ -92,17 +92,12 @@ def _sizes(finding: Finding) -> list[str]:
     words, clear, faint = list[str](), list[str](), list[str]()
     for name, quantity in finding.parameters.items():
         value, std = quantity.value, quantity.std
-        said = f"{_plain(name, quantity.unit)} {_quantity(quantity)}"
+        said = f"{name_words(name, quantity.unit)} {_quantity(quantity)}"
         if isinstance(value, (int, float)) and isinstance(std, (int, float)):
             (faint if abs(value) < 2.0 * std else clear).append(said)
         else:
             words.append(said)
     return [*words, *(clear or faint)]
-
-
-def _plain(name: str, unit: str | None) -> str:
-    """A parameter's name as words, without the unit that stands behind the number."""
-    return name.removesuffix(f"_{(unit or '').lower()}").replace("_", " ")
 
 
 def _quantity(quantity: Quantity) -> str:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
+from symfive.campaign import FIRST_LINE, Run
 from symfive.drawing import BLUE, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
@@ -119,7 +119,7 @@ def _said(parts: Sequence[Trace], dots: NDArray[np.int64], place: Array, axis: A
         trace, row = owners[dot]
         at = f"{axis.name} {plain_number(place[dot], axis.unit)} {unit_words(axis.unit)}"
         left = f"{trace.label} {plain_number(trace.residual[row], trace.unit)} {unit_words(trace.unit)}"
-        found.append(f"{short(trace.run.id)}, pose {row + 1} (line {row + 2}), {at}: {left}")
+        found.append(f"{short(trace.run.id)}, pose {row + 1} (line {row + FIRST_LINE}), {at}: {left}")
     return found
 
 

@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from symfive.campaign import FIRST_LINE
 from symfive.drawing import FAINT, INK, SERIES
 from symfive.identify import Identification
 from symfive.report._style import blank, footnote, plain_number, robust_limit, short, styled, unit_words
@@ -151,7 +152,7 @@ def _tips(traces: Sequence[Trace], limit: float) -> dict[str, list[str]]:
             )
             left = f"{trace.label} {plain_number(trace.residual[row], trace.unit)} {unit_words(trace.unit)}"
             said.append(
-                f"{short(trace.run.id)}, pose {row + 1} (line {row + 2}): {turned}{': ' if turned else ''}{left}"
+                f"{short(trace.run.id)}, pose {row + 1} (line {row + FIRST_LINE}): {turned}{': ' if turned else ''}{left}"
             )
         found[_name(trace)] = said
     return found

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from symfive.campaign import FIRST_LINE
 from symfive.identify import Identification
 from symfive.report._style import plain_number, rounded, unit_words
 from symfive.report._traces import traces_of
@@ -108,7 +109,7 @@ def outlier_table(identification: Identification) -> str:
         run = campaign.run(o.run)
         time = float(run.time[o.row])
         unit, sigmas = unit_words(units.get((o.run, o.column), "")), f"{o.sigmas:.1f}".replace("-", "−")
-        rows.append([run.id, run.file, Cell(str(o.row + 2), o.row), o.column, Cell(f"{time:.3f}", time),
+        rows.append([run.id, run.file, Cell(str(o.row + FIRST_LINE), o.row), o.column, Cell(f"{time:.3f}", time),
                      _number(o.residual, units.get((o.run, o.column), "")), unit, Cell(sigmas, o.sigmas)])  # fmt: skip
     heads = ["run", "file", "row in the file", "column", "time / s", "residual", "unit", "in σ of the noise"]
     more = len(identification.outliers) - len(rows)
