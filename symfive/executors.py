@@ -1,4 +1,4 @@
-"""The one seam to parallel computing: whatever has `submit` of `concurrent.futures` runs a study, a fleet, a Monte Carlo.
+"""The one seam to parallel computing: any executor with `submit` runs a study, a fleet, a Monte Carlo, a plan's starts.
 
 A task is a function that can be imported and its plain arguments; what it draws at random follows from its own number.
 So results depend neither on the executor, nor on the number of workers, nor on how often a task was begun.
@@ -19,7 +19,7 @@ from typing import Any
 
 from symfive.errors import InputError
 
-__all__ = ["DEATHS", "Inline", "Processes", "connect", "executor", "finished"]
+__all__ = ["DEATHS", "Inline", "Processes", "connect", "executor", "finished", "results"]
 
 DEATHS = 4
 """A task ends in an error when so many processes have died under it; Dask's own default, too."""
@@ -192,3 +192,18 @@ def finished(
     finally:
         for future in waiting:
             future.cancel()
+
+
+def results(pool: Executor, function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]]) -> list[Any]:
+    """What the tasks returned, in their order, for work of which every part is needed.
+
+    Raises what the first of them raised, in that order, and `InputError` where the workers died under it.
+    """
+    outcomes = sorted(finished(pool, function, tasks), key=lambda outcome: outcome[0])
+    for _, outcome in outcomes:
+        if isinstance(outcome, BrokenProcessPool) or type(outcome).__name__ == "KilledWorker":  # the latter is Dask's
+            problem = "workers died again and again under the same task"
+            raise InputError(problem, remedy="take fewer workers, or give them more memory") from outcome
+        if isinstance(outcome, Exception):
+            raise outcome
+    return [outcome for _, outcome in outcomes]

@@ -21,11 +21,13 @@ from symfive import __version__
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis
 from symfive.diagnose import diagnose as diagnose_campaign
+from symfive.diagnose._result import EXPLAINED
 from symfive.errors import InputError
 from symfive.executors import Inline, finished
 from symfive.files import output_folder, write_json, write_text
 from symfive.identify import Identification, identify
 from symfive.model import read_json
+from symfive.numbers import plain_number, unit_words, with_std
 from symfive.results import write_diagnosis, write_identification
 from symfive.threads import one_thread
 
@@ -34,8 +36,6 @@ __all__ = ["SCHEMA", "Fleet", "Row", "Task", "fleet", "row_of"]
 SCHEMA = "symfive.fleet/1"
 DONE = "fleet-row.json"
 """Written last into a campaign's results: where it lies, they are complete."""
-EXPLAINED = 1.1
-"""Residuals up to so many times the declared noise count as explained, as in a diagnosis without findings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ class Fleet:
         return text.getvalue()
 
     def __str__(self) -> str:
-        heads = ["campaign", "verdict", "rms", "chi²/dof", *(f"{n} {_shown(u)}" for n, u in self.errors.items())]
+        heads = ["campaign", "verdict", "rms", "chi²/dof", *(f"{n} {unit_words(u)}" for n, u in self.errors.items())]
         lines = [heads, *(self._line(row) for row in self.rows if not row.failed)]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         text = [
@@ -106,18 +106,9 @@ class Fleet:
 
     def _line(self, row: Row) -> list[str]:
         found = (row.errors.get(name) for name in self.errors)
-        errors = ["" if e is None else _with_std(e[0], e[1]) for e in found]
-        return [row.campaign, row.verdict, f"{row.rms:.3g} {_shown(row.rms_unit)}", f"{row.chi2_dof:.3g}", *errors]
-
-
-def _with_std(value: float, std: float) -> str:
-    """Both to two digits of the 1σ."""
-    decimals = max(0, 1 - math.floor(math.log10(std))) if std > 0.0 else 3
-    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {std:.{decimals}f}"
-
-
-def _shown(unit: str) -> str:
-    return {"um": "µm", "urad": "µrad"}.get(unit, unit)
+        errors = ["" if e is None else with_std(e[0], e[1]) for e in found]
+        rms = f"{plain_number(row.rms or 0.0, row.rms_unit)} {unit_words(row.rms_unit)}"
+        return [row.campaign, row.verdict, rms, plain_number(row.chi2_dof or 0.0), *errors]
 
 
 def fleet(
@@ -241,7 +232,7 @@ def _verdict(result: Identification | Diagnosis) -> str:
     ratio = math.sqrt(result.chi2_dof)
     if not result.converged:
         return "not converged"
-    return "explained" if ratio <= EXPLAINED else f"{ratio:.2g} times the declared noise"
+    return "explained" if ratio <= EXPLAINED else f"{plain_number(ratio)} times the declared noise"
 
 
 def _sentence(error: Exception) -> str:

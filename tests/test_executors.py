@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 import pytest
 
 from symfive.errors import InputError
-from symfive.executors import DEATHS, Inline, Processes, connect, executor, finished
+from symfive.executors import DEATHS, Inline, Processes, connect, executor, finished, results
 from symfive.identify import identify
 from symfive.machine import preset
 from symfive.procedures import campaign_of, r_test_grid
@@ -96,6 +97,15 @@ def test_an_error_is_an_outcome_and_stops_no_other() -> None:
     assert one == 1.0
 
 
+def test_work_of_which_every_part_is_needed_comes_in_order_or_ends_in_its_first_error() -> None:
+    with Inline() as pool:
+        assert results(pool, fails, [(4,), (2,), (1,)]) == [0.25, 0.5, 1.0]
+        with pytest.raises(ZeroDivisionError):
+            results(pool, fails, [(1,), (0,), ("x",)])
+        with pytest.raises(TypeError):
+            results(pool, fails, [(1,), ("x",), (0,)])
+
+
 @pytest.mark.slow
 def test_a_task_whose_process_is_killed_begins_again(tmp_path: Path) -> None:
     with Processes(2) as pool:
@@ -106,6 +116,8 @@ def test_a_task_whose_process_is_killed_begins_again(tmp_path: Path) -> None:
 def test_a_task_that_always_kills_ends_in_an_error_of_its_own() -> None:
     with Processes(2) as pool:
         *others, last = whole(pool, dies_at, [(4, number) for number in range(5)])
+        with pytest.raises(InputError, match="workers died again and again under the same task; take fewer workers"):
+            results(pool, dies_at, [(1, number) for number in range(3)])
     assert others == [0, 1, 2, 3]
     assert isinstance(last, BrokenProcessPool)
 
@@ -161,11 +173,14 @@ def test_sentences_of_what_cannot_be_had(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 # --- on a Dask cluster -------------------------------------------------------------------------------------
-def local_cluster(folder: Path, **options: Any) -> Any:
+@contextmanager
+def local_cluster(folder: Path, **options: Any) -> Iterator[Any]:
     """Worker processes of a real scheduler on this computer."""
     distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
     own = {"threads_per_worker": 1, "dashboard_address": ":0", "local_directory": str(folder)}
-    return distributed.LocalCluster(**own | options)
+    with distributed.LocalCluster(**own | options) as running:
+        yield running
+        _until(lambda: len(running.scheduler.workers) == len(running.workers), 60.0)  # Dask cannot end what it restarts
 
 
 @pytest.fixture(scope="module")
@@ -204,6 +219,8 @@ def test_a_worker_killed_in_the_middle_loses_nothing(cluster: Any, tmp_path: Pat
 def test_a_task_that_kills_every_worker_ends_in_an_error(tmp_path: Path) -> None:
     with local_cluster(tmp_path, n_workers=2) as running, connect(running.scheduler_address) as pool:
         [outcome] = whole(pool, os._exit, [(1,)])
+        with pytest.raises(InputError, match="workers died again and again under the same task"):
+            results(pool, os._exit, [(1,)])
     assert type(outcome).__name__ == "KilledWorker"
     assert f"{DEATHS} different workers" in str(outcome)
 

@@ -23,6 +23,7 @@ from symfive.executors import Processes, connect
 from symfive.fleet import fleet
 from symfive.identify import identify
 from symfive.machine import preset
+from symfive.numbers import plain_number, with_std
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.simulate import Simulation, simulate
 
@@ -74,6 +75,9 @@ def test_the_table_says_what_identify_says(serial: Path, measured: list[Simulati
     text = (serial / "fleet.txt").read_text().splitlines()
     assert len(text) == 1 + MACHINES
     assert "EX0C µm" in text[0]
+    p = locations[0]
+    shown = with_std(result[p.name], result.uncertainty(p.name))
+    assert shown in text[4] and f"{plain_number(result.rms_um, 'um')} µm  " in text[4]
 
 
 def test_every_machine_has_a_folder_as_identify_writes_it(serial: Path, machines: Path, tmp_path: Path) -> None:
