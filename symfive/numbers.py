@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
-__all__ = ["expected_ratio", "name_words", "plain_number", "power_of_ten", "rounded", "unit_words", "with_std"]
+__all__ = [
+    "change", "expected_ratio", "in_words", "name_words", "percent", "percent_or_more", "plain_number", "power_of_ten",
+    "rounded", "unit_words", "with_std",
+]  # fmt: skip
 
 RESOLUTION = {"um": 1e-4, "urad": 1e-4, "mm": 1e-6, "deg": 1e-7, "s": 1e-7, "%": 1e-4}
 """What is smaller in this unit is 0 to any machine tool."""
@@ -43,6 +47,49 @@ def with_std(value: float, std: float, unit: str = "") -> str:
     spread = f" ± {rounded(std, std, unit)}" if std > 0.0 else ""
     words = unit_words(unit)
     return f"{rounded(value, std, unit)}{spread}{f' {words}' if words not in ('', '1') else ''}"
+
+
+def in_words(value: Any, std: Any = None, unit: str = "") -> str:
+    """A quantity: words as they are, a number with its 1σ, several numbers in brackets to the digits that theirs leave."""
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, tuple):
+        return with_std(float(value), _spread(std), unit)
+    if all(isinstance(v, str) for v in value):
+        return ", ".join(value)
+    words = unit_words(unit)
+    return f"{_listed(value, std, unit)}{f' {words}' if words not in ('', '1') else ''}"
+
+
+def _listed(value: Any, std: Any, unit: str) -> str:
+    if not isinstance(value, tuple):
+        return rounded(value, _spread(std), unit) if isinstance(value, (int, float)) else str(value)
+    spreads = std if isinstance(std, tuple) else (std,) * len(value)
+    return f"({', '.join(_listed(v, s, unit) for v, s in zip(value, spreads, strict=False))})"
+
+
+def _spread(std: Any) -> float:
+    return float(std) if isinstance(std, (int, float)) else 0.0
+
+
+def change(before: float, after: float, unit: str = "") -> str:
+    """Two numbers as `1.67 → 0.402`, or one where they are written alike; without the unit."""
+    old, new = plain_number(before, unit), plain_number(after, unit)
+    return new if old == new else f"{old} → {new}"
+
+
+def percent(share: float) -> str:
+    """A share in percent; what rounds to all or none says that it is more or less."""
+    if share >= 0.999:
+        return "above 99.9 %"
+    if share < 1e-3:
+        return "0 %" if share <= 0.0 else "below 0.1 %"
+    return f"{100.0 * share:.3g} %"
+
+
+def percent_or_more(ratio: float) -> str:
+    """A ratio in percent that may be above 100 %, as a difference over a size."""
+    return percent(ratio) if ratio < 0.999 else f"{float(f'{100.0 * ratio:.3g}'):.0f} %"
 
 
 def unit_words(unit: str) -> str:

@@ -71,7 +71,7 @@ def simulate(
         if noise:
             readings = readings + np.random.default_rng(run_seed).standard_normal(readings.shape) * model.noise(run)
         runs.append(run.with_readings({c.name: readings[:, i] for i, c in enumerate(model.columns(run))}))
-    named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+    named = model.named(values)
     return Simulation(replace(plan, runs=tuple(runs)), named, effects, seed)
 
 

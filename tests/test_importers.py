@@ -15,7 +15,7 @@ from symfive.cli import main
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.importers import polar_run, read_polar
-from symfive.machine import preset
+from symfive.machine import preset, write_machine
 from symfive.model import Model
 from symfive.motion import RunMotion
 from symfive.procedures import campaign_of, planar_circle
@@ -186,3 +186,44 @@ def test_a_circle_beyond_the_travel_is_refused_and_deviations_in_mm_are_asked_ab
     assert "if they are mm, give --unit mm" in capsys.readouterr().err
     assert main([*call[:4], str(tmp_path / "d"), *call[5:], "--unit", "mm"]) == 0
     assert "give --unit mm" not in capsys.readouterr().err
+
+
+ODD = {
+    "radians": (np.radians(ANGLES), ["--feed", "1000"], ["cover 6.23° only; if they are radians"]),
+    "fast": (
+        ANGLES,
+        ["--feed", "150000"],
+        ["mm/min, its max_feed is 30000; give --feed in mm/min"],
+    ),
+    "slow": (
+        ANGLES,
+        ["--feed", "1.5"],
+        ["at 1.5 mm/min one circle takes 7 hours; if the feed is in m/min, give --feed 1500"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_what_is_odd_about_a_circle_is_noted_with_the_remedy(name: str, tmp_path: Path, capsys):
+    angles, options, says = ODD[name]
+    path = tmp_path / f"{name}.txt"
+    path.write_text("".join(f"{a:.6f} {3.0 * np.sin(a):.3f}\n" for a in angles))
+    machine = replace(MACHINE, axes={n: replace(a, max_feed=30000.0) for n, a in MACHINE.axes.items()})
+    write_machine(machine, tmp_path / "machine.toml")
+    call = ["import-polar", str(tmp_path / "machine.toml"), str(path), "-o", str(tmp_path / "c"), "--radius", "100"]
+    assert main([*call, *options]) == 0
+    notes = capsys.readouterr().err
+    assert all(words in notes for words in says), notes
+    assert main([*call, "--feed", "1000", "-q"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_two_files_of_one_direction_are_noted(tmp_path: Path, capsys):
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.txt").write_text("".join(f"{a} {3.0 * np.sin(a):.3f}\n" for a in ANGLES))
+    call = ["import-polar", "three-axis", str(tmp_path / "a.txt"), str(tmp_path / "b.txt"), "-o", str(tmp_path / "c")]
+    call += ["--radius", "100", "--feed", "1000"]
+    assert main(call) == 0
+    assert "note: all 2 files go ccw by their angles: play cannot be told from lag" in capsys.readouterr().err
+    assert main([*call, "--direction", "ccw", "--direction", "cw"]) == 0
+    assert "note:" not in capsys.readouterr().err

@@ -15,6 +15,7 @@ from symfive.errors import InputError
 from symfive.machine import EffectEntry, ErrorTerm
 from symfive.model import Model
 from symfive.motion import drive_response
+from symfive.motion._gaps import filled
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 ERRORS = ("EX0B", "EZ0B", "EA0B", "EC0B", "EX0C", "EY0C", "EA0C", "EB0C")
@@ -146,6 +147,69 @@ def test_an_axis_with_friction_sticks_and_its_sensitivities_hold():
     assert (np.abs(motion[:, 1, 0]) < 1e-9).sum() >= 2
     if expected is not None:
         assert np.abs(motion[:, 0, 0] - expected.x).max() < 1e-3
+
+
+LOOP_GAINS = {"position_gain": 40.0, "velocity_gain": 260.0, "integral_time": 0.05, "viscous": 8.0, "feedforward": 0.3}
+RUBBING = [
+    {"coulomb": 150.0},
+    {"coulomb": 100.0, "stiction": 30.0, "stribeck_speed": 2.0},
+    {"coulomb": 70.0, "stiction": 30.0, "stribeck_speed": 2.0, "pre_sliding": 7e-4},
+]
+
+
+@pytest.mark.parametrize("friction", RUBBING, ids=["coulomb", "stribeck", "lugre"])
+def test_rows_in_closed_form_are_those_of_substeps(monkeypatch, friction):
+    """Where an axis slides at its full force the loop is linear: the same to rounding, values and derivatives."""
+    from symfive.motion import _friction
+
+    command = 100.0 * np.sin(0.7 * 0.004 * np.arange(1200))
+    wanted = ("position_gain", *friction)
+    fast = drive_response(command, 0.004, {**LOOP_GAINS, **friction}, wanted)
+    slid = []
+    monkeypatch.setattr(_friction._Rows, "slide", lambda self, first: slid.append(first) or first)
+    slow = drive_response(command, 0.004, {**LOOP_GAINS, **friction}, wanted)
+    assert slid
+    assert np.abs(fast - slow).max(axis=0) == pytest.approx(0.0, abs=1e-9 * np.abs(slow).max())
+
+
+@pytest.mark.parametrize("friction", RUBBING, ids=["coulomb", "stribeck", "lugre"])
+def test_derivatives_of_a_rubbing_axis_are_those_of_differences(friction):
+    """But where it starts and stops to slide: there the rows of a difference jump."""
+    command = 60.0 * np.sin(0.01 * np.arange(700))
+    wanted = ("velocity_gain", *friction)
+    given = {**LOOP_GAINS, **friction}
+    exact = drive_response(command, 0.01, given, wanted)
+    for i, name in enumerate(wanted):
+        step = 1e-5 * given[name]
+        up, down = (drive_response(command, 0.01, {**given, name: given[name] + d}, ())[:, :, 0] for d in (step, -step))
+        difference = (up - down) / (2.0 * step)
+        error = np.abs(difference - exact[:, :, 1 + i]) / np.abs(difference).max(axis=0)
+        assert np.quantile(error, 0.98) < 1e-4, name
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e5, 1e6])
+def test_a_contact_that_yields_against_the_plants_fine_integration(stiffness):
+    """The plant's LuGre friction in substeps of 0.1 ms, its damping that of C. Canudas de Wit et al. 1995."""
+    time = np.arange(1500) * 0.004
+    command = 100.0 * np.sin(0.7 * time)
+    friction = {"coulomb": 70.0, "stiction": 30.0, "stribeck_speed": 2.0}
+    motion = drive_response(command, 0.004, {**LOOP_GAINS, **friction, "pre_sliding": 70.0 / stiffness}, ())
+    rubs = plant.Friction(
+        coulomb=70.0, breakaway=100.0, stribeck_speed=2.0, stiffness=stiffness, damping=stiffness**0.5
+    )
+    expected = plant.follow(plant.Drive(**LOOP_GAINS, friction=rubs), command, 0.004)
+    without = drive_response(command, 0.004, LOOP_GAINS, ())
+    left = np.abs(motion[:, 0, 0] - expected.x).max()
+    assert left < 0.03 * np.abs(without[:, 0, 0] - expected.x).max()
+
+
+def test_rows_that_the_recorder_lost_are_filled_smoothly_and_round_corners():
+    """A programme that stops abruptly: a spline over all rows misses by a row's whole way where the stop was lost."""
+    time = 0.03 * np.arange(657)
+    command = 100.0 * np.sin(0.33 * np.minimum(time, 19.3))
+    for first, count, most in ((300, 3, 1e-4), (640, 2, 0.05), (642, 4, 0.05), (646, 3, 1e-9)):
+        steps = np.delete(np.arange(657), np.arange(first, first + count))
+        assert np.abs(filled(steps, command[steps]) - command).max() < most, first
 
 
 def test_names_and_vectors_are_checked(static):

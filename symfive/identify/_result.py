@@ -70,6 +70,11 @@ class Identification:
         return self.model.parameters
 
     @property
+    def named(self) -> dict[str, float]:
+        """The values by name, file units."""
+        return self.model.named(self.values)
+
+    @property
     def std(self) -> Array:
         """Posterior standard deviations (k,), file units."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))

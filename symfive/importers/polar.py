@@ -19,7 +19,7 @@ from symfive.files import read_text, shown
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 
-__all__ = ["polar_run", "read_polar"]
+__all__ = ["polar_doubts", "polar_run", "read_polar"]
 
 Array = NDArray[np.float64]
 UNITS = {"um": 1.0, "mm": 1e3}
@@ -32,6 +32,10 @@ MOST = 1e12
 MOST_COLUMNS = 12
 COLUMNS = ("angle", "deviation")
 DIRECTIONS = ("ccw", "cw")
+SHORT_DEG = 20.0
+"""So short an arc is no circular test: one turn in radians is 6.28."""
+SLOW_MIN = 60.0
+"""A circle that takes longer has its feed in another unit."""
 
 
 def read_polar(
@@ -150,6 +154,34 @@ def polar_run(
         setup_sigma_um=setup_sigma_um or SetupSigma(table_ball=20.0, tool_ball=20.0, length=0.5),
     )  # fmt: skip
     return within_travel(machine, run, place="the centre, the radius or the tool's length in the machine file")
+
+
+def polar_doubts(
+    machine: Machine, runs: Sequence[Run], angles_deg: Sequence[Array], *, radius: float, feed: float
+) -> tuple[str, ...]:
+    """What is odd about the circles of `polar_run`, each with its remedy: a short arc (radians?), a feed that an axis cannot
+    do or that takes hours, one direction only. `angles_deg` those that each run was made of."""
+    said = []
+    for run, angle in zip(runs, angles_deg, strict=True):
+        sweep = float(np.ptp(np.unwrap(np.radians(angle))))
+        if np.degrees(sweep) < SHORT_DEG:
+            problem = f"{run.id}: the angles cover {np.degrees(sweep):.3g}° only"
+            said.append(f"{problem}; if they are radians, write them in degree (times 57.29578)")
+    minutes = 2.0 * np.pi * radius / feed
+    if minutes > SLOW_MIN:
+        problem = f"at {feed:g} mm/min one circle takes {minutes / 60.0:.2g} hours"
+        said.append(f"{problem}; if the feed is in m/min, give --feed {1e3 * feed:g}")
+    for name, axis in machine.axes.items():
+        speed = max(float(np.max(np.abs(np.diff(run.commands[name]) / np.diff(run.time)))) * 60.0 for run in runs)
+        if axis.max_feed is not None and speed > 1.01 * axis.max_feed:
+            problem = f"axis {name} would go at {speed:.0f} {axis.unit}/min, its max_feed is {axis.max_feed:g}"
+            said.append(f"{problem}; give --feed in mm/min as the programme has it, or correct the machine file")
+    senses = {bool(np.unwrap(np.radians(a))[-1] > np.radians(a[0])) for a in angles_deg}
+    if len(runs) > 1 and len(senses) == 1:
+        sense = DIRECTIONS[0] if senses == {True} else DIRECTIONS[1]
+        problem = f"all {len(runs)} files go {sense} by their angles: play cannot be told from lag"
+        said.append(f"{problem}; if a file sorts its angles, add --direction ccw or cw once per file, in their order")
+    return tuple(said)
 
 
 def _steady(angle_deg: Array) -> Array:

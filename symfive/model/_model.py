@@ -128,6 +128,10 @@ class Model:
             array[self.index[name]] = value
         return array
 
+    def named(self, values: Array) -> dict[str, float]:
+        """A parameter vector by names."""
+        return {p.name: float(v) for p, v in zip(self.parameters, values, strict=True)}
+
     def columns(self, run: Run | str) -> tuple[Column, ...]:
         """The reading columns of a run."""
         return self._function(self._run(run)).columns

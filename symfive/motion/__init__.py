@@ -1,6 +1,8 @@
 """Motion of the axes along a run: drives, positions behind them, and signals with memory."""
 
-from symfive.motion._drives import GAINS, drive_response, linear_recurrence
+from symfive.motion._drives import GAINS, drive_response
+from symfive.motion._friction import FRICTION
+from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import AxisMotion, RunMotion, Series
 from symfive.motion._moved_path import moved_response
 from symfive.motion._signals import (
@@ -21,7 +23,7 @@ from symfive.motion._signals import (
 )
 
 __all__ = [
-    "FINE_S", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding",
-    "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
+    "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position",
+    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
     "drive_response", "linear_recurrence", "moved_response",
 ]  # fmt: skip

@@ -10,10 +10,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
-from symfive.motion._drives import GAINS, LOOP, drive_response
+from symfive.motion._drives import GAINS, drive_response
+from symfive.motion._gaps import filled
+from symfive.motion._loop import LOOP
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
@@ -141,20 +142,15 @@ class RunMotion:
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        rows = np.arange(self.run.steps[-1] + 1)
-        if len(rows) != len(command):  # rows that the recorder lost: the programme went on smoothly meanwhile
-            command = np.where(
-                np.isin(rows, self.run.steps),
-                np.interp(rows, self.run.steps, command),
-                CubicSpline(self.run.steps, command)(rows),
-            )
+        if len(command) != self.run.steps[-1] + 1:
+            command = filled(self.run.steps, command)
         lead = self._lead(command)
         command, first = np.concatenate([lead, command]), len(lead)
-        filled = command
+        finer = command
         if factor > 1:
-            filled = np.interp(np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command)), command)
+            finer = np.interp(np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command)), command)
         interval, order = self.run.interval / factor, tuple(sorted(gains.items()))
-        response = _remembered(np.ascontiguousarray(filled).tobytes(), interval, order, tuple(wanted))
+        response = _remembered(np.ascontiguousarray(finer).tobytes(), interval, order, tuple(wanted))
         return response[first * factor :], tuple(wanted.values())
 
     def _lead(self, command: Array) -> Array:

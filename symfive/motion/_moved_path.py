@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.motion._drives import LOOP, _acceleration, _discretisation, linear_recurrence
+from symfive.motion._loop import LOOP, acceleration, discretisation, linear_recurrence
 
 __all__ = ["moved_response"]
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 def _in_time() -> Any:
     """(gains, h) → d/dh of the step matrix (18) and of its derivative in the gains (18×5)."""
     inputs = [ca.MX.sym("gains", 5), ca.MX.sym("h")]
-    step, slope = _discretisation()(*inputs)
+    step, slope = discretisation()(*inputs)
     return ca.Function("in_time", inputs, [ca.jacobian(ca.vec(step), inputs[1]), ca.jacobian(ca.vec(slope), inputs[1])])
 
 
@@ -47,7 +47,7 @@ def moved_response(
     slope[:-1] = np.diff(relative) / dt
     slope_moved[:-1] = np.diff(relative_moved, axis=0) / dt - np.outer(slope[:-1], dt_moved / dt)
     vector = np.array([gains[name] for name in LOOP])
-    step, by_gain = (np.asarray(part) for part in _discretisation()(vector, dt))
+    step, by_gain = (np.asarray(part) for part in discretisation()(vector, dt))
     by_time, by_both = (np.asarray(part) for part in _in_time()(vector, dt))
     places = [LOOP.index(name) for name in wanted]
     A_h = by_time.reshape(3, 6, order="F")
@@ -88,7 +88,7 @@ def _with_acceleration(
     start_moved: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Position, velocity and acceleration of (position, velocity, integral), and their derivatives in the path."""
-    row, slopes = (np.asarray(part) for part in _acceleration()(gains))
+    row, slopes = (np.asarray(part) for part in acceleration()(gains))
     motion, motion_moved = states.copy(), moved.copy()
     motion[:, 2] = np.einsum("i,kim->km", row[0, :3], states)
     motion_moved[:, 2] = np.einsum("i,kimv->kmv", row[0, :3], moved)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm, expm_frechet
 
-from symfive.motion._drives import linear_recurrence
+from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import RunMotion, Series
 
 __all__ = [
