@@ -111,7 +111,7 @@ def test_as_a_program():
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
-    assert "there is no such file" in done.stderr
+    assert "there is no such folder" in done.stderr
 
 
 def test_version_help_and_completion_load_no_numerics():
@@ -289,6 +289,16 @@ def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_pat
     assert json.loads((tmp_path / "d" / "diagnosis.json").read_text())["findings"] == []
 
 
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_a_fit_that_did_not_converge_is_told_on_the_terminal(symfive, tmp_path, monkeypatch, verb):
+    module = sys.modules["symfive.identify._identify"]
+    solve = module.solve
+    monkeypatch.setattr(module, "solve", lambda *words, **options: (solve(*words, **options)[0], False))
+    answer = symfive(verb, BAR, "-o", tmp_path / "out", *(["--no-figures"] if verb == "identify" else []))
+    assert answer.code == 0 and "note: the fit did not converge" in answer.err
+    assert answer.out.startswith("The fit did not converge: ")
+
+
 # --- bad input ----------------------------------------------------------------------------------------------------
 
 
@@ -425,6 +435,13 @@ def test_a_truth_that_is_none(symfive, small_plan, tmp_path):
         truth.write_text(text)
         refused(symfive("simulate", small_plan, "-o", out, "--truth", truth), says)
     assert not out.exists()
+
+
+def test_what_is_no_campaign_is_told_apart(symfive, tmp_path):
+    refused(symfive("identify", tmp_path / "absent", "-o", tmp_path / "o"), "there is no such folder")
+    refused(symfive("identify", tmp_path / "absent.toml", "-o", tmp_path / "o"), "there is no such file")
+    table = next(BAR.glob("*.csv"))
+    refused(symfive("identify", table, "-o", tmp_path / "o"), "not a campaign", "give the campaign's folder")
 
 
 def test_a_wrong_choice(symfive, tmp_path):

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.design import circle_information, plan_circles
 from symfive.design._circles import typical_values
 from symfive.design._moved_run import MovedRun
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs, make_path
+from symfive.design._sheet import Sheet, setup_sheet
+from symfive.design._write import write_circles
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.model import Model
 from symfive.motion import drive_response, moved_response
+from symfive.nc import Post
+from symfive.procedures import campaign_of, cone_circle, linear_positioning, planar_circle, rotary_circle
 
 MACHINE = preset("tsutsumi-2007")
 LEAN = replace(MACHINE, errors={n: MACHINE.errors[n] for n in ("EC0Y", "EX0C", "EY0C")}, text="")
@@ -139,6 +145,21 @@ def test_refined_circles_are_better_and_keep_the_limits() -> None:
     assert again.matrix == pytest.approx(circle.matrix)
 
 
+@pytest.mark.parametrize(("reach", "refine"), [(100.0, False), (75.0, True)])
+def test_the_ball_stands_on_the_table(reach: float, refine: bool) -> None:
+    """Bars of 50 and 100 mm: X_T/r = 1.8 would put the ball beside the table, in the list and after the refinement."""
+    small = replace(LEAN, workspace=replace(LEAN.workspace, table_radius=reach), text="")
+    options = {"radii": (50.0, 100.0), "ratios": (0.5, 1.2, 1.8), "feeds": (500.0,), "rate_hz": 10.0, "refine": refine}
+    found = plan_circles(small, DRIVE[1:], **options)
+    balls = [run.table_ball for circle in found.considered for run in circle.runs]
+    balls += [run.table_ball for run in found.campaign.runs]
+    assert max(np.hypot(x, y) for x, y, _ in balls) <= reach
+    with pytest.raises(
+        InputError, match=r"no circle can be run.*would stand beside the table; keep it within table_rad"
+    ):
+        plan_circles(small, DRIVE[1:], radii=(100.0,), ratios=(1.8,), feeds=(500.0,))
+
+
 @pytest.mark.parametrize("options", [{"robust": "worst"}, {"robust": "mean"}, {"per_minute": True}])
 def test_what_circles_are_chosen_for(options: dict) -> None:
     found = plan_circles(
@@ -158,6 +179,55 @@ def test_planar_circles_with_a_direction_to_choose(tmp_path: Path) -> None:
     assert data["expected"]["backlash.X.width"]["std"] < data["expected"]["backlash.X.width"]["prior_std"]
     assert read_campaign(tmp_path / "plan").rows == found.campaign.rows
     assert "circles of" in str(found)
+
+
+def test_circles_have_a_sheet(tmp_path: Path) -> None:
+    options = {"ratios": (1.2,), "feeds": (800.0,), "rate_hz": 20.0, "refine": False}
+    found = plan_circles(LEAN, DRIVE[1:], count=1, **options)
+    odd = replace(LEAN, name=HOSTILE)
+    write_circles(replace(found, campaign=found.campaign.with_machine(odd)), tmp_path, ("iso",))
+    first, second = (run.id for run in found.campaign.runs)
+    text = (tmp_path / "setup.html").read_text()
+    page = Page(text)
+    assert page.tags.count("script") == 1 and HOSTILE in page.words
+    for words in (
+        "2 runs, 1586 readings · about 8 min with set-up", "Collisions were not checked for the ways of this program",
+        "Stand the table ball at x = 60, y = 0, z = 80 mm", "Bar of 50 mm", "ball bar: dL_um into", "793, one every 50 ms",
+        "radius 50 mm, 480° with run-up", "xy of the workpiece frame", "counter-clockwise, seen against +z",
+        "800 mm/min along the circle", "C and X move; the ball is X_T = 60.000 mm from axis C, X_T/r = 60/50 = 1.2",
+        "Machine position with the tool's end there: X 60.000, Y 0.000, Z 210.000 mm (A 0°, C 0°)", "39.6 s, from rest",
+        f"The same mounting as for run {first}: all stays as it stands", "backlash.C.width", "nc/iso/*.nc", "4580 °/min",
+    ):  # fmt: skip
+        assert words in page.words, words
+    assert page.words.count("Bar of 50 mm") == 1, "the second run has the mounting of the first"
+    assert all((tmp_path / "figures" / f"poses-{run}.svg").stat().st_size < 200_000 for run in (first, second))
+    assert read_campaign(tmp_path).rows == found.campaign.rows and (tmp_path / "plan.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "says"),
+    [
+        ("table-bc", lambda m: planar_circle(m, plane="ZX", direction="cw", rate_hz=8.0, feed=600.0),
+         ("zx of the machine frame", "clockwise, seen against +y", "600 mm/min along the circle")),
+        ("table-bc", lambda m: planar_circle(m, instrument="grid_encoder", direction="ccw", centre=(10, 20, 80), rate_hz=8.0),
+         ("Stand the middle of the grid plate at x = 10, y = 20, z = 80", "Reading head at 150 mm", "dv_um", "22.361")),
+        ("table-bc", lambda m: cone_circle(m, sensitive="surface", direction="ccw", rate_hz=8.0),
+         ("radius 96.6 mm", "leaning by 10.0° from xy of the workpiece frame", "seen against (0.174, 0.000, 0.985)")),
+        ("nutating-table", lambda m: rotary_circle(m, arrangement="tangential", direction="cw", rate_hz=8.0),
+         ("tangential to axis C, turning with it", "C falling", "1800 °/min of C", "118.638")),
+        ("table-bc", lambda m: rotary_circle(m, arrangement="axial", direction="ccw", rate_hz=8.0),
+         ("along axis C, turning with it", "C rising")),
+        ("head-bc", lambda m: rotary_circle(m, axis="B", direction="ccw", rate_hz=16.0),
+         ("zx of the workpiece frame", "from axis B", "270.000", "3142 mm/min along the circle")),
+        ("three-axis", linear_positioning, ("laser", "All ")),
+    ],
+    ids=["planar", "grid encoder", "cone", "rotary", "along the axis", "head", "laser"],
+)  # fmt: skip
+def test_plans_of_procedures_have_a_sheet(name: str, make: Callable, says: tuple[str, ...]) -> None:
+    machine = preset(name)
+    words = Page(setup_sheet(Sheet(campaign=campaign_of(machine, make(machine)), post=Post()), {}, ())).words
+    for said in says:
+        assert said in words, said
 
 
 @pytest.mark.parametrize(
@@ -182,3 +252,15 @@ def test_effects_without_a_derivative_are_chosen_from_the_list() -> None:
     found = plan_circles(LEAN, [make_effect("friction", "C")], count=1, ratios=(0.5, 1.2), feeds=(800.0,), rate_hz=20.0)
     assert found.value == found.grid_value
     assert "are not refined; choose among the circles given" in found.notes[0]
+
+
+def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:
+    options = {"feeds": (800.0,), "rate_hz": 20.0, "refine": False}
+    repeated = plan_circles(LEAN, DRIVE[1:], ratios=(1.2,), **options)
+    text = str(repeated)
+    assert "X_T/r 1.2, radius r 50 mm, feed 800 mm/min, height 80 mm; ball at (60, 0) mm on the table" in text
+    assert "µrad (before 100)" in text and "expected 1σ after the measurement" in text
+    assert repeated.notes == ("circle 2 is a repeat of circle 1: no other candidate adds more",)
+    blind = plan_circles(LEAN, DRIVE[1:], family="planar", count=1, **options)
+    assert "cannot see backlash.C.width: axis C does not move in them" in str(blind)
+    assert blind.to_data()["notes"] == list(blind.notes) and blind.notes[0].startswith("WARNING: ")

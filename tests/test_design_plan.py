@@ -27,11 +27,12 @@ from symfive.design._bodies import Clearances
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
 from symfive.design._optimise import value_of
-from symfive.design._order import round_trip, there_and_back
+from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
 from symfive.design._pose_table import mounted_before, pose_table
 from symfive.design._refine import Rows
 from symfive.design._request import task_of
 from symfive.design._robust import over_prior, robust_exchange
+from symfive.design._rounding import not_rounded, rounded
 from symfive.design._space import Space, make_space
 from symfive.design._ways import blocked_moves
 from symfive.effects import make_effect
@@ -94,7 +95,8 @@ def test_rows_agree_with_the_model(made: Plan) -> None:
 
 
 def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) -> None:
-    named = replace(made, machine=replace(OYAMA, name='<script>"x"</script>', text=""))
+    odd = replace(OYAMA, name='<script>"x"</script>', text="")
+    named = replace(made, machine=odd, campaign=made.campaign.with_machine(odd))
     named.write(tmp_path / "plan", nc=("iso", "linuxcnc"))
     campaign = read_campaign(tmp_path / "plan")
     assert not campaign.measured and not campaign.notes
@@ -105,6 +107,7 @@ def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) 
     assert set(data["valuation"]) == {"B", "C"} and min(data["valuation"].values()) > 2.0
     page = (tmp_path / "plan" / "setup.html").read_text()
     assert page.count("<script") == 1 and "&lt;script&gt;" in page and "<svg" in page
+    assert page.count("<caption>The nest</caption>") == len(campaign.runs) == page.count("from axis C")
     assert page.count('<table class="poses-list">') == len(campaign.runs) and "then read dx_um, dy_um, dz_um" in page
     assert page.count("again pose 1, reading 2") == len(campaign.runs), "the return to the first pose"
     assert "Not tested: clamps" in (tmp_path / "plan" / "nc/iso/nest-1.nc").read_text()
@@ -490,3 +493,49 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     assert "backlash.X.width" in capsys.readouterr().out
     assert len(list((tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc"))) == 2
+
+
+def test_no_pose_follows_itself_and_the_ends_stay() -> None:
+    order, pose = np.array([0, 1, 2, 3, 4, 5, 0]), np.array([0, 1, 1, 2, 3, 3])
+    times = np.abs(np.arange(6.0)[:, None] - np.arange(6.0))
+    apart = kept_apart(order, pose, times)
+    assert sorted(apart.tolist()) == sorted(order.tolist()) and apart[0] == apart[-1] == 0
+    assert np.all(np.diff(pose[apart]) != 0)
+    assert kept_apart(np.array([0, 1, 2]), np.zeros(3, dtype=int), times).tolist() == [0, 1, 2], "nothing else to go to"
+    assert out_and_back(np.arange(3), 9).tolist() == [0, 1, 0, 2, 0]
+
+
+@pytest.mark.parametrize(("name", "instrument"), [("oyama-2010", "r_test"), ("wang-li-2016", "ball_bar")])
+def test_plans_are_rounded_at_the_edge_of_the_table_and_need_one_tool(
+    name: str, instrument: str, tmp_path: Path
+) -> None:
+    """Location errors send balls to the edge, where (4.3, 159.9) mm rounded to (4, 160) mm is beside the table."""
+    machine = _location_only(name)
+    machine = replace(machine, workspace=replace(machine.workspace, tool_length=(110.0, 180.0)), text="")
+    made = plan(machine, instrument=instrument, points=16, starts=1, anywhere=False)
+    assert not [note for note in made.notes if "rounded" in note]
+    for run in made.campaign.runs:
+        place = np.array([*run.table_ball, run.tool_ball[2]])
+        assert np.abs(place - np.round(place)).max() < 1e-6
+        assert np.hypot(*run.table_ball[:2]) <= machine.workspace.table_radius
+        angles = np.concatenate([100.0 * q for n, q in run.commands.items() if machine.axes[n].rotary])
+        assert np.abs(angles - np.round(angles)).max() < 1e-6
+        poses = np.stack(list(run.commands.values()), axis=1)
+        assert np.all(np.any(np.diff(poses, axis=0) != 0.0, axis=1)), "a pose follows itself"
+    assert len({run.tool_ball for run in made.campaign.runs}) == 1
+    made.write(tmp_path / "plan", nc=())
+    page = (tmp_path / "plan" / "setup.html").read_text()
+    assert "of them different" in page and "pose measured " in page
+
+
+def test_what_cannot_be_rounded_is_said() -> None:
+    space = make_space(OYAMA, "r_test")
+    z = np.tile([np.radians(12.34), np.radians(5.0), 0.5, 0.3, 0.8, 1.5], (2, 1))
+    z[1, 0] = np.radians(12.3456)
+    design = Rows(z, np.zeros((2, 1)), np.zeros(2, dtype=np.int64), 1, 2)
+    assert not_rounded(space, design) == ((1,), 1)
+    found = rounded(space, design)
+    assert not_rounded(space, found) == ((), 0) and space.feasible(found.z, found.k).all()
+    assert np.degrees(found.z[:, 0]) == pytest.approx([12.34, 12.35]) and space.table_ball(found.z[0])[
+        :2
+    ] == pytest.approx((48.0, 15.0))

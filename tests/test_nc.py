@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import shutil
 import subprocess
@@ -155,3 +156,27 @@ def test_linuxcnc_follows_the_plan(machine: Machine, run: Run, tmp_path: Path) -
         poses = np.stack([run.commands.get(axis, np.zeros(run.rows)) for axis in LETTERS], axis=1)
         nearest = np.abs(canonical[:, None, :] - poses[None, :, :]).max(axis=2).min(axis=0)
         assert nearest.max() <= 1e-4
+
+
+@pytest.mark.parametrize(("machine", "run"), RUNS, ids=IDS)
+@pytest.mark.parametrize("dialect", list(DIALECTS))
+def test_no_block_stands_still_and_no_zero_is_negative(machine: Machine, run: Run, dialect: str) -> None:
+    text = program(machine, run, dialect)
+    assert not re.search(r"-0\.0+\b", text)
+    moves = [line for line in text.splitlines() if re.search(r"\bX[=+-]?\d", line) and "G4" not in line]
+    words = [" ".join(re.findall(r"\b[A-CX-Z][=+]?-?\d+\.\d+", line)) for line in moves]
+    assert all(a != b for a, b in itertools.pairwise(words))
+
+
+def test_a_rest_while_reading_becomes_a_dwell_of_the_same_time() -> None:
+    machine, run = RUNS[3]
+    moving = [step for step in program_steps(machine, run) if step.seated]
+    assert sum(step.seconds for step in moving) == pytest.approx(run.duration)
+    assert moving[-1].kind == "dwell", "the recording ends at rest"
+
+
+def test_programs_are_numbered_as_the_runs(tmp_path: Path) -> None:
+    machine, first = RUNS[0]
+    second = replace(first, id="another", file="another.csv")
+    paths = write_programs(campaign_of(machine, (first, second)), tmp_path, ("iso",))
+    assert [path.read_text().splitlines()[1] for path in paths] == ["O0001 (R_TEST_1)", "O0002 (ANOTHER)"]

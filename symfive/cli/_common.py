@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CampaignPath", "Json", "OutputPath", "Progress", "Quiet", "app", "joined", "machine_of", "read", "tell"]
 
+TABLES = (".csv", ".tsv", ".txt")
+
 app = typer.Typer(
     name="symfive",
     help="One symbolic model of five-axis machine tools: plan, measure, identify, diagnose, predict, generate code.",
@@ -72,6 +74,11 @@ def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
     from symfive.campaign import read_campaign
     from symfive.errors import InputError
 
+    if not path.suffix and not path.exists():
+        raise InputError("there is no such folder", path=path, remedy="check the name; a campaign is a folder")
+    if path.suffix.lower() in TABLES and path.is_file():
+        remedy = "give the campaign's folder or its campaign.toml"
+        raise InputError("this is a table of readings, not a campaign", path=path, remedy=remedy)
     campaign = read_campaign(path)
     if not quiet:
         for note in campaign.notes:

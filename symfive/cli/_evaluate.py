@@ -34,10 +34,15 @@ def identify(
     result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
     with output_folder(output) as folder:
         write_identification(result, folder, figures=figures, progress=progress)
-    if not quiet:
-        for note in result.notes:
-            typer.echo(f"note: {note}", err=True)
+    _notes(result.notes, quiet)
     tell(result.to_data(), identification_text(result), as_json)
+
+
+def _notes(notes: tuple[str, ...], quiet: bool) -> None:
+    """What a fit has to say of itself."""
+    if not quiet:
+        for note in notes:
+            typer.echo(f"note: {note}", err=True)
 
 
 @app.command(epilog="Example: symfive predict results/model.json heldout/ -o predicted/")
@@ -90,6 +95,7 @@ def diagnose(
     result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
     with output_folder(output) as folder:
         write_diagnosis(result, folder, progress=progress)
+    _notes(result.after.notes, quiet)
     tell(result.to_data(), diagnosis_text(result), as_json)
 
 

@@ -63,7 +63,7 @@ def import_polar(
     from symfive.campaign import write_campaign_files
     from symfive.errors import InputError
     from symfive.files import output_folder
-    from symfive.importers import polar_run, read_polar
+    from symfive.importers import polar_doubts, polar_run, read_polar
     from symfive.procedures import campaign_of
 
     data = machine_of(machine)
@@ -73,15 +73,14 @@ def import_polar(
     if len(senses) != len(files):
         problem = f"{len(files)} files have {len(senses)} directions"
         raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
-    runs = []
+    runs, angles, notes = [], [], list[str]()
     for path, sense in zip(files, senses, strict=True):
         angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense)
+        angles.append(angle)
         if radius is None or feed is None:
             raise _not_in_the_file(path, radius, feed)
         if unit == "um" and float(np.abs(deviation).max()) < noise_um:
-            typer.echo(
-                f"note: {path.name}: no deviation reaches {noise_um:g} µm; if they are mm, give --unit mm", err=True
-            )
+            notes.append(f"{path.name}: no deviation reaches {noise_um:g} µm; if they are mm, give --unit mm")
         try:
             runs.append(
                 polar_run(
@@ -95,6 +94,10 @@ def import_polar(
     with output_folder(output) as folder:
         write_campaign_files(campaign, folder)
     if not quiet:
+        if radius is not None and feed is not None:
+            notes += polar_doubts(data, runs, angles, radius=radius, feed=feed)
+        for note in notes:
+            typer.echo(f"note: {note}", err=True)
         typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
 
 

@@ -71,12 +71,17 @@ def plan(
     ] = "",
     starts: Annotated[int, typer.Option(help="Starts of the search.")] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
+    workers: Annotated[
+        int, typer.Option(help="Processes of this computer that share the starts; 0: none but this one.")
+    ] = 0,
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """The optimal measurement plan: a campaign without readings, certificate, NC programs, set-up sheet."""
     from symfive.design import plan as make_plan
     from symfive.design import plan_circles
+    from symfive.executors import executor
     from symfive.nc import Post, dialect_of
 
     dialects = tuple(nc or ("iso",))
@@ -93,12 +98,13 @@ def plan(
             per_minute=per_minute, noise_um=noise_um, radii=tuple(bars or _bars_of(data)),
         )  # fmt: skip
     else:
-        result = make_plan(
-            data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
-            setups=setups, lengths=tuple(bars or ()), repeats=repeats, returns=returns, noise_um=noise_um,
-            survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
-            given=None if given is None else read(given, quiet), progress=Progress(quiet),
-        )  # fmt: skip
+        with executor(workers, scheduler) as pool:
+            result = make_plan(
+                data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
+                setups=setups, lengths=tuple(bars or ()), repeats=repeats, returns=returns, noise_um=noise_um,
+                survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
+                given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
+            )  # fmt: skip
     result.write(output, nc=dialects, post=post)
     tell(result.to_data(), str(result), as_json)
 

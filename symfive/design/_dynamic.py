@@ -10,7 +10,6 @@ circles are chosen like poses (greedy and exchange) and the chosen ones refined 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,19 +18,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign, write_campaign_files
+from symfive.campaign import Campaign
 from symfive.design._assess import assess
+from symfive.design._circle_words import circle_words, gain_words, sigma_words, warnings_of
 from symfive.design._circles import ROBUST, Circle, Goal, circle_information, measured, told
 from symfive.design._criteria import criterion_of
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
-from symfive.design._write import SCHEMA, assessment_data
+from symfive.design._write import SCHEMA, assessment_data, write_circles
 from symfive.effects import Effect
 from symfive.errors import InputError
-from symfive.files import output_folder, write_json
+from symfive.files import output_folder
 from symfive.machine import Machine
 from symfive.model import Model
-from symfive.nc import Post, write_programs
+from symfive.nc import Post
+from symfive.parameters import Parameter
 from symfive.procedures import campaign_of, circle_frame
 from symfive.procedures._path import senses
 from symfive.procedures._planar_circle import PLANES
@@ -54,8 +55,9 @@ LEAST_GAIN = 1e-6
 
 @dataclass(frozen=True)
 class CirclePlan:
-    """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' parameters, all circles that
-    were `considered`, ψ of the best of these (`grid_value`) and of the refined ones (`value`), `notes` in plain words."""
+    """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' `parameters` (file units), all
+    circles that were `considered`, ψ of the best of these (`grid_value`) and of the refined ones (`value`), `notes` in plain
+    words: circles that are repeats, parameters that none of them sees."""
 
     campaign: Campaign
     circles: tuple[Circle, ...]
@@ -64,6 +66,7 @@ class CirclePlan:
     value: float
     grid_value: float
     effects: tuple[Effect, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
     notes: tuple[str, ...] = ()
 
     def to_data(self) -> dict[str, Any]:
@@ -79,22 +82,17 @@ class CirclePlan:
         }  # fmt: skip
 
     def write(self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None) -> None:
-        """The campaign without readings, plan.json and NC programs, whole or not at all."""
+        """The campaign without readings, plan.json, NC programs and set-up sheet, whole or not at all."""
         with output_folder(Path(folder)) as target:
-            write_campaign_files(self.campaign, target)
-            write_json(target / "plan.json", self.to_data())
-            write_programs(self.campaign, target / "nc", nc, post)
+            write_circles(self, target, tuple(nc), post)
 
     def __str__(self) -> str:
-        lines = [f"{len(self.circles)} circles of {len(self.considered)}, {self.minutes:.1f} min of recording"]
-        for circle in self.circles:
-            values = ", ".join(f"{name} {value:g}" for name, value in circle.shape.values.items())
-            lines.append(f"  {circle.shape.family}, {circle.shape.direction}: {values}")
-        lines += [f"  {name:36} 1σ {std:.3g}" for name, std in self.sigma.items()]
-        gain = 100.0 * math.expm1(0.5 * (self.grid_value - self.value))
-        return "\n".join(
-            [*lines, f"refined: 1σ {gain:.2g} % smaller than with the best circles of the list", *self.notes]
-        )
+        count = len(self.circles)
+        circles = "circle" if count == 1 else "circles"
+        lines = [f"{count} {circles} of {len(self.considered)} considered, {self.minutes:.1f} min of recording"]
+        lines += [f"  {circle_words(circle)}" for circle in self.circles]
+        lines += sigma_words(self.parameters, self.sigma)
+        return "\n".join([*lines, gain_words(self.grid_value, self.value), *self.notes])
 
     @property
     def minutes(self) -> float:
@@ -118,7 +116,8 @@ def plan_circles(
     effects'); `robust` `nominal`, or the `mean` or `worst` case over `draws` of the effects' parameters from their priors;
     `per_minute` weighs the recording time. `refine`: the best circles are refined in the variables `free` (default ratio and
     feed; feed and centre) within the ranges of the lists, and kept only where they are better. Circles that an axis cannot
-    follow are left out. Raises `InputError` where none is left or a name is unknown.
+    follow, and those whose ball would stand beside the table (`table_radius`), are left out. Raises `InputError` where none
+    is left or a name is unknown.
     """
     _check(family, robust, count, planes, directions, free)
     shapes = _shapes(machine, family, radii, ratios, feeds, centres, planes, directions)
@@ -194,7 +193,7 @@ def _followed(
     rate_hz: float,
     draws: int,
 ) -> list[Circle]:
-    """The circles that the axes can follow. Raises `InputError` where there is none."""
+    """The circles that the axes can follow, with the ball on the table. Raises `InputError` where there is none."""
     circles, refused = [], None
     for shape in shapes:
         try:
@@ -273,7 +272,8 @@ def _plan_of(
     shared = [p for p in model.parameters if p.kind != "setup"]
     total = np.sum([circle.matrix for circle in best], axis=0)
     spread = np.sqrt(np.diag(goal.covariance(total))) * goal.scale
-    sigma = {p.name: float(s) for p, s in zip(shared, spread, strict=True) if p.kind == "effect"}
+    sought = tuple(p for p in shared if p.kind == "effect")
+    sigma = {p.name: float(s) for p, s in zip(shared, spread, strict=True) if p in sought}
     runs = [
         replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv")
         for i, circle in enumerate(best)
@@ -281,7 +281,8 @@ def _plan_of(
     ]
     return CirclePlan(
         campaign=campaign_of(machine, runs, "circles"), circles=tuple(best), sigma=sigma, considered=tuple(circles),
-        value=goal.value(best), grid_value=goal.value(chosen), effects=tuple(effects), notes=tuple(notes),
+        value=goal.value(best), grid_value=goal.value(chosen), effects=tuple(effects), parameters=sought,
+        notes=(*notes, *warnings_of(best, effects, sought, sigma)),
     )  # fmt: skip
 
 

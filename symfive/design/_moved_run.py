@@ -25,7 +25,8 @@ from symfive.instruments import instruments_of
 from symfive.model import Model
 from symfive.model._assembly import RowFunction, assemble
 from symfive.motion import GAINS, Acceleration, Command, Direction, Play, Position, Velocity, moved_response
-from symfive.motion._drives import FRICTION, LOOP
+from symfive.motion._friction import FRICTION
+from symfive.motion._loop import LOOP
 
 __all__ = ["MovedRun"]
 

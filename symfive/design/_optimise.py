@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Executor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,13 @@ from symfive.design._certificate import generate
 from symfive.design._exchange import Candidates, choose, exchange, greedy
 from symfive.design._information import Task
 from symfive.design._refine import Rows, refine
-from symfive.design._space import UNIT_MM, Space
+from symfive.design._space import Space
+from symfive.design._starts import each
 
-__all__ = ["optimise", "rounded", "value_of"]
+__all__ = ["optimise", "value_of"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 LARGEST_REFINED = 80
 """Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are as good."""
 SHARES, STEPS = (1.0, 0.5, 0.3), (12, 30, 150)
@@ -29,7 +32,6 @@ PART = 0.6
 """Share of the corners and poses that a random start sees."""
 COARSE = 100
 """Poses by which set-ups are compared."""
-ANGLE_DEG, PLACE_MM = 0.01, 1.0
 
 
 def value_of(space: Space, task: Task, rows: Rows) -> float:
@@ -39,28 +41,28 @@ def value_of(space: Space, task: Task, rows: Rows) -> float:
 
 def optimise(
     space: Space, task: Task, points: int, setups: int, *, starts: int = 6, seed: int = 0,
-    progress: Callable[[str], None] = lambda message: None,
+    pool: Executor | None = None, progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Rows, tuple[float, ...]]:  # fmt: skip
     """The best design found and ψ of every start.
 
     Start 0 uses the most telling set-ups and every pose of the grid, the others random parts of both. Successive halving: all
     starts are refined a little, the better half of them further, and the best one until it stands still. Then whole numbers of
     the poses that the relaxed design in its set-ups uses compete with it. Of a large plan only a smaller one is refined; its
-    set-ups and the relaxed design in them give the large one.
+    set-ups and the relaxed design in them give the large one. The workers of `pool` (`symfive.executors`) share the starts.
     """
     small = min(points, LARGEST_REFINED)
-    generator = np.random.default_rng(seed)
-    running: dict[int, Rows] = {}
-    feasible: list[tuple[float, Rows]] = []
-    for start in range(starts):
-        running[start] = _started(space, task, small, setups, seed + start, generator if start else None)
-        feasible.append((value_of(space, task, running[start]), running[start]))
+    parts = _parts(space, setups, starts, seed)
+    begun = each(pool, _started, space, task, [(small, setups, seed + s, *part) for s, part in enumerate(parts)])
+    feasible = [(value_of(space, task, rows), rows) for rows in begun]
+    running = dict(enumerate(begun))
     values = [value for value, _ in feasible]
     for share, steps in zip(SHARES, STEPS, strict=True):
         better = sorted(running, key=lambda s: values[s])[: max(1, math.ceil(share * starts))]
-        for start in better:
-            running[start], values[start] = _refined(space, task, running[start], steps, feasible)
-        running = {start: running[start] for start in better}
+        found = each(pool, _refined, space, task, [(running[start], steps) for start in better])
+        running = {}
+        for start, (value, rows, reachable) in zip(better, found, strict=True):
+            running[start], values[start] = rows, value
+            feasible += [(value, rows)] if reachable else []
         progress(
             f"{len(running)} of {starts} starts refined by {steps} steps: ψ = {min(values[s] for s in better):.5f}"
         )
@@ -89,7 +91,8 @@ def _rounded_relaxed(space: Space, task: Task, rows: Rows, feasible: list[tuple[
         picked = both.take(exchange(task, both, rows.groups, first))
         start = Rows.of(picked.z, picked.k, picked.group, rows.poses)
         feasible.append((value_of(space, task, start), start))
-        _refined(space, task, start, STEPS[-1], feasible)
+        value, finer, reachable = _refined(space, task, start, STEPS[-1])
+        feasible += [(value, finer)] if reachable else []
 
 
 def _many(space: Space, task: Task, rows: Rows, points: int) -> Rows:
@@ -107,31 +110,37 @@ def _joined(a: Candidates, b: Candidates) -> Candidates:
     return Candidates(*(np.concatenate([getattr(a, n), getattr(b, n)]) for n in ("z", "k", "group", "rows")))
 
 
+def _parts(space: Space, setups: int, starts: int, seed: int) -> list[tuple[Indices | None, Indices | None]]:
+    """Which corners of the workspace and which poses of the grid every start sees (None: all), drawn in their order."""
+    corners, poses = len(setup_options(space)[0]), len(pose_grid(space, PER_SETUP))
+    generator = np.random.default_rng(seed)
+    parts: list[tuple[Indices | None, Indices | None]] = [(None, None)]
+    while len(parts) < starts:
+        among = generator.choice(corners, max(setups + 1, round(PART * corners)), replace=False)
+        parts.append((among, np.sort(generator.choice(poses, max(1, round(PART * poses)), replace=False))))
+    return parts
+
+
 def _started(
-    space: Space, task: Task, points: int, setups: int, seed: int, generator: np.random.Generator | None
+    space: Space, task: Task, points: int, setups: int, seed: int, among: Indices | None, some: Indices | None
 ) -> Rows:
     """The best set-ups of some corners of the workspace, and by exchange the best poses of the grid in them."""
-    options = len(setup_options(space)[0])
-    poses, among = pose_grid(space, PER_SETUP, seed), None
-    if generator is not None:
-        among = generator.choice(options, max(setups + 1, round(PART * options)), replace=False)
-        poses = poses[np.sort(generator.choice(len(poses), max(1, round(PART * len(poses))), replace=False))]
+    poses = pose_grid(space, PER_SETUP, seed)
+    poses = poses if some is None else poses[some]
     places, lengths = best_setups(space, task, setups, points, poses[:: max(1, len(poses) // COARSE)], among)
     candidates = candidates_in(space, places, lengths, poses)
     picked = candidates.take(choose(task, candidates, len(places), points, FIRST_PASSES))
     return Rows.of(picked.z, picked.k, picked.group, space.poses)
 
 
-def _refined(
-    space: Space, task: Task, rows: Rows, steps: int, feasible: list[tuple[float, Rows]]
-) -> tuple[Rows, float]:
-    """Some steps of refinement, then exchange within the set-ups on a fine grid; what keeps all limits joins `feasible`."""
+def _refined(space: Space, task: Task, rows: Rows, steps: int) -> tuple[float, Rows, bool]:
+    """Some steps of refinement, then, where it keeps all limits, exchange within the set-ups on a fine grid; ψ, the design
+    and whether it keeps them."""
     finer, value = refine(task, space.kernel, rows, space.lower, space.upper, max_iter=steps)
     if not space.feasible(finer.z, finer.k).all():
-        return finer, value
+        return value, finer, False
     finer, value = _exchanged(space, task, finer, value)
-    feasible.append((value, finer))
-    return finer, value
+    return value, finer, True
 
 
 def _exchanged(space: Space, task: Task, rows: Rows, value: float) -> tuple[Rows, float]:
@@ -145,17 +154,3 @@ def _exchanged(space: Space, task: Task, rows: Rows, value: float) -> tuple[Rows
     moved = Rows.of(picked.z, picked.k, picked.group, rows.poses)
     reached = value_of(space, task, moved)
     return (moved, reached) if reached < value else (rows, value)
-
-
-def rounded(space: Space, rows: Rows) -> Rows:
-    """Angles to 0.01°, balls and tool to 1 mm, as a person can set them; a row that this makes infeasible keeps its own."""
-    z = rows.z.copy()
-    z[:, : rows.poses] = np.radians(np.round(np.degrees(z[:, : rows.poses]) / ANGLE_DEG) * ANGLE_DEG)
-    for g in range(rows.groups):
-        mine = np.flatnonzero(rows.group == g)
-        x, y, height = (round(v / PLACE_MM) * PLACE_MM / UNIT_MM for v in space.table_ball(z[mine[0]]))
-        tool = round(z[mine[0], rows.poses + 3] * UNIT_MM / PLACE_MM) * PLACE_MM / UNIT_MM
-        polar = [min(np.hypot(x, y), space.upper[rows.poses]), np.arctan2(y, x), height, tool]
-        z[mine, rows.poses :] = np.clip(polar, space.lower[rows.poses :], space.upper[rows.poses :])
-    z = np.clip(z, space.lower, space.upper)
-    return Rows(z, rows.k, rows.group, rows.groups, rows.poses) if space.feasible(z, rows.k).all() else rows

@@ -8,12 +8,14 @@ information left when a linear drift is a nuisance.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.machine import Axis, Machine
 
-__all__ = ["move_times", "out_and_back", "round_trip", "there_and_back", "timetable"]
+__all__ = ["kept_apart", "move_times", "out_and_back", "round_trip", "there_and_back", "timetable"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -78,8 +80,33 @@ def out_and_back(order: Indices, returns: int) -> Indices:
     """The order with its first pose visited again `returns` times, evenly spread and the last time at the end."""
     if returns == 0 or len(order) < 3:
         return order
-    parts = np.array_split(order, returns)
+    parts = np.array_split(order, min(returns, len(order) - 1))
     return np.concatenate([np.append(part, order[0]) for part in parts])
+
+
+def kept_apart(order: Indices, pose: Indices, times: Array) -> Indices:
+    """The order in which no pose follows itself, where that can be: visits in its interior move to where they cost least.
+
+    `pose` (n,) numbers the poses, the same for rows that are equal; `times` (n, n) from one row to another.
+    """
+    found = [int(i) for i in order]
+    for _ in range(len(found)):
+        twice = [i for i in range(1, len(found)) if pose[found[i]] == pose[found[i - 1]]]
+        inner = [j for i in twice for j in (i, i - 1) if 0 < j < len(found) - 1]
+        if not inner:
+            break
+        moved = found[inner[0]]
+        rest = found[: inner[0]] + found[inner[0] + 1 :]
+        gaps = [
+            (times[a, moved] + times[moved, b] - times[a, b], i + 1)
+            for i, (a, b) in enumerate(itertools.pairwise(rest))
+            if pose[moved] not in (pose[a], pose[b])
+        ]
+        if not gaps:
+            break
+        place = min(gaps)[1]
+        found = [*rest[:place], moved, *rest[place:]]
+    return np.array(found)
 
 
 def timetable(machine: Machine, commands: dict[str, Array], seconds_per_pose: float) -> Array:

@@ -38,6 +38,7 @@ FAMILIES = {
 }
 RUN_UP_DEG = {"synchronous": 60.0, "planar": 90.0}
 LIMIT_POINTS = 181
+SLACK_MM = 1e-6
 SMALLEST_GAP = 1e-3
 """How near X_T/r may come to 1, where the rotary axis would have to turn at F/|X_T - r|."""
 
@@ -64,17 +65,30 @@ class CircleShape:
 
 
 def circle_runs(machine: Machine, shape: CircleShape, *, noise_um: float, rate_hz: float) -> tuple[Run, ...]:
-    """The runs of a circle as the procedures make them. Raises `InputError` where an axis cannot follow."""
+    """The runs of a circle as the procedures make them. Raises `InputError` where an axis cannot follow or the table ball
+    would stand beside the table."""
     v = shape.values
     if shape.family == "synchronous":
-        return synchronous_circle(
+        runs = synchronous_circle(
             machine, x_t=v["ratio"] * v["radius"], radius=v["radius"], feed=v["feed"], height=v["height"],
             direction=shape.direction, rate_hz=rate_hz, noise_um=noise_um,
         )  # fmt: skip
-    return planar_circle(
-        machine, plane=shape.plane, instrument=shape.instrument, radius=v["radius"], feed=v["feed"],
-        centre=(v["x"], v["y"], v["z"]), direction=shape.direction, rate_hz=rate_hz, noise_um=noise_um,
-    )  # fmt: skip
+    else:
+        runs = planar_circle(
+            machine, plane=shape.plane, instrument=shape.instrument, radius=v["radius"], feed=v["feed"],
+            centre=(v["x"], v["y"], v["z"]), direction=shape.direction, rate_hz=rate_hz, noise_um=noise_um,
+        )  # fmt: skip
+    for run in runs:
+        _check_on_table(machine, run)
+    return runs
+
+
+def _check_on_table(machine: Machine, run: Run) -> None:
+    edge, (x, y, _) = machine.workspace.table_radius, run.table_ball
+    if edge is not None and math.hypot(x, y) > edge + SLACK_MM:
+        problem = f"run {run.id}: the table ball at x = {x:.5g}, y = {y:.5g} mm would stand beside the table"
+        remedy = f"keep it within table_radius = {edge:g} mm: smaller ratio X_T/r, shorter bar or other centre"
+        raise InputError(problem, remedy=remedy)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import FIRST_LINE, Campaign, SetupSigma
+from symfive.campaign import FIRST_LINE, Campaign, Run, SetupSigma
 from symfive.design._anywhere import bound_anywhere
 from symfive.design._assess import Assessment, assess
 from symfive.design._budget import affordable, most_per_minute, shortened
@@ -19,10 +20,11 @@ from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._certificate import Certificate, certify
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
-from symfive.design._optimise import optimise, rounded, value_of
+from symfive.design._optimise import optimise, value_of
 from symfive.design._refine import Rows
 from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior, robust_exchange, survive_a_lost_pose
+from symfive.design._rounding import not_rounded, one_tool, rounded
 from symfive.design._schedule import Schedule, scheduled
 from symfive.design._space import Space, make_space
 from symfive.design._ways import cleared
@@ -79,13 +81,14 @@ class Plan:
 
     def __str__(self) -> str:
         runs = [
-            f"  {run.id}: {run.rows} rows, ball at {tuple(round(v) for v in run.table_ball)} mm"
+            f"  {run.id}: {run.rows} rows of {_different(run)} poses, ball at {tuple(round(v) for v in run.table_ball)} mm, "
+            f"tool {-run.tool_ball[2]:g} mm"
             for run in self.campaign.runs
         ]
         head = (
             f"{self.instrument} plan, {self.certificate.points} poses, {self.minutes:.0f} min: {self.certificate.says}"
         )
-        return "\n".join([head, *runs, str(self.assessment)])
+        return "\n".join([head, *runs, str(self.assessment), *self.notes])
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
@@ -94,13 +97,19 @@ class Plan:
         return plan_data(self)
 
 
+def _different(run: Run) -> int:
+    """How many of a run's poses are different."""
+    return len(np.unique(np.stack(list(run.commands.values()), axis=1), axis=0))
+
+
 @one_thread
 def plan(
     machine: Machine, *, instrument: str = "r_test", criterion: str = "D", points: int = 40, for_: Iterable[str] = (),
     given: Campaign | None = None, setups: int | None = None, lengths: Sequence[float] = (),
     minutes: float | None = None, per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
     setup_sigma: SetupSigma | None = None, survive: bool = False, robust: str = "nominal", starts: int = 6,
-    anywhere: bool = True, seed: int = 0, progress: Callable[[str], None] = lambda message: None,
+    anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
+    progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
@@ -111,7 +120,8 @@ def plan(
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
     `repeats` readings of each pose; `survive` prefers a plan that stays good if any one pose is lost; `robust` `nominal`, or
     the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
-    certificate also compares with all other set-ups (a few seconds).
+    certificate also compares with all other set-ups (a few seconds); `pool` any executor (`symfive.executors`), whose workers
+    share the starts.
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
     """
@@ -136,8 +146,8 @@ def plan(
         return scheduled(space, design, returns=returns, repeats=repeats, noise_um=noise_um)
 
     def best_of(count: int, at_most: int) -> tuple[Rows, tuple[float, ...]]:
-        design, psi = optimise(space, task, count, at_most, starts=starts, seed=seed, progress=progress)
-        return rounded(space, design), psi
+        design, psi = optimise(space, task, count, at_most, starts=starts, seed=seed, pool=pool, progress=progress)
+        return one_tool(space, task, rounded(space, design)), psi
 
     def fitted(design: Rows) -> Rows:
         if minutes is None:
@@ -157,10 +167,10 @@ def plan(
         rows, values = (again, psi) if better else (fewer, values)
     if robust != "nominal":
         progress("making it good on machines drawn from the priors")
-        rows = robust_exchange(drawn, task, rows, _grid_in(space, rows), robust)
+        rows = rounded(space, robust_exchange(drawn, task, rows, _grid_in(space, rows), robust))
     if survive:
         progress("making it survive the loss of a pose")
-        rows = survive_a_lost_pose(space, task, rows, _grid_in(space, rows))
+        rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
     progress("order of poses")
     schedule = lay(fitted(rows))
     progress("certificate")
@@ -204,8 +214,20 @@ def _finished(
         minutes=schedule.seconds / 60.0, unsafe=schedule.unsafe, lost=math.exp(value - left),
         over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
-        blocked=blocked, notes=_notes(schedule, post, blocked, values),
+        blocked=blocked, notes=(*_rounding_notes(space, schedule), *_notes(schedule, post, blocked, values)),
     )  # fmt: skip
+
+
+def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:
+    """What of the plan is not on the grid of 0.01° and 1 mm."""
+    setups, poses = not_rounded(space, schedule.rows)
+    notes = [
+        f"run {schedule.campaign.runs[g - 1].id}: ball and tool length could not be rounded to 1 mm within the limits"
+        for g in setups
+    ]
+    if poses:
+        notes.append(f"{poses} poses could not be rounded to 0.01° within the limits")
+    return notes
 
 
 def _notes(

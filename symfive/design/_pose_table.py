@@ -36,18 +36,20 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> str:
         *(f"{escape(n)} / {unit_words(machine.axes[n].unit)}" for n in names),
         "before",
     ]
-    rows = []
+    rows, readings = [], _readings(run)
     for row in range(run.rows):
         cells = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + post.dwell_s)]
         cells += [f"{run.commands[name][row] + 0.0:.3f}" for name in names]
         numbers = "".join(f'<td class="n">{cell}</td>' for cell in cells)
-        rows.append(f'<tr>{numbers}<td class="again">{escape(_before(run, row, post))}</td></tr>')
+        rows.append(f'<tr>{numbers}<td class="again">{escape(_before(run, row, post, readings[row]))}</td></tr>')
     columns = [column.name for i in instruments_of(run) for column in i.columns(run, machine)]
     at = ", ".join(f"{v:.1f}" for v in run.table_ball)
     what = f"table ball at ({at}) mm, bar of {run.length:g} mm" if run.length is not None else f"nest at ({at}) mm"
     head = "".join(f"<th>{h}</th>" for h in heads)
+    different = len({same[0] for same in readings})
+    counted = f"All {run.rows} poses" + (f", {different} of them different" if different < run.rows else "")
     return (
-        f"<p>All {run.rows} poses: {what}; {post.dwell_s:g} s at rest, then read {escape(', '.join(columns))} into the line of "
+        f"<p>{counted}: {what}; {post.dwell_s:g} s at rest, then read {escape(', '.join(columns))} into the line of "
         f"{escape(run.file)}.</p>"
         f'<table class="poses-list"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
     )
@@ -57,8 +59,17 @@ def _clock(seconds: float) -> str:
     return f"{int(seconds) // 60}:{seconds % 60:04.1f}"
 
 
-def _before(run: Run, row: int, post: Post) -> str:
-    """What the operator has to know before a pose."""
+def _readings(run: Run) -> list[list[int]]:
+    """For every row the rows of the same pose, itself included."""
+    rows = list(zip(*(q.tolist() for q in run.commands.values()), strict=True))
+    same: dict[tuple[float, ...], list[int]] = {}
+    for i, pose in enumerate(rows):
+        same.setdefault(pose, []).append(i)
+    return [same[pose] for pose in rows]
+
+
+def _before(run: Run, row: int, post: Post, same: Sequence[int]) -> str:
+    """What the operator has to know before a pose; `same` rows are of this pose."""
     said = []
     if row in post.unsafe.get(run.id, ()):
         bar = run.length is not None
@@ -69,7 +80,8 @@ def _before(run: Run, row: int, post: Post) -> str:
         said.append("drive there by hand")
     if row in post.blocked.get(run.id, ()):
         said.append("the way is not clear: take care")
-    same = [k for k in range(row) if all(c[k] == c[row] for c in run.commands.values())]
-    if same:
-        said.append(f"again pose {same[0] + 1}, reading {len(same) + 1}")
+    if row > same[0]:
+        said.append(f"again pose {same[0] + 1}, reading {same.index(row) + 1} of {len(same)}")
+    elif len(same) > 1:
+        said.append(f"pose measured {len(same)} times")
     return "; ".join(said)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign, Run
 from symfive.design._criteria import Volume
 from symfive.design._information import Task, inverse
-from symfive.design._order import move_times, out_and_back, round_trip, there_and_back, timetable
+from symfive.design._order import kept_apart, move_times, out_and_back, round_trip, there_and_back, timetable
 from symfive.design._refine import Rows
 from symfive.design._space import Space
 
@@ -62,8 +62,11 @@ def _laid_out(
         mine = np.flatnonzero(rows.group == g)
         commands = space.commands(rows.z[mine], rows.k[mine])
         times = move_times(space.machine, commands) + UNSAFE_S * _blocked(space, rows, mine)
-        order = np.repeat(out_and_back(ordering(round_trip(times)), returns), repeats)
-        commands = {name: np.round(values[order], 6) for name, values in commands.items()}
+        commands = {name: np.round(values, 6) for name, values in commands.items()}
+        _, pose = np.unique(np.stack(list(commands.values()), axis=1), axis=0, return_inverse=True)
+        order = kept_apart(out_and_back(ordering(round_trip(times)), returns), pose.ravel(), times)
+        order = np.repeat(order, repeats)
+        commands = {name: values[order] for name, values in commands.items()}
         leaves = _leaves(space, rows, mine[order[:-1]], mine[order[1:]], DENSELY)
         rows_unsafe = tuple(int(i) + 1 for i in np.flatnonzero(leaves & (order[:-1] != order[1:])))
         time = timetable(space.machine, commands, space.machine.workspace.seconds_per_pose)

@@ -7,19 +7,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from symfive.campaign import FIRST_LINE, write_campaign_files
+import numpy as np
+
+from symfive.campaign import FIRST_LINE, Run, write_campaign_files
+from symfive.design._assess import Assessment, assess
 from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
-from symfive.design._sheet import setup_sheet
+from symfive.design._sheet import Sheet, setup_sheet
 from symfive.files import write_json, write_text
 from symfive.nc import DIALECTS, Post, write_programs
 
 if TYPE_CHECKING:
-    from symfive.design._assess import Assessment
+    from symfive.design._dynamic import CirclePlan
     from symfive.design._plan import Plan
 
-__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_plan"]
+__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_circles", "write_plan", "write_sheet"]
 
 SCHEMA = "symfive.plan/1"
+DRAWN = 36
+"""Rows of a recording that its picture shows."""
 
 
 def assessment_data(assessment: Assessment) -> dict[str, Any]:
@@ -85,8 +90,6 @@ def _number(value: float) -> float:
 
 def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
     """Everything into a folder that exists."""
-    write_campaign_files(plan.campaign, folder)
-    write_json(folder / "plan.json", plan_data(plan))
     chosen = plan.post
     if post is not None:
         own = post.retract_mm if post.retract_mm != Post().retract_mm else plan.post.retract_mm
@@ -94,11 +97,46 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
             plan.post, tool_centre_on=post.tool_centre_on, tool_centre_off=post.tool_centre_off, retract_mm=own,
             reversed_axes=post.reversed_axes, dwell_s=post.dwell_s, tested=plan.post.tested and own == plan.post.retract_mm,
         )  # fmt: skip
-    write_programs(plan.campaign, folder / "nc", nc, chosen)
-    pictures = {run.id: svg(pose_figure(plan.machine, run)) for run in plan.campaign.runs}
-    for run, picture in pictures.items():
-        write_text(folder / "figures" / f"poses-{run}.svg", picture)
+    counts = f"{plan.certificate.points} poses, {plan.campaign.rows} readings with return poses"
+    facts = f"{counts} · about {plan.minutes:.0f} min with set-up"
+    notes = [note for note in plan.notes if note.startswith("run ")]
+    sheet = Sheet(
+        campaign=plan.campaign, post=chosen, facts=facts, certificate=plan.certificate.says, assessment=plan.assessment,
+        notes=notes,
+    )  # fmt: skip
+    _write_files(sheet, folder, plan_data(plan), nc)
     write_text(folder / "figures" / "uncertainty.svg", svg(uncertainty_figure(plan)))
     write_text(folder / "figures" / "worth.svg", svg(worth_figure(plan)))
+
+
+def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
+    """Campaign, plan.json, programs, set-up sheet and its pictures into a folder that exists."""
+    expected = assess(plan.campaign, effects=plan.effects)
+    sheet = Sheet(campaign=plan.campaign, post=post or Post(), assessment=expected)
+    _write_files(sheet, folder, plan.to_data(), nc)
+
+
+def _write_files(sheet: Sheet, folder: Path, data: dict[str, Any], nc: tuple[str, ...]) -> None:
+    write_campaign_files(sheet.campaign, folder)
+    write_json(folder / "plan.json", data)
+    write_programs(sheet.campaign, folder / "nc", nc, sheet.post)
+    write_sheet(sheet, folder, nc)
+
+
+def write_sheet(sheet: Sheet, folder: Path, nc: tuple[str, ...] = ()) -> None:
+    """setup.html of any campaign and its pictures, a run each, into a folder that exists; `nc` dialects of its programs."""
+    machine = sheet.campaign.machine
+    with_ball = [run for run in sheet.campaign.runs if {"r_test", "ball_bar"} & set(run.instrument)]
+    pictures = {run.id: svg(pose_figure(machine, _thinned(run))) for run in with_ball}
+    for run, picture in pictures.items():
+        write_text(folder / "figures" / f"poses-{run}.svg", picture)
     programs = [f"nc/{name}/*{DIALECTS[name].suffix}" for name in nc if name in DIALECTS]
-    write_text(folder / "setup.html", setup_sheet(plan, pictures, programs, chosen))
+    write_text(folder / "setup.html", setup_sheet(sheet, pictures, programs))
+
+
+def _thinned(run: Run) -> Run:
+    """A recording with as many rows as a picture can show."""
+    if not run.dynamic or run.rows <= DRAWN:
+        return run
+    rows = np.linspace(0, run.rows - 1, DRAWN).round().astype(int)
+    return replace(run, time=run.time[rows], commands={name: q[rows] for name, q in run.commands.items()}, readings={})

@@ -32,9 +32,9 @@ def dialect_of(name: str) -> Dialect:
     return DIALECTS[name]
 
 
-def _text(run: Run, dialect: Dialect, steps: Sequence[Step], warning: Sequence[str]) -> str:
+def _text(run: Run, dialect: Dialect, steps: Sequence[Step], warning: Sequence[str], number: int = 1) -> str:
     head = (f"symfive for {dialect.name}, {dialect.verified}, read it and run it slowly in air first", *warning)
-    return render(dialect, run.id, [*(Step(kind="comment", text=said) for said in head), *steps])
+    return render(dialect, run.id, [*(Step(kind="comment", text=said) for said in head), *steps], number)
 
 
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None) -> str:
@@ -46,14 +46,14 @@ def program(machine: Machine, run: Run, dialect: str, post: Post | None = None) 
 def write_programs(
     campaign: Campaign, folder: Path | str, dialects: Iterable[str], post: Post | None = None
 ) -> tuple[Path, ...]:
-    """One program per run and dialect into `folder`/dialect; returns their paths."""
+    """One program per run and dialect into `folder`/dialect, numbered from 1 as the runs; returns their paths."""
     chosen = [dialect_of(name) for name in dialects]
     written = []
-    for run in campaign.runs if chosen else ():
+    for number, run in enumerate(campaign.runs if chosen else (), start=1):
         steps = program_steps(campaign.machine, run, post)
         warning = collision_warning(campaign.machine, run, post or Post())
         for dialect in chosen:
             path = Path(folder) / dialect.name / f"{run.id}{dialect.suffix}"
-            write_text(path, _text(run, dialect, steps, warning))
+            write_text(path, _text(run, dialect, steps, warning, number))
             written.append(path)
     return tuple(written)

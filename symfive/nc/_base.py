@@ -35,8 +35,9 @@ def _plain_word(axis: str, value: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Dialect:
-    """A control's dialect. Templates take `{words}`, `{feed}`, `{seconds}`, `{text}`, `{name}`.
+    """A control's dialect. Templates take `{words}`, `{feed}`, `{seconds}`, `{text}`, `{name}` and the program's `{number}`.
 
+    `decimals` to which positions are written, by `word`.
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
@@ -53,6 +54,7 @@ class Dialect:
     comment: str
     inverse_time: bool = True
     numbered: bool = False
+    decimals: int = 5
     word: Callable[[str, float], str] = _plain_word
     verified: str = "not verified on a control"
 
@@ -66,9 +68,9 @@ def plain(text: str) -> str:
     return " ".join("".join(c if 32 <= ord(c) < 127 else "?" for c in ascii_).split())
 
 
-def render(dialect: Dialect, name: str, steps: Sequence[Step]) -> str:
-    """The program's text."""
-    lines = [line.format(name=_program_name(name)) for line in dialect.start]
+def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1) -> str:
+    """The program's text; `number` for controls that call programs by number."""
+    lines = [line.format(name=_program_name(name), number=f"{number:04d}") for line in dialect.start]
     before: Mapping[str, float] = {}
     for step in steps:
         lines += _lines(dialect, step, before)
@@ -85,7 +87,7 @@ def _program_name(name: str) -> str:
 
 def _lines(dialect: Dialect, step: Step, before: Mapping[str, float]) -> list[str]:
     comment = dialect.comment.format(text=plain(step.text))
-    words = " ".join(dialect.word(axis, value + 0.0) for axis, value in step.positions.items())
+    words = " ".join(dialect.word(axis, round(value, dialect.decimals) + 0.0) for axis, value in step.positions.items())
     if step.kind == "comment":
         return [comment]
     if step.kind == "text":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,10 @@ DWELL_S = 2.0
 SHORTEST_BLOCK_S = 0.02
 FLAT = 0.2
 """Sine of the angle between tool and table below which drawing back along the tool would not lead away from the table."""
+SHORT_REST_S = 0.1
 MOST_BLOCKS = 4096
+STANDSTILL = 1e-4
+"""mm or degree: the last digit that every control reads."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +65,33 @@ def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[
     for name in machine.axis_names:
         if name not in LETTERS:
             raise InputError(f"axis {name} has no NC address", remedy=f"name axes by {', '.join(LETTERS)} for programs")
-    return _Writer(machine, run, post or Post()).steps()
+    return _without_standstill(_Writer(machine, run, post or Post()).steps())
+
+
+def _without_standstill(steps: Sequence[Step]) -> list[Step]:
+    """The steps without moves to where the axes stand already.
+
+    While the instrument reads, their time stays: a rest becomes a dwell, a short one is added to the move that follows.
+    """
+    found: list[Step] = []
+    there: Mapping[str, float] = {}
+    rest: Step | None = None
+    for step in steps:
+        if step.positions and there and all(abs(v - there[n]) < STANDSTILL for n, v in step.positions.items()):
+            if step.seated:
+                before = rest.seconds if rest else 0.0
+                rest = replace(step, kind="dwell", positions={}, commands={}, seconds=before + step.seconds)
+            continue
+        if rest is not None and step.kind == "feed" and step.seated and rest.seconds < SHORT_REST_S:
+            step = replace(step, seconds=step.seconds + rest.seconds)
+        elif rest is not None:
+            found.append(rest)
+        rest = None
+        if step.kind == "text" or step.by_hand:  # the words mean something else, or the operator has moved the axes
+            there = {}
+        there = step.positions or there
+        found.append(step)
+    return found
 
 
 class _Writer:
@@ -262,4 +291,4 @@ def _arc(a: Array, b: Array, share: Array) -> Array:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    return " ".join(f"{v:.3f}" for v in values)
+    return " ".join(f"{round(v, 3) + 0.0:.3f}" for v in values)

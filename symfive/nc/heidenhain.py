@@ -14,5 +14,6 @@ HEIDENHAIN = Dialect(
     comment="; {text}",
     inverse_time=False,
     numbered=True,
+    decimals=4,
     word=lambda axis, value: f"{axis}{value:+.4f}",
 )

@@ -5,7 +5,7 @@ from symfive.nc._base import Dialect
 ISO = Dialect(
     name="iso",
     suffix=".nc",
-    start=("%", "O0001 ({name})", "G21 G90 G17 G40 G49 G80", "G93"),
+    start=("%", "O{number} ({name})", "G21 G90 G17 G40 G49 G80", "G93"),
     end=("G94", "M30", "%"),
     rapid="G0 {words}",
     feed="G1 {words} F{feed}",

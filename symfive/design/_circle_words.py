@@ -1,0 +1,70 @@
+"""What a plan of circles says in plain words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from symfive.design._circles import Circle
+from symfive.effects import Effect
+from symfive.numbers import plain_number, unit_words
+from symfive.parameters import Parameter
+
+__all__ = ["circle_words", "gain_words", "sigma_words", "warnings_of"]
+
+UNSEEN = 0.9
+"""A parameter whose 1σ stays above this share of its prior's is not seen."""
+NOTHING = 0.05
+"""Gains below this, per cent, are none."""
+STILL = 1e-6
+NAMES = {"ratio": "X_T/r", "radius": "radius r"}
+UNITS = {"ratio": "", "feed": " mm/min"}
+
+
+def circle_words(circle: Circle) -> str:
+    """A circle's variables with their units, and where its ball stands."""
+    values = ", ".join(
+        f"{NAMES.get(name, name)} {value:g}{UNITS.get(name, ' mm')}" for name, value in circle.shape.values.items()
+    )
+    x, y, _ = (round(v, 3) + 0.0 for v in circle.runs[0].table_ball)
+    return f"{circle.shape.family}, {circle.shape.direction}: {values}; ball at ({x:g}, {y:g}) mm on the table"
+
+
+def sigma_words(parameters: Sequence[Parameter], sigma: Mapping[str, float]) -> list[str]:
+    """Of every parameter sought the 1σ expected after the measurement, with its unit, and that before."""
+    head = ["expected 1σ after the measurement, and before it (prior):"] if parameters else []
+    return head + [
+        f"  {p.name:36} {plain_number(sigma[p.name], p.unit):>8} {unit_words(p.unit)} (before {plain_number(p.sigma)})"
+        for p in parameters
+    ]
+
+
+def gain_words(psi_of_list: float, psi: float) -> str:
+    """What the refinement gained."""
+    gain = 100.0 * math.expm1(0.5 * (psi_of_list - psi))
+    if gain < NOTHING:
+        return "refinement: nothing better than the best circles of the list"
+    return f"refined: 1σ {gain:.2g} % smaller than with the best circles of the list"
+
+
+def warnings_of(
+    circles: Sequence[Circle], effects: Sequence[Effect], parameters: Sequence[Parameter], sigma: Mapping[str, float]
+) -> list[str]:
+    """Circles that repeat an earlier one, and parameters that the circles do not see."""
+    shapes = [circle.shape for circle in circles]
+    notes = [
+        f"circle {i + 1} is a repeat of circle {shapes.index(shape) + 1}: no other candidate adds more"
+        for i, shape in enumerate(shapes)
+        if shapes.index(shape) < i
+    ]
+    unseen = [p.name for p in parameters if sigma[p.name] > UNSEEN * p.sigma]
+    moving = {name for c in circles for run in c.runs for name, q in run.commands.items() if np.ptp(q) > STILL}
+    for name in unseen:
+        still = [e.axis for e in effects if e.axis and name.startswith(f"{e.key}.") and e.axis not in moving]
+        why = f"axis {still[0]} does not move in them" if still else "its 1σ stays near the prior"
+        notes.append(
+            f"WARNING: these circles cannot see {name}: {why}; choose another family of circles or another test"
+        )
+    return notes
