@@ -123,7 +123,7 @@ def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):
     first = found.findings[0]
     assert first.name == "unknown" and first.coordinate == "t" and first.runs == (runs[1]["id"],)
     assert all(6.0 < i.begin_s < 25.0 for i in first.intervals)
-    assert found.fit.rms_after_um < 1.15 * 0.3
+    assert found.fit.rms_after_um < 1.25 * 0.3  # sixty intervals, however long it rings
 
 
 @pytest.mark.slow
@@ -238,6 +238,52 @@ def test_friction_that_holds_an_axis_for_long_is_found_though_its_slope_at_zero_
     first = found.survey.scores[0]
     assert first.effect.key == "friction.X"
     assert first.step["friction.X.coulomb"] == pytest.approx(900.0, rel=0.3)
+
+
+@pytest.mark.slow
+def test_friction_whose_contact_yields_brings_no_other_effect(tmp_path):
+    """The plant's bristles are no library form's first guess: what they leave is not a filter of the instrument."""
+    machine = plant.planar_table()
+    runs = _circles(machine, (600.0, 1500.0))
+    rubs = {
+        "effect": "friction", "axis": "X", "form": "lugre", "coulomb": 110.0, "breakaway": 170.0, "stribeck_speed": 2.0,
+        "stiffness": 1e5, "damping": 300.0,
+    }  # fmt: skip
+    found = diagnose(_measured(tmp_path / "c", machine, runs, [rubs]))
+    assert _names(found) == [("friction", "X")]
+    said = found.findings[0].parameters
+    assert said["coulomb"].value == pytest.approx(110.0, rel=0.1)
+    assert said["pre_sliding"].value == pytest.approx(1.1, rel=0.5)
+
+
+@pytest.mark.slow
+def test_a_cycle_over_time_is_foretold_though_it_has_no_name(tmp_path):
+    machine = plant.static_table()
+    cycle = {
+        "effect": "coolant_cycle", "period_s": 610.0, "rise": 0.35, "phase": 0.2, "direction": [0.3, -0.9, 0.3], "amplitude": 4.0,
+    }  # fmt: skip
+    found = diagnose(_measured(tmp_path / "c", machine, _grids(machine), [cycle]))
+    assert [(f.name, f.coordinate) for f in found.findings] == [("unknown", "t")]
+    period = found.findings[0].parameters["period"]
+    assert abs(period.value - 610.0) < 4.0 * period.std and period.std < 5.0
+    assert found.fit.heldout_rms_after_um < 0.35 * found.fit.heldout_rms_before_um
+
+
+@pytest.mark.slow
+def test_a_saw_that_coloured_noise_had_swallowed_is_named_by_its_period(tmp_path):
+    """Where runs do not repeat each other, noise of seconds explains a saw of millimetres nearly as well."""
+    machine = plant.planar_table()
+    saw = {
+        "effect": "transmission_error",
+        "axis": "X",
+        "period": 12.0,
+        "amplitude": 5.0,
+        "phase": 1.0,
+        "form": "sawtooth",
+    }
+    found = diagnose(_measured(tmp_path / "c", machine, _circles(machine, (900.0, 2000.0)), [saw]))
+    assert _names(found)[0] == ("transmission_error", "X")  # its jumps may leave more
+    assert found.findings[0].parameters["period"].value == pytest.approx(12.0, rel=2e-3)
 
 
 @pytest.mark.slow

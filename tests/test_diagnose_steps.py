@@ -10,7 +10,20 @@ import plant
 import pytest
 
 from symfive.campaign import Campaign, read_campaign
-from symfive.diagnose import amend, detect, diagnose, locate, moved, name_effects, next_test, partitions, prove
+from symfive.diagnose import (
+    amend,
+    detect,
+    diagnose,
+    findings_of,
+    locate,
+    moved,
+    name_effects,
+    next_test,
+    partitions,
+    prove,
+)
+from symfive.diagnose._findings import facts_of
+from symfive.diagnose._search import Member, Naming
 from symfive.effects import make_effect
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset
@@ -44,6 +57,15 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     assert max(location.columns.values()) > 1.0
     naming = name_effects(location)
     assert {m.effect.id for m in naming.members} == {"gravity_sag", "thermal_drift"}
+    shares = {finding.name: finding.share for finding in findings_of(naming)}
+    explained = 1.0 - (naming.after.rms_um / naming.before.rms_um) ** 2
+    assert 0.9 * explained < sum(shares.values()) <= explained + 1e-9 and min(shares.values()) > 0.1
+    for finding in findings_of(naming):
+        says = finding.says
+        assert says.startswith(f"{finding.title}: ") and says.count(". ") == 0 and len(says) < 160
+        assert "; it had hidden in the geometry (" in says and " %; " in says and "amplitude" in says
+        facts = facts_of(finding, naming.after)
+        assert facts["where"].endswith("in all runs") and " ± " in facts["how large"]
     sag = make_effect("gravity_sag", "B", component="EZB", parts=("one_minus_cos",))
     amended = amend(detection.fit, sag, make_effect("thermal_drift"))
     assert amended["gravity_sag.B.EZB.one_minus_cos"] == pytest.approx(7.0, rel=0.1)
@@ -52,6 +74,19 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     fit = prove(detection.fit, amended)
     assert fit.heldout_rms_after_um < 0.4 * fit.heldout_rms_before_um
     assert fit.heldout_by["place"][1] < fit.heldout_by["place"][0]
+
+
+def test_shares_of_two_that_can_stand_for_each_other_add_up_to_what_both_explain():
+    """Left out one at a time, neither costs anything."""
+    campaign = read_campaign(CAMPAIGNS / "static-sag-and-drift" / "fit")
+    sag = make_effect("gravity_sag", "B", component="EZB", parts=("one_minus_cos",))
+    twin = make_effect("error_motion", component="EZB", basis="polynomial", order=4)
+    before = identify(campaign, effects=[make_effect("thermal_drift")])
+    after = amend(before, sag, twin)
+    naming = Naming(before, after, (Member(sag, -9.0), Member(twin, -9.0)), locate(detect(before)))
+    found = findings_of(naming)
+    explained = 1.0 - (after.rms_um / before.rms_um) ** 2
+    assert explained > 0.3 and 0.9 * explained < sum(f.share for f in found) <= explained + 1e-9
 
 
 @pytest.mark.parametrize("name", ["dynamic-none", "planar-none", "static-none"])

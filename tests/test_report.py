@@ -205,6 +205,34 @@ def test_spectrum_finds_amplitudes(planar):
     assert order.lines[0].get_ydata()[6] == pytest.approx(2.0, rel=0.02)
 
 
+def _noise_only(static: Identification, degrees: np.ndarray, seed: int) -> Identification:
+    """Declared white noise and nothing else, read by an R-test at these angles of C."""
+    machine = static.model.machine
+    run = static.model.campaign.runs[0]
+    held = {name: np.zeros(len(degrees)) for name in machine.axes} | {"C": degrees}
+    rows = np.arange(len(degrees))
+    run = replace(run, time=rows.astype(float), commands=held, readings=dict.fromkeys(run.readings, 0.0 * rows))
+    noise = np.random.default_rng(seed).normal(0.0, run.noise("r_test"), (len(rows), 3))
+    model = Model(replace(static.model.campaign, runs=(run,)))
+    return replace(static, model=model, residuals={run.id: noise}, outliers=())
+
+
+def test_spectrum_of_noise_at_few_uneven_angles_stays_below_its_line(static):
+    """A planned R-test: the orders that its angles cannot tell apart are not drawn, and noise makes no peak."""
+    uneven = np.array([0.0, 12.0, 55.0, 61.0, 110.0, 118.0, 171.0, 180.0, 232.0, 240.0, 298.0, 306.0])
+    above = 0
+    for seed in range(40):
+        (axes,) = panels(residual_spectrum(_noise_only(static, np.repeat(uneven, 2), seed)))
+        height, line = axes.lines[0].get_ydata(), axes.patches[0].get_data().values
+        assert 1 <= len(height) == len(line) <= (len(uneven) - 2) // 2 and height.max() < 0.8
+        above += bool(np.any(height > line))
+    assert above <= 2
+    (axes,) = panels(residual_spectrum(_noise_only(static, np.arange(0.0, 360.0, 10.0), 1)))
+    assert len(axes.lines[0].get_ydata()) > 8, "even angles tell more orders apart"
+    with pytest.raises(InputError, match="goes round"):
+        residual_spectrum(_noise_only(static, np.array([0.0, 1.0, 2.0, 70.0, 140.0, 210.0, 280.0, 285.0]), 1))
+
+
 def test_prediction_chart_states_the_rms_and_checks_shapes():
     measured = np.zeros((50, 2))
     figure = prediction_chart(measured, measured + 0.5, names=["dx", "dy"], noise=0.3, along="time / s", title="check")

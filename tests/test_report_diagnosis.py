@@ -21,17 +21,18 @@ from symfive.diagnose import (
     Suspect,
     detect,
 )  # fmt: skip
+from symfive.diagnose._findings import facts_of
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
-from symfive.numbers import power_of_ten
+from symfive.numbers import change, in_words, percent, power_of_ten
 from symfive.report import _diagnosis, _save, diagnosis_report, identification_report, save_figures
 from symfive.report._cards import card
 from symfive.report._chain import chain_picture, guilty
 from symfive.report._coordinate import coordinates_of
 from symfive.report._evidence import gap_table
 from symfive.report._finding_figure import finding_figure
-from symfive.report._findings import closing, diagnosis_text, doubts, finding_line, percent
+from symfive.report._findings import closing, diagnosis_text
 from symfive.report._geometry import geometry_chart
 from symfive.report._visible import visible_parts
 
@@ -69,7 +70,7 @@ def _finding(after, key: str, coordinate: str, share: float) -> Finding:
         without[after.model.index[name]] = after[name]
     runs = campaign.runs
     part = {r.id: after.model.predict_run(r, after.values) - after.model.predict_run(r, without) for r in runs}
-    values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
+    values = after.named
     covariance = {(n, n): after.uncertainty(n) ** 2 for n in names}
     return Finding(
         effect=effect, name=effect.vocabulary, axis=effect.axis, confidence=0.996,
@@ -91,12 +92,17 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
     page = Page(text)
     assert written.name == "report.html" and len(text.encode()) < 3_000_000
     assert "2 pieces of physics had been left out of the model." in page.words
-    assert all(finding_line(finding, found) in page.words for finding in found.findings)
+    for facts in (facts_of(finding, found.after) for finding in found.findings):
+        assert list(facts) == ["what it does", "where", "how large", "how sure", "what hid it", "reads the same"]
+        assert all(answer in page.words for answer in facts.values())
+        assert f"{facts['where']}; {facts['how large']}; {facts['how sure']}; gravity_sag.B.EXB would" in page.words, (
+            "the verdict says it in short"
+        )
     assert closing(found) in page.words and text.index("<ol>") < text.index("In short: ") < text.index('class="tiles"')
     for words in (
-        *doubts(found), "about 10⁻¹⁰⁶", "false-alarm rate allowed", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
+        *found.doubts, "about 10⁻¹⁰⁶", "false-alarm rate allowed", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
         "time constant", "the structure that axis B carries", "changing with time", "location errors of the rotary axes",
-        "here the fit without it had taken 82 % of its energy", "axis C displaced along X", "gravity_sag.B.EXB",
+        "the fit without it had taken 82 % of it", "axis C displaced along X", "gravity_sag.B.EXB",
         "χ²/dof against the noise found", "left out of the fit in turn", "location_error.EA0Z", "Class 1:",
         "cannot take up as geometry", "No rows are missing", "declared 1σ", "along Z of the machine: (0.00, 0.00, 1.00)",
     ):  # fmt: skip
@@ -109,17 +115,67 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
 
 
 def test_what_is_printed_is_verdict_list_and_next_step(found):
-    lines = diagnosis_text(found).splitlines()
-    assert lines[0] == "2 pieces of physics had been left out of the model."
-    assert re.fullmatch(
-        r"  1\. Gravity sag of axis B: in the structure that axis B carries, over the position of B, in all runs; "
-        r"component EZB, amplitude one minus cos [\d.]+ ± [\d.]+ µm; confidence 99.6 %", lines[1],
-    )  # fmt: skip
-    assert lines[2].startswith("  2. Thermal drift: ") and "over time" in lines[2] and " ± " in lines[2]
-    assert lines[-1].startswith("In short: gravity sag of axis B, thermal drift. Next: use model.json, but do not rely")
+    text = diagnosis_text(found)
+    lines = text.splitlines()
+    assert text.startswith(str(found)) and lines[0] == "2 pieces of physics had been left out of the model."
+    assert max(map(len, lines)) <= 100
+    first, second = (text.index(title) for title in ("  1. Gravity sag of axis B\n", "  2. Thermal drift\n"))
+    assert first < second
+    said = [" ".join(part.split()) for part in (text[first:second], text[second:])]
+    assert "where in the structure that axis B carries, over the position of B, in all runs how large" in said[0]
+    assert re.search(r"how large component EZB, amplitude one minus cos [\d.]+ ± [\d.]+ µm, 62.7 % of the", said[0])
+    assert "how sure confidence 99.6 % what hid it the fit without it had taken 82 % of it; EX0C 4.6" in said[0]
+    assert "reads the same gravity_sag.B.EXB" in said[0] and "over time" in said[1]
+    last = closing(found)
+    assert " ".join(lines[-2:]) == last and "thermal drift. Next: use model.json, but do not rely" in last
     assert any(re.match(r"chi²/dof .* \(noise alone gives 1 ± 0\.\d+\)$", line) for line in lines)
+    worse = replace(found, fit=replace(found.fit, heldout_rms_after_um=1.9))
+    assert "foretold worse with them (1.67 → 1.9 µm rms): take them" in str(worse)
     clean = diagnosis_text(replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=1.0))).splitlines()
     assert clean[0].startswith("The model explains") and "nothing found. Next: " in clean[-1]
+
+
+def test_rivals_and_the_next_test_stand_with_the_finding(found):
+    table = (Separation("height 100 mm", 41.2, 40.0, 42.0, 3.0),)
+    test = Discrimination(found.after.model.campaign, 41.2, 2.0, table)
+    rivals = (
+        RivalName("error_motion", "B", 0.12, "EXB"),
+        RivalName("unknown", None, 0.04),
+        RivalName("backlash", "B", 1e-4),
+    )
+    unsure = replace(found.findings[1], confidence=0.84, rivals=rivals, next_test="plans/apart", test=test)
+    facts = facts_of(unsure, found.after)
+    assert (
+        facts["how sure"] == "confidence 84 %, or error motion of axis B (EXB) 12 %, or none of the known effects 4 %"
+    )
+    assert facts["next test"] == "record plans/apart: height 100 mm separates the two by 41.2σ (so far 2.0σ)"
+
+
+def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found):
+    unsure = replace(found.findings[1], confidence=0.991, nearest=("backlash.Y", 1.3), rivals=(), shape_differs=1.08)
+    facts = facts_of(unsure, found.after)
+    assert facts["how sure"] == (
+        "confidence 99.1 % by plausibility alone (the readings tell it from backlash.Y by 1.3σ only)"
+    )
+    assert facts["how large"].endswith("its shape differs from the library's by 108 %")
+
+
+def test_a_fit_that_did_not_converge_says_so_first(found, tmp_path, monkeypatch):
+    for name in ("residual_spectrum", "residuals_with_tips"):
+        monkeypatch.setattr(_diagnosis, name, _nothing)
+    doubtful = replace(found, after=replace(found.after, converged=False), findings=())
+    for text in (diagnosis_text(doubtful), doubtful.verdict, doubtful.to_data()["says"]):
+        assert text.startswith("The fit did not converge: ")
+    page = diagnosis_report(doubtful, tmp_path).read_text()
+    assert "<strong>The fit did not converge: " in page and 'class="verdict yes"' not in page
+
+
+def test_what_geometry_and_set_up_explain_is_a_share_of_its_own(found):
+    assert found.geometry_share == pytest.approx(
+        1.0 - (found.fit.rms_after_um / found.fit.rms_before_um) ** 2 - 0.842, abs=0.02
+    )
+    small = replace(found, findings=tuple(replace(f, share=0.1) for f in found.findings))
+    assert "geometry and set-up, identified anew: 7" in str(small)
 
 
 def test_badges_on_one_link_are_stacked(found):
@@ -248,6 +304,14 @@ def test_lost_rows_are_named_by_file_and_row(found):
 
 
 def test_small_numbers_in_words(found):
+    assert change(1.6712, 0.40212, "um") == "1.67 → 0.402" and change(0.4021, 0.4022, "um") == "0.402"
+    assert (
+        in_words("EZB") == "EZB"
+        and in_words(("B", "C")) == "B, C"
+        and in_words(7.0123, 0.064, "um") == "7.012 ± 0.064 µm"
+    )
+    assert in_words((0.0, 0.27712), (0.01, 0.004), "1") == "(0.000, 0.2771)"
+    assert in_words(((1.0, 0.0123), (-0.2, 1.0)), ((0.01, 0.01), (0.1, 0.1))) == "((1.000, 0.012), (−0.20, 1.00))"
     assert percent(0.9999) == "above 99.9 %" and percent(0.5) == "50 %" and percent(0.0) == "0 %"
     assert (
         power_of_ten(0.03) == "0.03" and power_of_ten(3e-7) == "about 10⁻⁷" and power_of_ten(1e-300) == "below 10⁻³⁰⁰"

@@ -93,7 +93,7 @@ class _Linear:
 
     @classmethod
     def of(cls, problem: Problem, wide: Model, values: Array) -> _Linear:
-        full = wide.vector({p.name: float(v) for p, v in zip(problem.model.parameters, values, strict=True)})
+        full = wide.vector(problem.model.named(values))
         inner = Problem.of(wide, noises=problem.noises)
         inner.left_out = problem.left_out
         least = min(1.0, max((n.declared / n.white) ** 2 for n in problem.noises.values()))

@@ -1,5 +1,5 @@
-"""Model: the named effects are in the symbolic model, all parameters are identified again, and the report says how the
-geometry moved."""
+"""Model: the named effects are in the symbolic model, all parameters are identified again, and each finding is put into
+words: what, where, how large, how sure, what had hidden it, how the geometry moved."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of
 from symfive.diagnose._refit import amplitudes, lacking
-from symfive.diagnose._result import Finding, RivalName
+from symfive.diagnose._result import Finding, RivalName, mean_square
 from symfive.diagnose._search import Member, Naming
-from symfive.effects import Effect, Quantity
+from symfive.effects import Effect
 from symfive.identify import Identification, identify
+from symfive.machine import Machine
 from symfive.model import Model
-from symfive.numbers import name_words
+from symfive.numbers import in_words, name_words, percent, percent_or_more, plain_number, rounded, unit_words
 from symfive.threads import one_thread
 
-__all__ = ["amend", "doubted", "findings_of", "moved"]
+__all__ = ["amend", "doubted", "facts_of", "findings_of", "moved", "place_words"]
 
 Array = NDArray[np.float64]
 ALIAS_EVIDENCE = 3.0
@@ -30,6 +31,13 @@ lacks is often mimicked by what it has. Six of seven such names were mimicry in 
 than even odds are taken away, since two effects may well act at once."""
 SAME = 4.0
 """What leaves less than this more of χ², 2σ, fits as well."""
+SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
+SHOWN_RIVAL = 0.01
+"""A less probable rival is not named in words."""
+_QUANTITIES = {
+    "velocity sign": "the direction in which {} moves", "velocity": "the velocity of {}",
+    "acceleration": "the acceleration of {}", "": "the position of {}",
+}  # fmt: skip
 
 
 @one_thread
@@ -39,7 +47,7 @@ def amend(fit: Identification, *effects: Effect) -> Identification:
     The same as naming does; for effects that the user names. `moved(fit, amended)` says what it did to the geometry.
     """
     model = Model(fit.model.campaign, (*fit.model.added, *effects))
-    start = {p.name: float(v) for p, v in zip(fit.parameters, fit.values, strict=True)}
+    start = fit.named
     start |= {n: v for e in effects for n, v in e.typical(fit.model.campaign).items() if n in model.index}
     return identify(
         model, start=start, noise="repeats"
@@ -67,29 +75,51 @@ def doubted(naming: Naming) -> Identification:
 
 def findings_of(naming: Naming) -> tuple[Finding, ...]:
     """What was named, in words and numbers, the largest share of the deviation first."""
-    findings = [_finding(naming, member) for member in naming.members]
+    shares = _shares(naming)
+    findings = [_finding(naming, member, *shares[member.effect.key]) for member in naming.members]
     return tuple(sorted(findings, key=lambda f: -f.share))
 
 
-def _finding(found: Naming, member: Member) -> Finding:
+def _shares(found: Naming) -> dict[str, tuple[float, Identification]]:
+    """Effect → share of the deviation's mean square that it explains, and the fit without it; all else identified anew.
+
+    The effects join one after the other, that which explains most by itself first: the shares add up to what all explain
+    together. What geometry and set-up explain without any of them, under the noise of the final fit, is not theirs.
+    """
+    effects = {member.effect.key: member.effect for member in found.members}
+    keys = frozenset(effects)
+    fits = {keys: found.after}
+
+    def left(joined: frozenset[str]) -> float:
+        if joined not in fits:
+            fits[joined] = lacking(found.after, *(effects[key] for key in keys - joined))
+        return mean_square(fits[joined], found.after.outliers)
+
+    total = min(mean_square(found.before, found.after.outliers), left(frozenset()))
+    whole = max(mean_square(found.before, found.after.outliers), 1e-300)
+    shares, joined, reached = dict.fromkeys(keys, 0.0), frozenset[str](), total
+    for key in sorted(keys, key=lambda k: left(frozenset({k}))):
+        joined |= {key}
+        shares[key] = max(reached - left(joined), 0.0) / whole
+        reached = min(reached, left(joined))
+    left_out = {key: fits.get(keys - {key}) or lacking(found.after, effects[key]) for key in keys}
+    return {key: (shares[key], left_out[key]) for key in keys}
+
+
+def _finding(found: Naming, member: Member, share: float, without: Identification) -> Finding:
     after = found.after
     campaign = after.model.campaign
     effect = next(e for e in after.model.effects if e.key == member.effect.key)
-    values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
+    values = after.named
     covariance = _pairs(after, effect)
     contribution = after.model.contribution(effect, after.values)
-    without = lacking(after, effect)
     holds = 1.0
     if effect.id != "unknown" and any(m.effect.id == "unknown" for m in found.members):
         holds = BESIDE_NAMELESS
-    rivals, alias, confidence = _rivals(campaign, effect, member, holds)
+    rivals, alias, nearest, confidence = _rivals(campaign, effect, member, holds)
     shape = _shape_share(after, effect, contribution)
     parameters = effect.describe(campaign, values, covariance)
     square = {run: float(np.mean(c**2)) for run, c in contribution.items()}
-    total = float(np.mean(np.concatenate([r.ravel() ** 2 for r in found.before.residuals.values()])))
-    left = float(np.mean(np.concatenate([r.ravel() ** 2 for r in after.residuals.values()])))
-    lost = float(np.mean(np.concatenate([r.ravel() ** 2 for r in without.residuals.values()])))
-    share = max(0.0, (lost - left) / max(total, 1e-300))
     strongest = max(square.values(), default=0.0)
     runs = tuple(run for run, s in square.items() if s > 0.05 * strongest)
     name, axis = effect.vocabulary, axis_of(effect)
@@ -99,10 +129,10 @@ def _finding(found: Naming, member: Member) -> Finding:
         effect=effect, name=name, axis=axis, confidence=confidence, parameters=parameters, rivals=rivals, runs=runs,
         coordinate=coordinate_of(effect), intervals=intervals_of(campaign, contribution),
         direction=direction_of(after.model.machine, effect, values), says="", log_p=member.log_p, visible=min(visible, 1.0),
-        share=min(share, 1.0), moved=shifted,
-        contribution=contribution, alias=alias, shape_differs=shape,
+        share=share, moved=shifted,
+        contribution=contribution, alias=alias, shape_differs=shape, nearest=nearest,
     )  # fmt: skip
-    return replace(draft, says=_sentence(draft))
+    return replace(draft, says=_sentence(draft, after))
 
 
 def _pairs(result: Identification, effect: Effect) -> dict[tuple[str, str], float]:
@@ -140,82 +170,146 @@ def moved(before: Identification, after: Identification, most: int = 8) -> dict[
 
 def _rivals(
     campaign: Campaign, effect: Effect, member: Member, holds: float
-) -> tuple[tuple[RivalName, ...], tuple[str, ...], float]:
-    """Rivals with their probabilities, forms that read alike, and the probability of the name.
+) -> tuple[tuple[RivalName, ...], tuple[str, ...], tuple[str, float] | None, float]:
+    """Rivals with their probabilities, forms that read alike, the nearest of them with another name and by how many σ its
+    fit is worse, and the probability of the name.
 
-    Probabilities from the log evidence of exact refits under the final noise, every name weighed by its best form. Forms
+    Probabilities from the log evidence of exact refits under the final noise, every name weighed by all its forms. Forms
     that read alike are other forms of the same effect with nearly its evidence, and all with no more amplitudes that fit as
     well: however improbable they are, these readings do not tell them apart. `holds`: the probability that it is a name of the
     library at all; the rest is `unknown`'s.
     """
     own = next((t for t in member.trials if t.effect.key == effect.key), None)
     if own is None:
-        return (), (), 0.999 * holds
-    behind: dict[tuple[str, str | None], tuple[float, Effect]] = {}
-    alias = []
+        return (), (), None, 0.999 * holds
+    best: dict[tuple[str, str | None], Effect] = {}
+    weights: dict[tuple[str, str | None], float] = {}
+    alias, others = [], list[tuple[float, str]]()
+    ours = (effect.vocabulary, axis_of(effect))
 
     def freedom(of: Effect) -> int:
         return sum(map(len, amplitudes(campaign, of)))
 
-    for trial in member.trials:
-        if trial.effect.key == effect.key:
-            continue
+    for trial in member.trials:  # the best of a name comes first
         gap = own.evidence - trial.evidence
         who = (trial.effect.vocabulary, axis_of(trial.effect))
-        same = who == (effect.vocabulary, axis_of(effect))
+        if trial.effect.id != "unknown" or who not in best:
+            weights[who] = weights.get(who, 0.0) + float(np.exp(-np.clip(gap, -30.0, 700.0)))
+        best.setdefault(who, trial.effect)
+        if trial.effect.key == effect.key:
+            continue
         alike = trial.misfit - own.misfit < SAME and freedom(trial.effect) <= freedom(effect)
-        if trial.effect.id != "unknown" and (alike or (same and gap < ALIAS_EVIDENCE)):
+        if trial.effect.id != "unknown" and (alike or (who == ours and gap < ALIAS_EVIDENCE)):
             alias.append(trial.effect.key)
-        if not same and (who not in behind or gap < behind[who][0]):
-            behind[who] = (gap, trial.effect)
-    weights = {who: float(np.exp(-np.clip(gap, -30.0, 700.0))) for who, (gap, _) in behind.items()}
-    total = (1.0 + sum(weights.values())) / holds
+            if alike and who != ours:
+                others.append((float(np.sqrt(max(trial.misfit - own.misfit, 0.0))), trial.effect.key))
+    total = sum(weights.values()) / holds
     shares = {who: weight / total for who, weight in weights.items()}
+    confidence = shares.pop(ours)
     if holds < 1.0:
         shares["unknown", None] = shares.get(("unknown", None), 0.0) + 1.0 - holds
-    names = [
-        RivalName(*who, share, getattr(behind[who][1], "component", None) if who in behind else None)
-        for who, share in shares.items()
-    ]
-    return tuple(sorted(names, key=lambda r: -r.confidence)), tuple(alias), min(1.0 / total, 0.999)
+    names = [RivalName(*who, share, getattr(best.get(who), "component", None)) for who, share in shares.items()]
+    nearest = min(((key, sigmas) for sigmas, key in others), key=lambda other: other[1], default=None)
+    return tuple(sorted(names, key=lambda r: -r.confidence)), tuple(alias), nearest, min(confidence, 0.999)
 
 
-def _sentence(finding: Finding) -> str:
-    """One sentence: what, where, how large, how sure, what hides it."""
-    effect = finding.effect
-    where = f" of axis {finding.axis}" if finding.axis else ""
-    sizes = []
-    for name, q in _ranked(finding.parameters):
-        if isinstance(q.value, float) and isinstance(q.std, float):
-            sizes.append(f"{name_words(name, q.unit)} {q.value:.4g} ± {q.std:.2g} {_shown(q.unit)}".rstrip())
-        elif isinstance(q.value, str):
-            sizes.append(f"{name} {q.value}")
-    sure = "over 99" if finding.confidence >= 0.995 else f"{100 * finding.confidence:.0f}"
-    count = len(finding.runs)
-    text = f"{finding.name.replace('_', ' ').capitalize()}{where} ({effect.says})"
-    text += f": {', '.join(sizes[:4])}" if sizes else ""
-    text += f"; it acts over {finding.coordinate} in {count} run{'s' if count > 1 else ''}, confidence {sure} %"
-    if finding.moved:
-        name, (before, after) = next(iter(finding.moved.items()))
-        unit = "µm" if name[1] in "XYZ" else "µrad"
-        text += f"; before it was modelled it hid in the geometry ({name} {before:.3g} → {after:.3g} {unit})"
-    elif finding.visible < 0.5:
-        text += f"; the fit had swallowed {100 * (1 - finding.visible):.0f} % of it"
+def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
+    """A finding in words: question → a short answer, without those that have none. Letter and report print the same.
+
+    `after` is the fit with all findings.
+    """
+    machine = after.model.machine
+    words, numbers, vectors = _sizes(finding)
+    sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors, f"{percent(finding.share)} of the deviation's mean square"]
     if finding.shape_differs:
-        text += f"; its shape differs from the library's by {100 * finding.shape_differs:.0f} %"
-    if finding.alias:
-        text += f"; {', '.join(finding.alias)} would read the same here"
-    return text + "."
+        sizes.append(f"its shape differs from the library's by {percent_or_more(finding.shape_differs)}")
+    hidden = [f"the fit without it had taken {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
+    hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
+    hidden += [f"in general: {finding.effect.hidden_by.rstrip('.')}"] if finding.effect.hidden_by else []
+    rivals = [f"{r.words} {percent(r.confidence)}" for r in finding.rivals if r.confidence >= SHOWN_RIVAL]
+    test = [f"record {finding.next_test}"] if finding.next_test else []
+    test += [finding.test.says] if finding.test is not None else []
+    answers = {
+        "what it does": finding.effect.says,
+        "where": f"in {place_words(finding, machine)}, over {_over(finding, machine)}, {_runs(finding, after)}",
+        "how large": ", ".join(sizes),
+        "how sure": ", or ".join([_sure(finding), *rivals[:SHOWN_RIVALS]]),
+        "what hid it": "; ".join(hidden),
+        "reads the same": ", ".join(finding.alias),
+        "next test": ": ".join(test),
+    }
+    return {question: answer for question, answer in answers.items() if answer}
 
 
-def _ranked(parameters: Mapping[str, Quantity]) -> list[tuple[str, Quantity]]:
-    """In their own order, but what stands out of its uncertainty before what does not."""
+def _sentence(finding: Finding, after: Identification) -> str:
+    """One sentence: name, axis, the two main values, how sure, what had hidden it."""
+    words, numbers, _ = _sizes(finding)
+    text = ", ".join([*words, *numbers[:2], _sure(finding)])
+    if finding.shape_differs:
+        text += f"; its shape differs from the library's by {percent_or_more(finding.shape_differs)}"
+    if finding.moved:
+        text += f"; it had hidden in the geometry ({_moves(finding, after)[0]})"
+    elif finding.visible < 0.5:
+        text += f"; the fit without it had taken {percent(1.0 - finding.visible)} of it"
+    return f"{finding.title}: {text}."
 
-    def faint(q: Quantity) -> bool:
-        return isinstance(q.value, float) and isinstance(q.std, float) and abs(q.value) < 2.0 * q.std
 
-    return sorted(parameters.items(), key=lambda item: faint(item[1]))
+def _sure(finding: Finding) -> str:
+    """How probable the name is, and on what ground where another one fits the readings as well."""
+    said = f"confidence {percent(finding.confidence)}"
+    if finding.nearest is None:
+        return said
+    other, sigmas = finding.nearest
+    return f"{said} by plausibility alone (the readings tell it from {other} by {plain_number(sigmas, 'σ')}σ only)"
 
 
-def _shown(unit: str | None) -> str:
-    return "" if unit == "1" else (unit or "").replace("um", "µm").replace("urad", "µrad").replace("^2", "²")
+def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
+    """Its parameters: words, numbers, several numbers at once. Numbers within 2σ of 0 only where no other one stands out."""
+    words, clear, faint, vectors = list[str](), list[str](), list[str](), list[str]()
+    for name, q in finding.parameters.items():
+        said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}"
+        if isinstance(q.value, (str, tuple)):
+            (words if isinstance(q.value, str) else vectors).append(said)
+        else:
+            (faint if isinstance(q.std, (int, float)) and abs(q.value) < 2.0 * q.std else clear).append(said)
+    return words, clear or faint, vectors
+
+
+def _moves(finding: Finding, after: Identification) -> list[str]:
+    """How the geometry moved, as `EX0C 4.61 → 3.75 µm`, to the digits that the 1σ leaves."""
+    said = []
+    for name, (old, new) in finding.moved.items():
+        std, unit = after.uncertainty(name), after.parameters[after.model.index[name]].unit
+        said.append(f"{name} {rounded(old, std, unit)} → {rounded(new, std, unit)} {unit_words(unit)}")
+    return said
+
+
+def place_words(finding: Finding, machine: Machine) -> str:
+    """The link of the chain that a finding accuses, from the stage at which its effect enters and its axis."""
+    stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
+    if stage in ("reading", "recording"):
+        return "the instrument's reading" if stage == "reading" else "the recorder"
+    if stage == "drive":
+        return f"the drive of {axis}" if axis else "all drives alike"
+    if axis is None:
+        return "the structure between workpiece and tool"
+    return f"axis {axis}, behind its drive" if stage == "axis" else f"the structure that axis {axis} carries"
+
+
+def _over(finding: Finding, machine: Machine) -> str:
+    """The coordinate in words."""
+    said = []
+    for words in finding.coordinate.split(", "):
+        name, _, quantity = words.partition(" ")
+        known = name in machine.axes and quantity in _QUANTITIES
+        said.append(_QUANTITIES[quantity].format(name) if known else {"t": "time"}.get(words, words))
+    return " and ".join(said)
+
+
+def _runs(finding: Finding, after: Identification) -> str:
+    """The runs in which it acts."""
+    names = finding.runs
+    if len(names) == len(after.model.campaign.runs) > 1:
+        return "in all runs"
+    more = f" and {len(names) - SHOWN_RUNS} more runs" if len(names) > SHOWN_RUNS else ""
+    return f"in {', '.join(names[:SHOWN_RUNS])}{more}"

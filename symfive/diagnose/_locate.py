@@ -168,7 +168,7 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
 def _secants(result: Identification, scores: Sequence[Score]) -> list[Secant]:
     """Effects at sizes that their slopes at zero do not foretell, where something over the same coordinate stands out."""
     fitted = result.model
-    values = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+    values = result.named
     clear = {coordinate_of(s.effect) for s in scores if s.log_p < CLEAR}
     found = []
     for effect in (s.effect for s in scores if coordinate_of(s.effect) in clear):
@@ -265,7 +265,7 @@ def _suspect(fit: Identification, link: str, axis: str | None, score: Score, loo
     where: tuple[Interval, ...] = ()
     if log_p < -1.0:
         model = Model(fit.model.campaign, [*fit.model.added, effect])
-        fitted = {p.name: float(v) for p, v in zip(fit.parameters, fit.values, strict=True)}
+        fitted = fit.named
         values = model.vector(fitted | start_of(model, score))
         acts = {r.id: model.predict_run(r, values) - fit.model.predict_run(r, fit.values) for r in model.campaign.runs}
         where = intervals_of(model.campaign, acts)

@@ -94,10 +94,10 @@ def _part(
     kept = tuple(o for o in result.outliers if o.run in ids)
     problem = replace(result, noises=noises, outliers=kept).problem(model)
     problem.free = np.array([p.name not in known for p in model.parameters])
-    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)} | dict(known)
+    start = result.named | dict(known)
     values, _ = gauss_newton(problem, model.vector({n: v for n, v in start.items() if n in model.index}), 1e-2)
     blocks = problem.blocks(values)
-    named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+    named = model.named(values)
     return named, [(b.residual, b.left_out) for b in blocks.values()]
 
 

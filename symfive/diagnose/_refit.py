@@ -13,7 +13,7 @@ from symfive.diagnose._evidence import Groups, evidence_of, evidence_without, ma
 from symfive.diagnose._places import axis_of
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import narrower, variants
+from symfive.diagnose._variants import narrower, shapes, variants
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.identify import Identification, identify
@@ -54,32 +54,40 @@ class Trial:
 def tried(result: Identification, base: float, score: Score, forms: Forms) -> Trial | None:
     """An exact refit with the effect, under the noise of the present fit, whose log evidence is `base`.
 
-    All names are equally probable beforehand; a name that could take several forms (components) shares that among them.
+    All names are equally probable beforehand; a name that could take several forms (components), or richer shapes than its plain
+    one, shares that among them. The prior of an effect that is larger than usual is as wide as the effect: none is pulled back
+    more than its rivals.
     """
     campaign = result.model.campaign
-    effects = (*result.model.added, score.effect)
-    model = Model(campaign, effects)
-    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
-    start |= start_of(model, score)
-    problem = result.problem(model)
+    effect = score.effect
+    named = result.named
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
-            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
-            evidence, left = weighed(problem, values, amplitudes(campaign, score.effect))
+            for widening in range(1 + WIDENINGS):
+                model = Model(campaign, (*result.model.added, effect))
+                problem = result.problem(model)
+                start = named if widening else named | start_of(model, score)
+                values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
+                named = model.named(values)
+                wider = _roomy(campaign, effect, named)
+                if wider.spread == effect.spread:
+                    break
+                effect = wider
+            evidence, left = weighed(problem, values, amplitudes(campaign, effect))
             evidence -= base
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(evidence):
         return None
-    named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
-    if score.effect.id == "unknown":
+    if effect.id == "unknown":
         evidence -= DECISIVE + float(np.log(score.looks))  # a name is given up only for decisive evidence
     else:
         evidence -= float(np.log(score.looks))
-        evidence -= float(np.log(max(forms.get((score.effect.vocabulary, axis_of(score.effect)), 1), 1)))
-        evidence += float(np.log(2.0 * score.effect.chance(campaign, named)))
-    size = _size(result, model, score.effect, values)
-    return Trial(score.effect, evidence, named, size, score.looks, left + _pull(problem, score.effect, values))
+        evidence -= float(np.log(max(forms.get((effect.vocabulary, axis_of(effect)), 1), 1)))
+        evidence -= float(np.log(shapes(effect, campaign)))
+        evidence += float(np.log(2.0 * effect.chance(campaign, named)))
+    size = _size(result, problem.model, effect, values)
+    return Trial(effect, evidence, named, size, score.looks, left + _pull(problem, effect, values))
 
 
 def _pull(problem: Problem, effect: Effect, values: Array) -> float:
@@ -165,7 +173,7 @@ def shaped(result: Identification, trial: Trial) -> Identification:
             continue
         simpler = len(prepared.parameters(campaign)) < len(trial.effect.parameters(campaign))
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):
-            named = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+            named = model.named(values)
             best, best_evidence = refitted(model, named, plain), evidence
     return widened(best)
 
@@ -182,7 +190,7 @@ def _narrowed(result: Identification) -> Identification:
     best = shapes[int(np.argmax(evidence))]
     if best is last:
         return result
-    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+    start = result.named
     model = Model(campaign, [best if e.key == last.key else e for e in result.model.added])
     return refitted(model, {n: v for n, v in start.items() if n in model.index}, result)
 
@@ -198,7 +206,7 @@ def _best_start(problem: Problem, effect: Effect, start: Mapping[str, float]) ->
         near = {**start, **{p.name: max(scale * p.mean, p.lower) for p in times}}
         values, _ = gauss_newton(problem, model.vector(near), 1e-2, START_STEPS)
         square = problem.information(problem.blocks(values)).square
-        found.append((square, {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}))
+        found.append((square, model.named(values)))
     return min(found, key=lambda f: f[0])[1]
 
 
@@ -207,7 +215,7 @@ def widened(result: Identification) -> Identification:
     back, and nothing else has to make up for it."""
     for _ in range(WIDENINGS):
         last = newest(result)
-        start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+        start = result.named
         wider = _roomy(result.model.campaign, last, start)
         if wider.spread == last.spread:
             return result
@@ -234,17 +242,17 @@ def with_families(result: Identification) -> Identification:
         wide = Model(campaign, (*result.model.added, shape))
         problem = result.problem()
         if marginal(problem, wide, result.values) > marginal(problem, problem.model, result.values) + DECISIVE:
-            start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True)}
+            start = result.named
             result = refitted(wide, start, result)
     return result
 
 
-def lacking(result: Identification, effect: Effect) -> Identification:
-    """The fit without an effect and the rest of its family, under the same noise and outliers."""
-    campaign = result.model.campaign
-    kept = tuple(e for e in result.model.added if effect.key not in (e.key, getattr(e, "of", "")))
+def lacking(result: Identification, *effects: Effect) -> Identification:
+    """The fit without some effects and the rest of their families, under the same noise and outliers."""
+    campaign, dropped = result.model.campaign, {effect.key for effect in effects}
+    kept = tuple(e for e in result.model.added if not dropped & {e.key, getattr(e, "of", "")})
     model = Model(campaign, kept)
-    start = {p.name: float(v) for p, v in zip(result.parameters, result.values, strict=True) if p.name in model.index}
+    start = {n: v for n, v in result.named.items() if n in model.index}
     values, _ = gauss_newton(result.problem(model), model.vector(start), 1e-2)
     residuals = {run.id: model.readings(run) - model.predict_run(run, values) for run in campaign.runs}
     return replace(result, model=model, values=values, residuals=residuals)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,17 +13,29 @@ from numpy.typing import NDArray
 
 from symfive.design import Discrimination
 from symfive.diagnose._detect import Detection
-from symfive.diagnose._locate import Location, Observability, observability_words
+from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._places import Interval
 from symfive.effects import Effect, Quantity
 from symfive.identify import Identification
+from symfive.inference import Outlier
+from symfive.numbers import change, expected_ratio, percent, plain_number
 
-__all__ = ["SCHEMA", "Diagnosis", "Finding", "Fit", "RivalName"]
+__all__ = [
+    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "UNCONVERGED", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square", "named",
+    "wrapped",
+]  # fmt: skip
 
 SCHEMA = "symfive.diagnosis/1"
 Array = NDArray[np.float64]
 WORSE = 0.01
 """Share by which left-out readings must be foretold worse before it is said: less may be chance."""
+EXPLAINED = 1.1
+"""Residuals up to so many times the declared noise count as explained."""
+SHOWN_SHARE = 0.01
+"""Geometry and set-up that explain less, beside the findings, are not mentioned."""
+UNCONVERGED = "The fit did not converge: uncertainties may be wrong, take nothing below as final."
+WIDTH, HARD_SPACE = 100, "\u00a0"
+"""Longest line of the letter; a space at which none ends."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +47,27 @@ class RivalName:
     confidence: float
     component: str | None = None
 
+    @property
+    def words(self) -> str:
+        """As `error motion of axis B (EXB)`."""
+        if self.effect == "unknown":
+            return "none of the known effects"
+        return named(self.effect, self.axis) + (f" ({self.component})" if self.component else "")
+
+
+def named(effect: str, axis: str | None) -> str:
+    """An effect and its axis in words."""
+    return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
+
 
 @dataclass(frozen=True)
 class Finding:
     """One piece of physics that the baseline leaves out.
 
-    `share` of the deviation's mean square that it explains, `contribution` run → (N, ny) its readings, `moved` the
-    machine's parameters that changed most when it joined: name → (before, after), file units. `test` is what to record
-    next where a rival stays, `next_test` the folder of its plan.
+    `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
+    `contribution` run → (N, ny) its readings, `moved` the machine's parameters that changed most when it joined: name →
+    (before, after), file units. `nearest` an effect of another name that fits the readings as well, with the σ by which
+    it fits worse. `test` is what to record next where a rival stays, `next_test` the folder of its plan.
     """
 
     effect: Effect
@@ -62,8 +88,15 @@ class Finding:
     contribution: Mapping[str, Array]
     alias: tuple[str, ...] = ()
     shape_differs: float = 0.0
+    nearest: tuple[str, float] | None = None
     next_test: str | None = None
     test: Discrimination | None = None
+
+    @property
+    def title(self) -> str:
+        """The effect and its axis, as `Gravity sag of axis B`."""
+        said = named(self.name, self.axis)
+        return said[:1].upper() + said[1:]
 
     def to_data(self) -> dict[str, Any]:
         """One entry of `findings`."""
@@ -103,6 +136,17 @@ def _quantity(q: Quantity) -> Any:
     return {"value": value, "std": std, "unit": q.unit}
 
 
+def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
+    """Of the residuals, without these readings."""
+    total, count = 0.0, 0
+    for run, residual in result.residuals.items():
+        names = [column.name for column in result.model.columns(run)]
+        out = sum(float(residual[o.row, names.index(o.column)]) ** 2 for o in outliers if o.run == run)
+        total += float(np.sum(residual**2)) - out
+        count += residual.size - sum(o.run == run for o in outliers)
+    return total / max(count, 1)
+
+
 @dataclass(frozen=True)
 class Fit:
     """Quality before and after, over kept readings; the held-out part by leaving out runs in turn, `heldout_by` a whole feed
@@ -121,7 +165,7 @@ class Fit:
         runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
         held = {"run": runs, **self.heldout_by}
         return tuple(
-            f"A {what} that was left out of the fit is foretold worse with them ({before:.3g} → {after:.3g} {unit} rms): "
+            f"A {what} that was left out of the fit is foretold worse with them ({change(before, after, unit)} {unit} rms): "
             + (
                 "take them as a hint, not as proven."
                 if what == "run"
@@ -201,35 +245,102 @@ class Diagnosis:
 
     @property
     def letter(self) -> str:
-        """The verdict in plain words."""
-        if not self.mismatch:
-            ratio = float(np.sqrt(self.fit.chi2_dof_after))
-            text = (
-                f"None of {len(self.observability)} effects that were looked for stands out of what the baseline leaves "
-                f"({self.fit.rms_after_um:.3g} {self.after.unit} rms)."
+        """The verdict in plain words, a sentence a finding."""
+        if self.mismatch:
+            return self._warned(" ".join([*(f.says for f in self.findings), *self.doubts]))
+        left, ratio = plain_number(self.fit.rms_after_um, self.after.unit), plain_number(self.noise_ratio)
+        text = (
+            f"None of {len(self.observability)} effects that were looked for stands out of what the baseline leaves "
+            f"({left} {self.after.unit} rms)."
+        )
+        if self.noise_ratio > EXPLAINED:
+            return self._warned(
+                f"{text} That is {ratio} times the declared noise: coloured noise of the instrument, or something that "
+                "no effect of the catalogue describes and these recordings cannot place."
             )
-            if ratio > 1.1:
-                return (
-                    f"{text} That is {ratio:.2g} times the declared noise: coloured noise of the instrument, or something that "
-                    "no effect of the catalogue describes and these recordings cannot place."
-                )
-            return f"{text} The baseline explains the readings down to the declared noise."
-        doubts = self.fit.doubts(self.after.unit) if self.findings else ()
-        return " ".join([*(f.says for f in self.findings), *doubts, *self.unnamed])
+        return self._warned(f"{text} The baseline explains the readings down to the declared noise.")
+
+    def _warned(self, said: str) -> str:
+        """Behind a warning where the fit did not converge."""
+        return said if self.after.converged else f"{UNCONVERGED} {said}"
+
+    @property
+    def noise_ratio(self) -> float:
+        """What is left, in declared noise."""
+        return float(np.sqrt(max(self.fit.chi2_dof_after, 0.0)))
+
+    @property
+    def by_share(self) -> list[Finding]:
+        """The findings, the largest share of the deviation first."""
+        return sorted(self.findings, key=lambda finding: -finding.share)
+
+    @property
+    def geometry_share(self) -> float:
+        """The share of the deviation's mean square that no finding explains but geometry and set-up, identified anew under
+        the smaller noise."""
+        if not self.findings:
+            return 0.0
+        left, total = (mean_square(fit, self.after.outliers) for fit in (self.after, self.before))
+        return max(0.0, 1.0 - left / max(total, 1e-300) - sum(f.share for f in self.findings))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against the findings, and what is left beside them."""
+        return (*(self.fit.doubts(self.after.unit) if self.findings else ()), *self.unnamed)
+
+    @property
+    def verdict(self) -> str:
+        """One short sentence, behind a warning where the fit did not converge."""
+        return self._warned(self._verdict())
+
+    def _verdict(self) -> str:
+        count = len(self.findings)
+        if count:
+            pieces = "One piece" if count == 1 else f"{count} pieces"
+            left = ", and something is left that has no name" if self.unnamed else ""
+            return f"{pieces} of physics had been left out of the model{left}."
+        if self.mismatch:
+            return "Something is left that has no name."
+        if self.noise_ratio > EXPLAINED:
+            ratio = plain_number(self.noise_ratio)
+            return f"Nothing with a name is missing, but what is left is {ratio} times the declared noise."
+        return "The model explains these readings; nothing is missing that they could show."
 
     def __str__(self) -> str:
-        lines = [observability_words(self.observability, self.classes)]
-        lines.append("")
-        lines.append(self.letter)
-        f = self.fit
-        lines.append(
-            f"rms {f.rms_before_um:.3g} → {f.rms_after_um:.3g} {self.after.unit}, "
-            f"chi²/dof {f.chi2_dof_before:.3g} → {f.chi2_dof_after:.3g}"
-        )
-        if f.heldout_rms_after_um is not None and f.heldout_rms_before_um is not None:
-            held = f"{f.heldout_rms_before_um:.3g} → {f.heldout_rms_after_um:.3g} {self.after.unit}"
-            lines.append(f"left-out runs: rms {held}")
-        return "\n".join(lines)
+        from symfive.diagnose._findings import facts_of
+
+        lines = wrapped("", self.verdict)
+        for number, finding in enumerate(self.by_share, start=1):
+            lines += ["", f"{number:3}. {finding.title}"]
+            for question, answer in facts_of(finding, self.after).items():
+                lines += wrapped(f"{'':5}{question:16}", answer)
+        if self.doubts:
+            lines += ["", *(line for said in self.doubts for line in wrapped("  -  ", said))]
+        return "\n".join([*lines, "", *self._quality()])
+
+    def _quality(self) -> list[str]:
+        fit, unit = self.fit, self.after.unit
+        noise = plain_number(self.noise_um, unit)
+        lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit}, noise {noise} {unit}"]
+        if self.geometry_share > SHOWN_SHARE:
+            lines.append(
+                f"geometry and set-up, identified anew: {percent(self.geometry_share)} of the deviation's mean square"
+            )
+        if fit.heldout_rms_before_um is not None and fit.heldout_rms_after_um is not None:
+            held = change(fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit)
+            lines.append(f"left-out runs: rms {held} {unit}")
+        ratio = change(fit.chi2_dof_before, fit.chi2_dof_after)
+        return [*lines, f"chi²/dof {ratio} to the declared noise ({expected_ratio(self.after.dof)})"]
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
+
+
+def wrapped(head: str, text: str) -> list[str]:
+    """Lines of the text behind its head, the further ones indented alike; what belongs to one number stays together."""
+    for mark in (" ± ", " → ", " %"):
+        text = text.replace(mark, mark.replace(" ", HARD_SPACE))
+    lines = textwrap.wrap(
+        text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False, break_on_hyphens=False
+    )  # fmt: skip
+    return [line.replace(HARD_SPACE, " ") for line in lines]

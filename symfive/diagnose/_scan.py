@@ -33,7 +33,7 @@ def scan(board: Board) -> list[Finding]:
     """Peaks of all families for the residual of the board's fit."""
     channels = Channels(board)
     found: list[Finding] = []
-    for family in (_periods, _tones, _shifts, _steps, resonances, bursts):
+    for family in (_periods, _tones, _cycles, _shifts, _steps, resonances, bursts):
         for finding in family(channels):
             try:
                 found.append(Finding(finding.effect.prepare(board.model.campaign), finding.looks))
@@ -132,6 +132,14 @@ def _in_phase(channels: Channels, runs: Sequence[Run], rough: float, reach: floa
     span = max(float(c[-1]) for c in clocks) - min(float(c[0]) for c in clocks)
     steps = math.ceil(PER_CYCLE * reach * span)
     frequencies = rough + np.arange(-steps, steps + 1) / max(PER_CYCLE * span, 1e-12)
+    score = _coherent(channels, runs, frequencies)
+    best = int(np.argmax(score))
+    return float(frequencies[best]), float(score[best]), 2 * steps + 1
+
+
+def _coherent(channels: Channels, runs: Sequence[Run], frequencies: Array) -> Array:
+    """The score of tones of the tool on the campaign's clock."""
+    clocks = [run.start_s + np.asarray(run.time) for run in runs]
     score = np.zeros(len(frequencies))
     for index in range(3):
         power = 0.5 * sum(float(channels.power[run.id][:, index].sum()) for run in runs)
@@ -143,8 +151,34 @@ def _in_phase(channels: Channels, runs: Sequence[Run], rough: float, reach: floa
             for block in np.array_split(np.arange(len(frequencies)), max(1, len(frequencies) * len(clock) // 10**6)):
                 total[block] += np.exp(-2j * np.pi * np.outer(frequencies[block], clock)) @ answer
         score += np.abs(total) ** 2 / power
-    best = int(np.argmax(score))
-    return float(frequencies[best]), float(score[best]), 2 * steps + 1
+    return score
+
+
+CYCLE_HARMONICS, FINE = 4, 8
+"""Of a cycle; and steps in which its frequency is looked for, per change of one cycle over the campaign."""
+FEWEST = 2.5
+"""Cycles in a campaign at least: of fewer it could as well be a drift."""
+
+
+def _cycles(channels: Channels) -> Iterator[Finding]:
+    """A cycle that is too slow for a vibration, over the campaign's clock: a cooler, a pump, the light of day. It has no name,
+    but it can be foretold."""
+    runs = channels.campaign.runs
+    clock = np.sort(np.concatenate([run.start_s + np.asarray(run.time) for run in runs]))
+    span = float(clock[-1] - clock[0])
+    longest = max((float(run.time[-1] - run.time[0]) for run in runs if run.dynamic), default=0.0)
+    fastest = 4.0 / longest if longest > 0.0 else 0.25 * (len(clock) - 1) / max(span, 1e-9)
+    count = int(FINE * (fastest * span - FEWEST))
+    if span <= 0.0 or count < FINE:
+        return
+    frequencies = (FEWEST + np.arange(count) / FINE) / span
+    score = _coherent(channels, runs, frequencies)
+    period = 1.0 / float(frequencies[np.argmax(score)])
+    effect = make_effect(
+        "unknown", over=("t",), basis="fourier", order=CYCLE_HARMONICS, period_s=period,
+        period_sigma=0.5 * period**2 / span, tag="cycle",
+    )  # fmt: skip
+    yield Finding(effect, count // (FINE // PER_CYCLE))
 
 
 PLACES, CREEPS = 150, 30

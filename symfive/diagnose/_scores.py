@@ -168,7 +168,7 @@ def score_catalogue(
     """
     fitted = result.model
     model = Model(fitted.campaign, [*fitted.added, *shapes, *effects, *probes])
-    values = model.vector({p.name: float(v) for p, v in zip(fitted.parameters, result.values, strict=True)})
+    values = model.vector(result.named)
     size = len(model.parameters)
     gram = np.zeros((size + 1 + len(secants), size + 1 + len(secants)))
     problem = result.problem()

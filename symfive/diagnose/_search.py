@@ -27,7 +27,7 @@ from symfive.diagnose._refit import (
     with_families,
 )
 from symfive.diagnose._scores import Score
-from symfive.diagnose._slow import changes_slowly, physics_or_noise, slow_noise, whitened
+from symfive.diagnose._slow import changes_slowly, large_noise, name_or_noise, physics_or_noise, slow_noise, whitened
 from symfive.diagnose._variants import plain
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
@@ -42,6 +42,8 @@ MAX_EFFECTS, MAX_NAMELESS, MAX_ADDED = 5, 2, 10
 TRIALS, MOST_TRIALS = 4, 8
 """Names tried at least; and at most, where their scores are nearly equal."""
 PASSES = 2
+TIE = 0.05
+"""Log evidence by which two that read alike may differ by rounding: neither takes the other's place."""
 OPEN, OPEN_SHARE = 10.0, 0.2
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
 SIDEWAYS = 0.3
@@ -144,6 +146,12 @@ def _forward(state: _State, seen: Survey | None) -> None:
         state.progress(f"scoring the catalogue, {len(state.members)} effects found")
         seen = seen or survey(state.after, state.exclude)
         best = _best(state, seen)
+        hidden = _behind_noise(state, best[0] if best else None)
+        if hidden is not None:
+            state.joined(*hidden)
+            seen = None
+            state.progress(f"found {newest(state.after).key}, taken for noise before")
+            continue
         if best is None:
             slow = _slow(state)
             if slow is None:
@@ -170,7 +178,7 @@ def _is_shape_of_another(after: Identification, members: Sequence[Member]) -> bo
     last, machine = newest(after), after.model.machine
     if not isinstance(last, Unknown):
         return False
-    values = {p.name: float(v) for p, v in zip(after.parameters, after.values, strict=True)}
+    values = after.named
 
     def moved(effect: Effect) -> set[str]:
         if isinstance(effect, Unknown) and effect.place == "structure":
@@ -197,6 +205,18 @@ def _nearer(after: Identification, before: Identification) -> bool:
         for k, fit in enumerate((after, before)):
             left[k] += float(np.sum((fit.residuals[run.id] / noise)[kept] ** 2))
     return left[0] < left[1]
+
+
+def _behind_noise(state: _State, best: Trial | None) -> tuple[Identification, float] | None:
+    """The first name or cycle, with its log p, where there seems to be none and the noise is large: it may have swallowed it."""
+    if state.members or (best is not None and best.effect.id != "unknown") or not large_noise(state.after):
+        return None
+    seen = survey(whitened(state.after), state.exclude)
+    still = [s for s in seen.scores if state.open(s)]
+    named = [s for s in still if s.effect.id != "unknown" and not changes_slowly(s.effect)]
+    candidates = sorted(named, key=lambda s: s.log_p)[:TRIALS]
+    candidates += [s for s in still if getattr(s.effect, "period_s", 0.0)]
+    return name_or_noise(state.after, candidates, best, state.forms, state.level, state.progress)
 
 
 def _slow(state: _State) -> tuple[Identification, float] | None:
@@ -259,12 +279,31 @@ def _contest(state: _State) -> bool:
         found = [best_shape(without, base, t, state.forms) if t.evidence > least else t for t in found]
         trials = sorted([own, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
-        if trials[0].evidence > own.evidence:
-            state.after = shaped(without, trials[0])
-            state.members[number] = Member(newest(state.after), member.log_p, trials[0].looks)
-            state.progress(f"{trials[0].effect.key} takes the place of {member.effect.key}")
+        best = _most_probable(trials, own)
+        if best is not own:
+            state.after = shaped(without, best)
+            state.members[number] = Member(newest(state.after), member.log_p, best.looks, tuple(trials))
+            state.progress(f"{best.effect.key} takes the place of {member.effect.key}")
             swapped = True
     return swapped
+
+
+def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
+    """The best form of the most probable name, all its forms together; `own` unless another is better beyond rounding."""
+    names: dict[tuple[str, str | None], list[Trial]] = {}
+    for trial in trials:
+        names.setdefault((trial.effect.vocabulary, axis_of(trial.effect)), []).append(trial)
+
+    def total(forms: Sequence[Trial]) -> float:
+        evidence = [t.evidence for t in forms]
+        return float(max(evidence) if forms[0].effect.id == "unknown" else np.logaddexp.reduce(evidence))
+
+    mine = next(forms for forms in names.values() if own in forms)
+    best = max(names.values(), key=total)
+    if total(best) <= total(mine) + TIE:
+        best = mine
+    first = max(best, key=lambda t: t.evidence)
+    return own if own in best and first.evidence <= own.evidence + TIE else first
 
 
 def _plain_trial(state: _State, without: Identification, base: float, member: Member) -> Trial | None:
@@ -321,7 +360,7 @@ def _prune(state: _State, members: Sequence[Member]) -> None:
         without = lacking(state.after, member.effect)
         full = evidence_of(state.after.problem(), state.after.values)
         if full - evidence_of(without.problem(), without.values) < 3.0:
-            named = {p.name: float(v) for p, v in zip(without.parameters, without.values, strict=True)}
+            named = without.named
             state.after = refitted(without.model, named, without)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]
             state.dropped.add(member.effect.key)

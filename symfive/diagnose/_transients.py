@@ -91,11 +91,15 @@ def bursts(channels: Channels) -> Iterator[Finding]:
     _, run, first, last = best
     excess, unit = excesses[run.id]
     piece = max(SHORTEST // 2, (last - first) // 4)
-    clear = CLEAR * unit * np.sqrt(piece)
-    while first > 0 and excess[first] - excess[max(first - piece, 0)] > clear:
-        first = max(first - piece, 0)
-    while last < run.rows and excess[min(last + piece, run.rows)] - excess[last] > clear:
-        last = min(last + piece, run.rows)
+    pieces = [piece, 2 * piece]  # what rings passes through zero
+    while (more := next((n for n in pieces if _clear(excess, unit, first - n, first)), 0)) > 0:
+        first = max(first - more, 0)
+    while (more := next((n for n in pieces if _clear(excess, unit, last, last + n)), 0)) > 0:
+        last = min(last + more, run.rows)
+    while last - first > 2 * piece and not _clear(excess, unit, last - piece, last):
+        last -= piece
+    while last - first > 2 * piece and not _clear(excess, unit, first, first + piece):
+        first += piece
     first, last = (0 if first < piece else first), (run.rows if run.rows - last < piece else last)
     if excess[last] - excess[first] < SHARE * total:
         return
@@ -105,6 +109,12 @@ def bursts(channels: Channels) -> Iterator[Finding]:
     place = "reading" if len(channels.board.result.model.columns(run)) == 1 else "structure"
     options: dict[str, Any] = {"order": order, "place": place, "only_within": True, "tag": "burst"}
     yield Finding(make_effect("unknown", over=("t",), span=span, **options), tried)
+
+
+def _clear(excess: Array, unit: float, first: int, last: int) -> bool:
+    """Whether the rows from `first` to before `last` stand out."""
+    first, last = max(first, 0), min(last, len(excess) - 1)
+    return bool(last > first and excess[last] - excess[first] > CLEAR * unit * np.sqrt(last - first))
 
 
 def _excesses(channels: Channels) -> dict[str, tuple[Array, float]]:

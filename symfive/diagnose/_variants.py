@@ -7,19 +7,20 @@ from dataclasses import fields, replace
 from itertools import combinations
 from typing import Any
 
+from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 
-__all__ = ["narrower", "plain", "variants"]
+__all__ = ["narrower", "plain", "shapes", "variants"]
 
 SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "backlash": ({"shape": "pre_sliding"}, {"shape": "wind_up"}),
-    "friction": ({"shape": "stribeck"},),
+    "friction": ({"shape": "stribeck"}, {"shape": "lugre"}),
     "reversal_spike": ({"shape": "pulse"},),
     "lateral_play": ({"shape": "pre_sliding"}, {"shape": "play"}),
     "thermal_drift": ({"shape": "mixture"}, {"shape": "linear"}),
     "setup_shift": ({"shape": "creep"},),
-    "transmission_error": ({"harmonics": 2}, {"harmonics": 3}),
+    "transmission_error": ({"harmonics": 2}, {"harmonics": 3}, {"harmonics": 8}, {"harmonics": 16}),
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
     "sensor_error": ({"shape": "gain"},),
     "table_step": ({"shape": "late"}, {"shape": "early"}),
@@ -39,11 +40,18 @@ def plain(effect: Effect) -> Effect:
     return replace(effect, **defaults) if defaults else effect
 
 
+def shapes(effect: Effect, campaign: Campaign) -> int:
+    """In how many shapes the effect could come where it is in a richer one than its plain one."""
+    richer = len(effect.parameters(campaign)) > len(plain(effect).prepare(campaign).parameters(campaign))
+    return 1 + len(SHAPES[effect.id]) if richer else 1
+
+
 def variants(effect: Effect) -> Iterator[Effect]:
     """The other shapes of an effect; of a term without a name, finer ones along its only coordinate."""
     order = getattr(effect, "order", 0)
     for options in SHAPES.get(effect.id, ()):
-        if effect.id == "unknown" and not (isinstance(order, int) and order < options["order"]):
+        finer = isinstance(order, int) and order < options.get("order", 0) and getattr(effect, "basis", "") == "bspline"
+        if effect.id == "unknown" and not finer:
             continue
         if all(getattr(effect, name) != value for name, value in options.items()):
             yield replace(effect, **options)

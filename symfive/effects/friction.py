@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
 from symfive.errors import InputError
+from symfive.motion import FRICTION
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
-SHAPES = ("coulomb", "stribeck")
+SHAPES = ("coulomb", "stribeck", "lugre")
 LARGE = 4.0
 
 
@@ -23,7 +24,8 @@ class Friction(Effect):
     rest.
 
     `shape`: `coulomb`, F = coulomb; `stribeck`, F = coulomb + stiction·exp(-(v/speed)²): what it has more at
-    rest fades over `stribeck_speed`. The axis stands at a reversal until the integrator has built up twice
+    rest fades over `stribeck_speed`; `lugre`, the same after the contact has yielded over about `pre_sliding`
+    (C. Canudas de Wit et al. 1995). The axis stands at a reversal until the integrator has built up twice
     the force: a spike of about coulomb/(position_gain·velocity_gain), 1–15 µm; 10 µm at 40 1/s and 300 1/s is
     120 mm/s².
     """
@@ -47,12 +49,15 @@ class Friction(Effect):
         rotary = self.its_axis(campaign).rotary
         unit, sigma = ("rad/s^2", 2.0) if rotary else ("mm/s^2", 200.0)
         found = [self.own("coulomb", unit, sigma, lower=0.0, start=0.05 * sigma)]
-        if self.shape == "stribeck":
+        if self.shape != "coulomb":
             speed = 0.05 if rotary else 2.0
             found.append(self.own("stiction", unit, sigma, lower=0.0, start=0.05 * sigma))
             found.append(
                 self.own("stribeck_speed", "rad/s" if rotary else "mm/s", speed, mean=speed, lower=0.05 * speed)
             )
+        if self.shape == "lugre":
+            way = 10.0 if rotary else 2.0
+            found.append(self.own("pre_sliding", "urad" if rotary else "um", way, mean=way, lower=0.02 * way))
         return tuple(found)
 
     def levels(self, campaign: Campaign) -> tuple[dict[str, float], ...]:
@@ -60,5 +65,5 @@ class Friction(Effect):
         return tuple({p.name: LARGE * p.sigma} for p in self.parameters(campaign)[:1])
 
     def frees(self) -> Mapping[tuple[str, str], str]:
-        names = ("coulomb",) if self.shape == "coulomb" else ("coulomb", "stiction", "stribeck_speed")
+        names = FRICTION[: 1 if self.shape == "coulomb" else 3 if self.shape == "stribeck" else 4]
         return {(str(self.axis), name): f"{self.key}.{name}" for name in names}

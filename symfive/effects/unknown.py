@@ -39,9 +39,10 @@ class Unknown(Effect):
     """Σ coefficient·function over the coordinates `over`: a shift of the tool, or of each reading column.
 
     A coordinate is an axis (`B`), its velocity (`B velocity`), its way since it reversed (`B since reversal`, with the sign
-    of the motion, in equal steps of its logarithm) or `t` (the campaign's clock). Functions as in
-    the machine file: `basis` and `order` one per coordinate (a single one holds for all), products for
-    several; `bspline` of order n has n intervals. They have no constant part, which zeros and set-ups hold.
+    of the motion, in equal steps of its logarithm) or `t` (the campaign's clock; with `period_s` its phase in a cycle of
+    about so many seconds, 1σ `period_sigma`; 0: known and fixed). Functions as in the machine file: `basis` and `order` one
+    per coordinate (a single one holds for all), products for several; `bspline` of order n has n intervals. They have no
+    constant part, which zeros and set-ups hold.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
     covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
     machine frame (of the frame that the axis `carrier` carries, where one is named), `reading` each column. With
@@ -61,6 +62,8 @@ class Unknown(Effect):
     carrier: str = ""
     sigma_um: float = 5.0
     only_within: bool = False
+    period_s: float = 0.0
+    period_sigma: float = 0.0
 
     @property
     def key(self) -> str:
@@ -92,6 +95,8 @@ class Unknown(Effect):
                 f"{self.key} needs coordinates and directions",
                 remedy='write over = ["B"], directions = "xyz"',
             )
+        if self.period_s and (self.over != ("t",) or self.basis != "fourier"):
+            raise InputError(f"{self.key}: only time has a cycle", remedy='write over = ["t"], basis = "fourier"')
         spans = self.span
         if not spans:
             values = [np.concatenate([_values(name, run, machine) for run in campaign.runs]) for name in self.over]
@@ -106,7 +111,8 @@ class Unknown(Effect):
         return run.dynamic or not any(name.endswith(VELOCITY) for name in self.over)
 
     def _basis(self, machine: Machine) -> Basis:
-        kinds = tuple(machine.axes[name].kind if name in machine.axes else "linear" for name in self.over)
+        other = "rotary" if self.period_s else "linear"
+        kinds = tuple(machine.axes[name].kind if name in machine.axes else other for name in self.over)
         travels = tuple((-1.0, 1.0) if n.endswith(SINCE) else s for n, s in zip(self.over, self.span, strict=True))
         count = len(self.over)
         basis = (self.basis,) * count if isinstance(self.basis, str) else self.basis
@@ -130,9 +136,12 @@ class Unknown(Effect):
         names = self._basis(campaign.machine).names
         rotary = self.place == "axis" and self.its_axis(campaign).rotary
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
-        return tuple(
+        found = [
             self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels(campaign) for name in names
-        )
+        ]
+        if self.period_sigma:
+            found.append(self.own("period", "s", self.period_sigma, mean=self.period_s, lower=0.5 * self.period_s))
+        return tuple(found)
 
     def signals(self) -> tuple[Signal, ...]:
         found: list[Signal] = [Velocity(_owner(name)) for name in self.over if name.endswith(VELOCITY)]
@@ -187,7 +196,9 @@ class Unknown(Effect):
 
     def _coordinate(self, row: Row, name: str) -> Any:
         if name == "t":
-            return row.clock
+            if not self.period_s:
+                return row.clock
+            return 2.0 * np.pi * row.clock / (self.parameter(row, "period") if self.period_sigma else self.period_s)
         if name.endswith(SINCE):
             axis = _owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
@@ -201,17 +212,23 @@ class Unknown(Effect):
         """`over`, its `rms` over the campaign's rows, the main `direction` of a shift, and the `carrier` in whose frame it is."""
         machine, basis = campaign.machine, self._basis(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
+        period = self.period_s
+        if self.period_sigma:
+            period = values[f"{self.key}.period"]
         points = []
         for name, (_, high) in zip(self.over, self.span, strict=True):
             unit = machine.axes[name].to_internal if name in machine.axes else 1.0
             values_there = unit * np.concatenate([_values(name, run, machine) for run in runs])
+            if period:
+                values_there = 2.0 * np.pi * values_there / period
             points.append(
                 np.sign(values_there) * _steps(np.abs(values_there) / high, np)
                 if name.endswith(SINCE)
                 else values_there
             )
         matrix = basis.matrix(*points)
-        names = [p.name for p in self.parameters(campaign)]
+        amplitudes = self.parameters(campaign)[: -1 if self.period_sigma else None]
+        names = [p.name for p in amplitudes]
 
         def shape(p: Array) -> Array:
             return np.asarray(matrix @ p.reshape(-1, len(basis.names)).T)
@@ -222,6 +239,9 @@ class Unknown(Effect):
         (value,), (std,) = propagate(rms, names, values, covariance)
         size = Quantity(float(value), float(std), self.parameters(campaign)[0].unit)
         found = {"over": Quantity(self.over), "rms": size}
+        if self.period_s:
+            at = f"{self.key}.period"
+            found["period"] = Quantity(period, covariance[at, at] ** 0.5 if self.period_sigma else None, "s")
         if self.carrier:
             found["carrier"] = Quantity(self.carrier)
         if self.place == "structure":

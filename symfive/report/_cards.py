@@ -5,10 +5,11 @@ from __future__ import annotations
 import html
 
 from symfive.diagnose import Diagnosis, Finding, RivalName
+from symfive.diagnose._findings import facts_of
 from symfive.effects import Quantity
 from symfive.machine import Machine
+from symfive.numbers import in_words, percent, percent_or_more
 from symfive.report._chain import chain_picture, guilty
-from symfive.report._findings import finding_line, over, percent, runs_of, title_of
 from symfive.report._geometry import moved_table
 from symfive.report._style import plain_number, rounded, unit_words
 from symfive.report._tables import Cell, table
@@ -25,17 +26,16 @@ _ALONG = 0.985
 def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> str:
     """One finding as an HTML article; `picture` is its embedded figure."""
     machine = diagnosis.after.model.machine
-    title = title_of(finding)
     chain = chain_picture(
         machine, [(number, finding)], f"The machine's chain; guilty: {guilty(finding, machine).words}"
     )
     parts = [
         f'<article class="card" id="finding-{number}">',
-        f'<h3><span class="number">{number}</span> {html.escape(title)}</h3>',
-        f'<p class="says">{html.escape(_after_the_title(finding, diagnosis))}.</p>',
+        f'<h3><span class="number">{number}</span> {html.escape(finding.title)}</h3>',
         _tiles(finding),
-        f'<div class="pair">{_parameters(finding)}{chain}</div>',
         _facts(finding, diagnosis),
+        f'<div class="pair">{_parameters(finding)}{chain}</div>',
+        _intervals(finding),
         moved_table(finding, diagnosis.after) if finding.moved else "",
         picture,
         _rivals(finding),
@@ -45,20 +45,16 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> s
     return "\n".join(part for part in parts if part)
 
 
-def _after_the_title(finding: Finding, diagnosis: Diagnosis) -> str:
-    said = finding_line(finding, diagnosis).removeprefix(f"{title_of(finding)}: ")
-    return said[:1].upper() + said[1:]
-
-
 def _tiles(finding: Finding) -> str:
     share = f'<span class="bar" title="{percent(finding.share)}"><span style="width: {100 * finding.share:.1f}%"></span></span>'
+    plausible = ", by plausibility alone" if finding.nearest else ""
     tiles = [
         ("share of the deviation's mean square", percent(finding.share) + share),
-        ("confidence in the name", percent(finding.confidence)),
+        (f"confidence in the name{plausible}", percent(finding.confidence)),
         ("visible before it was named", percent(finding.visible)),
     ]
     if finding.shape_differs > 0.0:
-        tiles.append(("its shape differs from the library's", percent(finding.shape_differs)))
+        tiles.append(("its shape differs from the library's", percent_or_more(finding.shape_differs)))
     return '<dl class="tiles">' + "".join(f"<div><dt>{k}</dt><dd>{v}</dd></div>" for k, v in tiles) + "</dl>"
 
 
@@ -79,11 +75,7 @@ def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
     if isinstance(value, str):
         return value, "", unit
     if isinstance(value, tuple):
-        spreads = std if isinstance(std, tuple) else (0.0,) * len(value)
-        pairs = [(v, s if isinstance(s, (int, float)) else 0.0) for v, s in zip(value, spreads, strict=False)]
-        its = quantity.unit or ""
-        said = ", ".join(rounded(v, s, its) if isinstance(v, (int, float)) else str(v) for v, s in pairs)
-        return said, ", ".join(rounded(float(s), float(s)) if s else "–" for _, s in pairs), unit
+        return in_words(value, std), in_words(std, std) if isinstance(std, tuple) else "", unit
     spread = float(std) if isinstance(std, (int, float)) else 0.0
     return (
         Cell(rounded(value, spread, quantity.unit or ""), value),
@@ -93,19 +85,16 @@ def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
 
 
 def _facts(finding: Finding, diagnosis: Diagnosis) -> str:
-    effect = finding.effect
-    machine = diagnosis.after.model.machine
-    link = guilty(finding, machine)
-    facts = [
-        ("Where in the machine", link.words + (", changing with time" if link.timed else "")),
-        ("Where in the tests", f"over {over(finding, machine)}, {runs_of(finding, diagnosis)}"),
-        ("In which direction", _direction(finding, machine)),
-        ("What it does", effect.says),
-        ("What had hidden it", _hidden(finding)),
-        ("Would read the same here", ", ".join(finding.alias)),
-    ]
-    listed = "".join(f"<dt>{k}</dt><dd>{html.escape(v)}</dd>" for k, v in facts if v)
-    return f'<dl class="facts-list">{listed}</dl>{_intervals(finding)}'
+    facts = facts_of(finding, diagnosis.after)
+    facts.pop("next test", "")  # a box of its own
+    direction = _direction(finding, diagnosis.after.model.machine)
+    if direction:
+        facts["where"] += f"; {direction}"
+    listed = "".join(
+        f"<dt>{question[:1].upper()}{question[1:]}</dt><dd>{html.escape(answer)}</dd>"
+        for question, answer in facts.items()
+    )
+    return f'<dl class="facts-list">{listed}</dl>'
 
 
 def _direction(finding: Finding, machine: Machine) -> str:
@@ -118,14 +107,6 @@ def _direction(finding: Finding, machine: Machine) -> str:
     if abs(finding.direction[best]) <= _ALONG:
         return f"in the machine's frame: ({vector})"
     return f"{'about' if turning else 'along'} {'XYZ'[best]} of the machine: ({vector})"
-
-
-def _hidden(finding: Finding) -> str:
-    said = [finding.effect.hidden_by.rstrip(".")] if finding.effect.hidden_by else []
-    if finding.visible < 0.999:
-        swallowed = percent(1.0 - finding.visible)
-        said.append(f"here the fit without it had taken {swallowed} of its energy and left {percent(finding.visible)}")
-    return "; ".join(said)
 
 
 def _intervals(finding: Finding) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from symfive.diagnose import Finding
+from symfive.diagnose._findings import place_words
 from symfive.machine import Machine
 
 __all__ = ["chain_picture", "guilty"]
@@ -34,19 +35,15 @@ class _Place:
 
 def guilty(finding: Finding, machine: Machine) -> _Place:
     """The link that a finding accuses, from the stage at which its effect enters and its axis."""
-    stage = finding.effect.stage
-    axis = finding.axis if finding.axis in machine.axes else None
-    timed = any(word in ("t", "time") for word in finding.coordinate.split(", "))
+    stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
     if stage in ("reading", "recording"):
-        words = "the instrument's reading" if stage == "reading" else "the recorder"
-        return _Place("instrument", None, words, timed)
-    if stage == "drive":
-        return _Place("drive", axis, f"the drive of {axis}" if axis else "all drives alike", timed)
-    if stage == "axis" and axis:
-        return _Place("axis", axis, f"axis {axis}, behind its drive", timed)
-    if axis:
-        return _Place("structure", axis, f"the structure that axis {axis} carries", timed)
-    return _Place("loop", None, "the structure between workpiece and tool", timed)
+        part, axis = "instrument", None
+    elif stage == "drive":
+        part = "drive"
+    else:
+        part = ("axis" if stage == "axis" else "structure") if axis else "loop"
+    timed = any(word in ("t", "time") for word in finding.coordinate.split(", "))
+    return _Place(part, axis, place_words(finding, machine), timed)
 
 
 def chain_picture(machine: Machine, findings: Sequence[tuple[int, Finding]], title: str) -> str:

@@ -12,10 +12,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from symfive.diagnose import Diagnosis, Finding
+from symfive.diagnose._findings import facts_of
+from symfive.diagnose._result import SHOWN_SHARE
 from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.files import output_folder
-from symfive.numbers import expected_ratio, plain_number, power_of_ten
+from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten
 from symfive.report._bands import error_motion_bands
 from symfive.report._cards import card
 from symfive.report._chain import chain_picture
@@ -28,7 +30,7 @@ from symfive.report._evidence import (
     tests_table,
 )  # fmt: skip
 from symfive.report._finding_figure import finding_figure
-from symfive.report._findings import closing, doubts, finding_line, in_order, percent, title_of, verdict_of
+from symfive.report._findings import closing
 from symfive.report._geometry import geometry_chart, geometry_table
 from symfive.report._over_time import READING as OVER_TIME
 from symfive.report._over_time import residuals_with_tips
@@ -44,6 +46,8 @@ from symfive.report._visible import visible_parts
 __all__ = ["diagnosis_report"]
 
 NAME = "report.html"
+IN_SHORT = ("where", "how large", "how sure")
+"""What the verdict says of each finding; its card has the rest."""
 Array = NDArray[np.float64]
 Drawn = Callable[[], tuple[Figure, Tips]]
 _READING = (
@@ -62,7 +66,7 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
     quality of the data, noise and set-up. Raises `InputError` where the folder cannot be written.
     """
     folder = Path(folder)
-    findings = in_order(diagnosis)
+    findings = diagnosis.by_share
     title = f"Diagnosis of {diagnosis.after.model.machine.name}"
     with output_folder(folder) as target:
         body = [
@@ -91,6 +95,9 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list
         ("false-alarm rate allowed", percent(diagnosis.false_alarms)),
         ("effects looked for", str(len(diagnosis.observability))),
     ]
+    if diagnosis.geometry_share > SHOWN_SHARE:
+        part = percent(diagnosis.geometry_share)
+        tiles.insert(1, ("share of the deviation that geometry and set-up explain, identified anew", part))
     links = [("findings", "Findings")] if findings else []
     proof = "Before and after" if findings else "What is left"
     links += [("proof", proof), ("sight", "Where, and what these tests can see"), ("quality", "Data quality"),
@@ -110,15 +117,16 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list
 
 def _verdict(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
     """The verdict, a line for each finding, what speaks against them, the next step."""
-    listed = "".join(
-        f'<li><a href="#finding-{number}">{html.escape(title_of(finding))}</a>'
-        f"{html.escape(finding_line(finding, diagnosis).removeprefix(title_of(finding)))}</li>"
-        for number, finding in enumerate(findings, start=1)
-    )
-    against = "".join(f"<li>{html.escape(said)}</li>" for said in doubts(diagnosis))
+    listed = ""
+    for number, finding in enumerate(findings, start=1):
+        facts = facts_of(finding, diagnosis.after)
+        alike = [f"{facts['reads the same']} would read the same here"] if "reads the same" in facts else []
+        said = "; ".join([*(facts[question] for question in IN_SHORT), *alike])
+        listed += f'<li><a href="#finding-{number}">{html.escape(finding.title)}</a>: {html.escape(said)}</li>'
+    against = "".join(f"<li>{html.escape(said)}</li>" for said in diagnosis.doubts)
     return (
-        f'<div class="verdict {"no" if diagnosis.mismatch else "yes"}">'
-        f"<strong>{html.escape(verdict_of(diagnosis))}</strong>"
+        f'<div class="verdict {"no" if diagnosis.mismatch or not diagnosis.after.converged else "yes"}">'
+        f"<strong>{html.escape(diagnosis.verdict)}</strong>"
         + (f"<ol>{listed}</ol>" if listed else "")
         + (f"<ul>{against}</ul>" if against else "")
         + f"<p>{html.escape(closing(diagnosis))}</p></div>"
@@ -131,7 +139,7 @@ def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> 
     yield '<h2 id="findings">Findings</h2>'
     parts = visible_parts(diagnosis.before, [f.contribution for f in findings])
     for number, (finding, visible) in enumerate(zip(findings, parts, strict=True), start=1):
-        title = f"{title_of(finding)}: residual before and after"
+        title = f"{finding.title}: residual before and after"
         picture = _figure(f"finding-{number}-residual", title, _READING,
                           partial(finding_figure, diagnosis, finding, visible, _others(parts, number - 1)), figures)  # fmt: skip
         yield card(number, finding, diagnosis, picture)

@@ -59,7 +59,8 @@ def _head(identification: Identification, title: str) -> str:
         f"method {identification.method}",
         *([f"effects in the model: {effects}"] if effects else []),
     ]
-    state = fits(identification)
+    state, converged = fits(identification), identification.converged
+    headline = HEADLINES[state] if converged else "The fit did not converge."
     known = {unit: value for unit, value in identification.rms.items() if unit != "mixed"}
     rms = ", ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known.items())
     links = (("told-apart", "Not told apart"), ("values", "Parameters"), ("noise", "Noise"), ("outliers", "Outliers"),
@@ -67,7 +68,7 @@ def _head(identification: Identification, title: str) -> str:
     return "\n".join([
         f"<h1>{html.escape(title)}</h1>",
         f'<p class="facts">{html.escape("; ".join(facts))}.</p>',
-        f'<div class="verdict {state}"><strong>{html.escape(HEADLINES[state])}</strong>',
+        f'<div class="verdict {state if converged else "no"}"><strong>{html.escape(headline)}</strong>',
         f"<p>{html.escape(verdict(identification))}</p></div>",
         f'<p class="facts">Residual RMS {html.escape(rms or "not available")}; '
         f"χ²/dof {identification.chi2_dof:.4g} against the declared noise, "

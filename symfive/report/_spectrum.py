@@ -31,6 +31,8 @@ MOST_ORDERS = 32
 MOST_RUNS = 12
 LEAST_TURN = 0.9
 PER_DECADE = 40
+SWOLLEN = 2.0
+"""An order counts while uneven angles swell its noise variance by no more than this over that of even ones."""
 BESIDE = 0.6
 """Width, in orders, over which the stems of several runs stand beside each other."""
 
@@ -41,8 +43,8 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
 
     Columns of one instrument are added in squares. The dashed line is what white noise of the declared size passes
     somewhere in one of a hundred spectra: peaks above it are real. Frequency: Hann window, one-sided amplitude. Order:
-    least squares at whole orders of the circle's angle, or of the axis that turns by a whole turn. Raises `InputError`
-    where no run is long enough.
+    least squares at whole orders of the circle's angle, or of the axis that turns by a whole turn, as many as the angles
+    tell apart. Raises `InputError` where no run is long enough.
     """
     groups: dict[tuple[str, str], list[Trace]] = {}
     for trace in traces_of(identification, runs):
@@ -111,26 +113,46 @@ def _peaks(frequency: Array, amplitude: Array) -> tuple[Array, Array]:
     return frequency[high], amplitude[high]
 
 
-def _orders(traces: list[Trace], finder: CircleFinder) -> tuple[Array, Array, float, str] | None:
-    """Orders, amplitudes, threshold and what the order counts; None where nothing goes round."""
+def _orders(traces: list[Trace], finder: CircleFinder) -> tuple[Array, Array, Array, str] | None:
+    """Orders, amplitudes, their thresholds and what the order counts; None where nothing goes round or too few angles do.
+
+    n rows at the angles φ, M = (1, cos φ, sin φ, …): white noise of variance σ² gives an order's two coefficients the
+    covariance σ²·C, a block of (MᵀM)⁻¹; C = 2/n where the angles are even. Thresholds are from the larger eigenvalue of C.
+    """
     found = _angle(traces[0], finder)
     if found is None:
         return None
     angle, over = found
     turns = float(np.ptp(angle)) / (2.0 * np.pi)
-    per_turn = len(np.unique(np.round(np.mod(angle, 2.0 * np.pi), 6)))
-    most = int(min(MOST_ORDERS, (per_turn - 1) // 2, len(angle) // (4 * max(turns, 1.0)) + 1))
-    if most < 1:
+    good = ~np.any([trace.outlier for trace in traces], axis=0)
+    per_turn = len(np.unique(np.round(np.mod(angle[good], 2.0 * np.pi), 6)))
+    most = int(min(MOST_ORDERS, (per_turn - 2) // 2, len(angle) // (4 * max(turns, 1.0)) + 1))
+    while most >= 1:
+        orders = np.arange(1, most + 1)
+        columns = [np.ones_like(angle), *(f(k * angle) for k in orders for f in (np.cos, np.sin))]
+        matrix = np.column_stack(columns)[good]
+        swollen = _swollen(matrix)
+        if swollen.max() <= SWOLLEN:
+            break
+        most -= 1
+    else:
         return None
-    orders = np.arange(1, most + 1)
-    matrix = np.column_stack([np.ones_like(angle), *(f(k * angle) for k in orders for f in (np.cos, np.sin))])
     square = np.zeros(most)
     for trace in traces:
-        good = ~trace.outlier
-        x = np.linalg.lstsq(matrix[good].T @ matrix[good], matrix[good].T @ trace.residual[good], rcond=1e-9)[0]
+        x = np.linalg.lstsq(matrix, trace.residual[good], rcond=None)[0]
         square += x[1::2] ** 2 + x[2::2] ** 2
-    mean_square = sum(4.0 * t.noise.declared**2 / len(angle) for t in traces)
-    return orders.astype(float), np.sqrt(square), float(np.sqrt(mean_square * np.log(most / LEVEL))), over
+    mean_square = sum(4.0 * t.noise.declared**2 / len(matrix) for t in traces) * swollen
+    return orders.astype(float), np.sqrt(square), np.sqrt(mean_square * np.log(most / LEVEL)), over
+
+
+def _swollen(matrix: Array) -> Array:
+    """Per order: the noise variance of its worse phase over that of even angles; infinite where angles leave it open."""
+    normal = matrix.T @ matrix
+    if np.linalg.cond(normal) > 1e9:
+        return np.full(matrix.shape[1] // 2, np.inf)
+    inverse = np.linalg.inv(normal)
+    blocks = [np.linalg.eigvalsh(inverse[i : i + 2, i : i + 2])[-1] for i in range(1, len(inverse), 2)]
+    return 0.5 * len(matrix) * np.array(blocks)
 
 
 def _angle(trace: Trace, finder: CircleFinder) -> tuple[Array, str] | None:
@@ -170,7 +192,7 @@ def _draw_frequencies(
 
 def _draw_orders(
     axes: Axes,
-    found: list[tuple[str, Array, Array, float, str]],
+    found: list[tuple[str, Array, Array, Array, str]],
     colours: dict[str, str],
     styles: dict[str, str],
     unit: str,
@@ -181,7 +203,11 @@ def _draw_orders(
         axes.plot(at, amplitude, "o", color=colours[run], markersize=3.0)
         axes.vlines(at, 0.0, amplitude, colors=colours[run], linewidth=0.8)
         axes.plot([], [], marker="o", markersize=3.0, label=short(run), **look)  # type: ignore[arg-type]
-    axes.axhline(max(threshold for *_, threshold, _ in found), color=INK, linewidth=0.9, linestyle="--")
+    level = np.zeros(max(len(orders) for _, orders, *_ in found))
+    for *_, threshold, _ in found:
+        level[: len(threshold)] = np.maximum(level[: len(threshold)], threshold)
+    edges = np.arange(len(level) + 1) + 0.5
+    axes.stairs(level, edges, baseline=None, color=INK, linewidth=0.9, linestyle="--")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0.0)
     over = " or ".join(dict.fromkeys(words for *_, words in found))

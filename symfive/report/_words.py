@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from scipy.stats import chi2
 
+from symfive.diagnose._result import UNCONVERGED
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import expected_ratio
@@ -47,7 +48,7 @@ def verdict(identification: Identification) -> str:
         readings = "One reading was" if outliers == 1 else f"{outliers} readings were"
         sentences.append(f"{readings} left out as outliers.")
     if not identification.converged:
-        sentences.insert(0, "The fit did not converge: take nothing below as final.")
+        sentences.insert(0, UNCONVERGED)
     return " ".join(sentence for sentence in sentences if sentence)
 
 
