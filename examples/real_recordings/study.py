@@ -129,7 +129,7 @@ def lacking(fit: Identification, effect: Effect) -> Identification:
     """The same fit without an effect and the rest of its family; its values are a start only."""
     kept = tuple(e for e in fit.model.added if effect.key not in (e.key, getattr(e, "of", "")))
     model = Model(fit.model.campaign, kept)
-    start = {p.name: float(v) for p, v in zip(fit.parameters, fit.values, strict=True) if p.name in model.index}
+    start = {n: v for n, v in fit.named.items() if n in model.index}
     return replace(fit, model=model, values=model.vector(start))
 
 

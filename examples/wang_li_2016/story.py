@@ -58,7 +58,7 @@ def one_machine(*, pitch: float = 10.0, b_step: float = 5.0, seed: int = 7) -> O
     plan_of_all = whole_campaign(paper_machine(), pitch=pitch, b_step=b_step)
     model = Model(plan_of_all)
     values = draw(model.parameters, 1, seed, truth=ASSUMED | dict.fromkeys(SLOPES, 0.0))[0]
-    truth = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+    truth = model.named(values)
     campaign = measured(plan_of_all, truth, seed=seed)
     readings = {run.id: np.stack(list(run.readings.values()), axis=1)[None] for run in campaign.runs}
     found = {name: float(value[0]) for name, value in Sequence(campaign).estimate(readings).items()}
