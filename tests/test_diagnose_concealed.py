@@ -123,7 +123,7 @@ def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):
     first = found.findings[0]
     assert first.name == "unknown" and first.coordinate == "t" and first.runs == (runs[1]["id"],)
     assert all(6.0 < i.begin_s < 25.0 for i in first.intervals)
-    assert found.fit.rms_after_um < 1.25 * 0.3  # sixty intervals, however long it rings
+    assert found.fit.rms_after_um < 1.15 * 0.3  # sixty intervals, however long it rings
 
 
 @pytest.mark.slow
@@ -282,7 +282,7 @@ def test_a_saw_that_coloured_noise_had_swallowed_is_named_by_its_period(tmp_path
         "form": "sawtooth",
     }
     found = diagnose(_measured(tmp_path / "c", machine, _circles(machine, (900.0, 2000.0)), [saw]))
-    assert _names(found)[0] == ("transmission_error", "X")  # its jumps may leave more
+    assert _names(found) == [("transmission_error", "X")]
     assert found.findings[0].parameters["period"].value == pytest.approx(12.0, rel=2e-3)
 
 

@@ -23,6 +23,7 @@ from symfive.diagnose import (
     prove,
 )
 from symfive.diagnose._findings import facts_of
+from symfive.diagnose._next_test import possible_tests
 from symfive.diagnose._search import Member, Naming
 from symfive.effects import make_effect
 from symfive.identify import identify
@@ -185,6 +186,19 @@ def test_a_concentric_circle_has_one_class_of_bow_scale_and_yaw_that_only_anothe
         assert sigmas[useless] < 1.0, useless
     assert max(s for name, s in sigmas.items() if name.startswith("centre") and "150" in name) > 30.0
     assert test.useful and "150" in test.says
+
+
+def test_tests_to_choose_from_have_the_rows_that_the_recorder_lost():
+    machine = preset("three-axis")
+    run = planar_circle(machine, feed=1000.0)[0]
+    kept = np.random.default_rng(1).random(run.rows) > 0.02
+    kept[[0, -1]] = True
+    lost = replace(run, time=run.time[kept], commands={n: way[kept] for n, way in run.commands.items()})
+    repeat, *others = possible_tests(campaign_of(machine, [lost]))
+    assert {run.rows} == {test.rows for test in (repeat, *others) if "-in-" not in test.id}
+    for axis, way in run.commands.items():
+        assert np.abs(repeat.commands[axis] - way).max() < 0.01, axis
+    assert np.allclose(repeat.time, run.time)
 
 
 @pytest.mark.slow

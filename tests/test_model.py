@@ -212,6 +212,15 @@ def test_rows_that_the_recorder_lost_are_filled_smoothly_and_round_corners():
         assert np.abs(filled(steps, command[steps]) - command).max() < most, first
 
 
+def test_rows_lost_while_an_axis_accelerates_are_filled_along_its_ramp():
+    """A steady acceleration is no corner, however much the speed changes over the gap."""
+    time = 0.03 * np.arange(60)
+    ramp = 70.0 * np.where(time < 0.6, time**2, 1.2 * time - 0.36)
+    for first in (4, 8, 12, 30):
+        steps = np.delete(np.arange(60), [first, first + 4])
+        assert np.abs(filled(steps, ramp[steps]) - ramp).max() < 1e-9, first
+
+
 def test_names_and_vectors_are_checked(static):
     model = Model(static)
     with pytest.raises(InputError, match='no parameter "EX0Q"'):

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from symfive.campaign import read_campaign
 from symfive.effects import Effect, make_effect
-from symfive.identify import identify
+from symfive.identify import Identification, identify
 from symfive.model import Model
 
 from .judge import geometry
 
 WIDE = 1e3
 """Prior sigma of an error motion's coefficients (µm, µrad): over a small part of the travel they are large."""
+ROOM = 10.0
+"""Prior sigma of an effect over what it turned out."""
 SHAPES: dict[tuple[str, str], dict[str, Any]] = {
     ("backlash", "presliding"): {"shape": "pre_sliding"},
     ("backlash", "wind_up"): {"shape": "wind_up"},
@@ -89,5 +92,14 @@ def oracle(folder: Path, answer: Mapping[str, Any]) -> dict[str, Any] | None:
     effects = [true_effect(spec, campaign.runs[0].instrument[0]) for spec in answer["effects"]]
     if None in effects:
         return None
-    result = identify(Model(campaign, tuple(e.prepare(campaign) for e in effects if e is not None)))
+    known = [e.prepare(campaign) for e in effects if e is not None]
+    result = identify(Model(campaign, tuple(known)))
+    result = identify(Model(campaign, tuple(_roomy(effect, result) for effect in known)), start=result.named)
     return {"geometry": geometry(result), "chi2_dof": result.chi2_dof}
+
+
+def _roomy(effect: Effect, result: Identification) -> Effect:
+    """The effect with a prior that does not pull it back, however large it is."""
+    amplitudes = [p for p in effect.parameters(result.model.campaign) if p.mean == 0.0]
+    most = max((abs(result[p.name]) / p.sigma for p in amplitudes), default=0.0)
+    return replace(effect, spread=max(ROOM * most, 1.0) * effect.spread)

@@ -14,6 +14,7 @@ from symfive.diagnose._catalogue import moving_axes
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.model import Model
+from symfive.motion import programme_of
 from symfive.procedures import planar_circle, r_test_grid
 
 __all__ = ["next_test", "possible_tests"]
@@ -61,7 +62,7 @@ def possible_tests(campaign: Campaign) -> Iterator[Run]:
         if kind in seen:
             continue
         seen.add(kind)
-        bare = run.with_readings({})
+        bare = programme_of(run)
         variants = _dynamic(campaign, bare) if run.dynamic else _static(campaign, bare)
         yield from (v for v in (_named(bare, "repeat", bare), *variants) if _inside(campaign, v))
 

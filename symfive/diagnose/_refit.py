@@ -13,7 +13,7 @@ from symfive.diagnose._evidence import Groups, evidence_of, evidence_without, ma
 from symfive.diagnose._places import axis_of
 from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import narrower, shapes, variants
+from symfive.diagnose._variants import carried, narrower, shapes, variants
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.identify import Identification, identify
@@ -142,11 +142,12 @@ def best_shape(without: Identification, base: float, trial: Trial, forms: Forms)
     trials = [trial]
     for other in variants(trial.effect):
         try:
-            parameters = other.prepare(campaign).parameters(campaign)
+            prepared = other.prepare(campaign)
         except InputError:
             continue
-        step = {p.name: trial.values.get(p.name, p.mean) - p.mean for p in parameters}
-        score = Score(other.prepare(campaign), np.inf, 1.0, -np.inf, 1.0, 1.0, step, trial.looks)
+        known = carried(trial.effect, prepared, campaign, trial.values)
+        step = {p.name: known.get(p.name, p.mean) - p.mean for p in prepared.parameters(campaign)}
+        score = Score(prepared, np.inf, 1.0, -np.inf, 1.0, 1.0, step, trial.looks)
         found = tried(without, base, score, forms)
         trials += [found] if found is not None else []
     return max(trials, key=lambda t: t.evidence)
@@ -161,12 +162,13 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     effect = _roomy(campaign, trial.effect, trial.values)
     plain = _narrowed(refitted(Model(campaign, (*result.model.added, effect)), trial.values, result))
     best, best_evidence = plain, evidence_of(plain.problem(), plain.values)
+    others = {n: v for n, v in trial.values.items() if n in result.model.index}
     for other in variants(newest(plain)):
         try:
             prepared = other.prepare(campaign)
             model = Model(campaign, (*result.model.added, prepared))
             problem = plain.problem(model)
-            start = _best_start(problem, prepared, {n: v for n, v in trial.values.items() if n in model.index})
+            start = _best_start(problem, prepared, others | carried(effect, prepared, campaign, trial.values))
             values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
             evidence = evidence_of(problem, values)
         except (ValueError, np.linalg.LinAlgError):

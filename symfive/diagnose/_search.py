@@ -146,13 +146,14 @@ def _forward(state: _State, seen: Survey | None) -> None:
         state.progress(f"scoring the catalogue, {len(state.members)} effects found")
         seen = seen or survey(state.after, state.exclude)
         best = _best(state, seen)
-        hidden = _behind_noise(state, best[0] if best else None)
+        after = shaped(state.after, best[0]) if best else None
+        hidden = _behind_noise(state, after)
         if hidden is not None:
             state.joined(*hidden)
             seen = None
             state.progress(f"found {newest(state.after).key}, taken for noise before")
             continue
-        if best is None:
+        if best is None or after is None:
             slow = _slow(state)
             if slow is None:
                 state.after = with_families(state.after)
@@ -162,7 +163,6 @@ def _forward(state: _State, seen: Survey | None) -> None:
             state.progress(f"found {newest(state.after).key}, taken for slow noise before")
             continue
         trial, log_p = best
-        after = shaped(state.after, trial)
         if not _nearer(after, state.after) or _is_shape_of_another(after, state.members):
             state.dropped.add(trial.effect.key)
             continue
@@ -207,16 +207,18 @@ def _nearer(after: Identification, before: Identification) -> bool:
     return left[0] < left[1]
 
 
-def _behind_noise(state: _State, best: Trial | None) -> tuple[Identification, float] | None:
-    """The first name or cycle, with its log p, where there seems to be none and the noise is large: it may have swallowed it."""
-    if state.members or (best is not None and best.effect.id != "unknown") or not large_noise(state.after):
+def _behind_noise(state: _State, first: Identification | None) -> tuple[Identification, float] | None:
+    """A name, cycle or burst, with its log p, that goes before the `first` one found, if any: where the noise is large without
+    a name, or still with it, the noise may have swallowed what the readings really hold."""
+    named = first is not None and newest(first).id != "unknown"
+    if state.members or not large_noise(state.after) or (first is not None and named and not large_noise(first)):
         return None
     seen = survey(whitened(state.after), state.exclude)
     still = [s for s in seen.scores if state.open(s)]
-    named = [s for s in still if s.effect.id != "unknown" and not changes_slowly(s.effect)]
-    candidates = sorted(named, key=lambda s: s.log_p)[:TRIALS]
-    candidates += [s for s in still if getattr(s.effect, "period_s", 0.0)]
-    return name_or_noise(state.after, candidates, best, state.forms, state.level, state.progress)
+    names = [s for s in still if s.effect.id != "unknown" and not changes_slowly(s.effect)]
+    candidates = sorted(names, key=lambda s: s.log_p)[:TRIALS]
+    candidates += [s for s in still if isinstance(s.effect, Unknown) and (s.effect.period_s or s.effect.only_within)]
+    return name_or_noise(state.after, candidates, first, state.forms, state.level, state.progress)
 
 
 def _slow(state: _State) -> tuple[Identification, float] | None:
@@ -268,15 +270,18 @@ def _contest(state: _State) -> bool:
         state.progress(f"rivals of {member.effect.key}")
         without = lacking(state.after, member.effect)
         scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
-        rivals = _best_of(scores)
+        kin = {s.effect.key: s for s in scores if _moves_the_same(s.effect, member.effect)}
+        rivals = {s.effect.key: s for s in _best_of(scores)} | kin
         base = evidence_of(without.problem(), without.values)
-        found = [t for t in (tried(without, base, s, state.forms) for s in rivals) if t is not None]
+        found = [t for t in (tried(without, base, s, state.forms) for s in rivals.values()) if t is not None]
         own = tried(without, base, _own_score(state.after, member), state.forms)
         if own is None:
             continue
         simple = _plain_trial(state, without, base, member) or own
         least = min(own.evidence, simple.evidence - max(OPEN, OPEN_SHARE * simple.evidence))
-        found = [best_shape(without, base, t, state.forms) if t.evidence > least else t for t in found]
+        found = [
+            best_shape(without, base, t, state.forms) if t.evidence > least or t.effect.key in kin else t for t in found
+        ]
         trials = sorted([own, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
         best = _most_probable(trials, own)
@@ -286,6 +291,12 @@ def _contest(state: _State) -> bool:
             state.progress(f"{best.effect.key} takes the place of {member.effect.key}")
             swapped = True
     return swapped
+
+
+def _moves_the_same(a: Effect, b: Effect) -> bool:
+    """Whether two effects move the same component: then each may be a shape of the other, whatever its plain shape scores."""
+    component = getattr(a, "component", None)
+    return component is not None and component == getattr(b, "component", None)
 
 
 def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:

@@ -9,7 +9,7 @@ import numpy as np
 
 from symfive.diagnose._evidence import evidence_of, evidence_with_noise
 from symfive.diagnose._places import coordinate_of
-from symfive.diagnose._refit import DECISIVE, Forms, Trial, refitted, shaped, start_of, tried, widened
+from symfive.diagnose._refit import DECISIVE, Forms, newest, refitted, shaped, start_of, tried, widened
 from symfive.diagnose._scores import Score
 from symfive.diagnose._variants import narrower
 from symfive.effects import Effect
@@ -97,18 +97,20 @@ def physics_or_noise(
 def name_or_noise(
     fit: Identification,
     candidates: Sequence[Score],
-    nameless: Trial | None,
+    first: Identification | None,
     forms: Forms,
     level: float,
     progress: Callable[[str], None],
 ) -> tuple[Identification, float] | None:
-    """The best name (or cycle) that large coloured noise had swallowed, each with the noise found anew, if its odds against that
-    noise and against the term without a name are high enough; with their log."""
+    """The best name (or cycle, or burst) that large coloured noise had swallowed, each with the noise found anew, if its odds
+    against that noise and against the `first` effect found under it are high enough; with their log."""
     white = whitened(fit)
     base = evidence_of(white.problem(), white.values)
     least = float(np.log(1.0 / level))
-    if nameless is not None:
-        least = max(least, evidence_with_noise(shaped(fit, nameless), fit))
+    given_up = DECISIVE
+    if first is not None:
+        least = max(least, evidence_with_noise(first, fit))
+        given_up = 0.0 if newest(first).id == "unknown" else DECISIVE
     best: tuple[float, Identification] | None = None
     for score in candidates:
         progress(f"coloured noise or {score.effect.key}")
@@ -117,7 +119,7 @@ def name_or_noise(
             continue
         found = shaped(white, trial)
         evidence = evidence_with_noise(found, fit) - float(np.log(len(candidates) * score.looks))
-        evidence -= DECISIVE if score.effect.id == "unknown" and nameless is None else 0.0
+        evidence -= given_up if score.effect.id == "unknown" else 0.0
         if evidence > max(least, best[0] if best else 0.0):
             best = evidence, found
     return (best[1], -best[0]) if best else None

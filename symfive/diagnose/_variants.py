@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from itertools import combinations
 from typing import Any
 
 from symfive.campaign import Campaign
 from symfive.effects import Effect
+from symfive.effects.transmission_error import TransmissionError
 from symfive.effects.unknown import Unknown
 
-__all__ = ["narrower", "plain", "shapes", "variants"]
+__all__ = ["carried", "narrower", "plain", "shapes", "variants"]
 
 SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "backlash": ({"shape": "pre_sliding"}, {"shape": "wind_up"}),
@@ -23,14 +24,18 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}, {"harmonics": 8}, {"harmonics": 16}),
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
     "sensor_error": ({"shape": "gain"},),
+    "inertial_compliance": ({"shape": "softening"},),
     "table_step": ({"shape": "late"}, {"shape": "early"}),
     "unknown": ({"order": 16}, {"order": 32}),
     "gravity_sag": (
         {"parts": ("sin",)}, {"parts": ("one_minus_cos",)}, {"parts": ("sin", "sin_cubed")},
-        {"parts": ("sin", "one_minus_cos", "sin_cubed")},
+        {"parts": ("sin", "one_minus_cos", "sin_cubed")}, {"parts": ("sin", "branch")},
+        {"parts": ("sin", "one_minus_cos", "branch")},
     ),
 }  # fmt: skip
 """Options that change an effect's shape and not what it is."""
+MULTIPLES = ((2, 2), (2, 4), (3, 3))
+"""Of a period that was found, with how many harmonics: it may be that of the largest harmonic and not of the first."""
 
 
 def plain(effect: Effect) -> Effect:
@@ -43,7 +48,7 @@ def plain(effect: Effect) -> Effect:
 def shapes(effect: Effect, campaign: Campaign) -> int:
     """In how many shapes the effect could come where it is in a richer one than its plain one."""
     richer = len(effect.parameters(campaign)) > len(plain(effect).prepare(campaign).parameters(campaign))
-    return 1 + len(SHAPES[effect.id]) if richer else 1
+    return 1 + len(list(variants(plain(effect)))) if richer else 1
 
 
 def variants(effect: Effect) -> Iterator[Effect]:
@@ -55,6 +60,17 @@ def variants(effect: Effect) -> Iterator[Effect]:
             continue
         if all(getattr(effect, name) != value for name, value in options.items()):
             yield replace(effect, **options)
+    if isinstance(effect, TransmissionError) and effect == plain(effect):
+        for multiple, harmonics in MULTIPLES:
+            sigma = None if effect.period_sigma is None else multiple * effect.period_sigma
+            yield replace(effect, period=multiple * effect.period, period_sigma=sigma, harmonics=harmonics)
+
+
+def carried(effect: Effect, other: Effect, campaign: Campaign, values: Mapping[str, float]) -> dict[str, float]:
+    """What the values of an effect say of another of its shapes: nothing of one with another period."""
+    if getattr(effect, "period", 0.0) != getattr(other, "period", 0.0):
+        return {}
+    return {p.name: values[p.name] for p in other.parameters(campaign) if p.name in values}
 
 
 def narrower(effect: Effect) -> list[Unknown]:

@@ -14,17 +14,19 @@ from symfive.effects._component import component_of
 from symfive.effects._gravity import DOWN, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
+from symfive.motion import Direction
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
     from symfive.machine import Machine
     from symfive.model._row import Row
+    from symfive.motion import Signal
 
-PARTS = ("sin", "one_minus_cos", "sin_cubed")
+PARTS = ("sin", "one_minus_cos", "sin_cubed", "branch")
 HORIZONTAL_SINE = 1e-6
-STIFFENING = 0.3
-"""What is first in order is the smaller part: prior 1σ of `sin_cubed` over that of `sin`."""
+FURTHER = 0.3
+"""What makes a sag other than elastic and linear is the smaller part: prior 1σ of `sin_cubed` and `branch` over that of `sin`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +40,8 @@ class GravitySag(Effect):
     their turning too. A vertical axis behind a tilting one has no such
     directions: there Δg is taken along its x and y. `component` is an error motion of this or another axis
     (`EZB`; µm or µrad at sin q = 1), `parts` which of the two are fitted, `down` gravity in the
-    machine frame. A further part `sin_cubed`, Δg_h³, is a structure that stiffens (or yields) under load, to first order.
+    machine frame. Two further parts: `sin_cubed`, Δg_h³, is a structure that stiffens (or yields) under load, to first order;
+    `branch`, -s of the axis' direction of motion, one that comes back by another way than it went (dry friction in it).
     Typical 2–20 µm, 5–50 µrad, growing with the load.
     """
 
@@ -78,8 +81,11 @@ class GravitySag(Effect):
         component = component_of(self.component, campaign.machine)
         usual = 20.0 if component.angular else 10.0
         return tuple(
-            self.own(part, component.unit, usual * (STIFFENING if part == "sin_cubed" else 1.0)) for part in self.parts
+            self.own(part, component.unit, usual * (FURTHER if part in PARTS[2:] else 1.0)) for part in self.parts
         )
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (Direction(str(self.axis)),) if "branch" in self.parts else ()
 
     def apply(self, row: Row) -> None:
         across, against = self._directions(row.machine)
@@ -87,9 +93,11 @@ class GravitySag(Effect):
             np.asarray(self.down) / np.linalg.norm(self.down)
         )
         horizontal, upright = ca.dot(ca.DM(across), change), ca.dot(ca.DM(against), change)
-        for part, size in zip(PARTS, (horizontal, upright, horizontal**3), strict=True):
-            if part in self.parts:
-                row.add_motion(self.component, self.parameter(row, part) * size)
+        sizes = dict(zip(PARTS, (horizontal, upright, horizontal**3), strict=False))
+        if "branch" in self.parts:
+            sizes["branch"] = -row.signal(self.signals()[0])
+        for part in self.parts:
+            row.add_motion(self.component, self.parameter(row, part) * sizes[part])
 
     def _directions(self, machine: Machine) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Vectors in the body whose products with Δg are sin q and 1 - cos q."""

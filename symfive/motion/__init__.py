@@ -2,6 +2,7 @@
 
 from symfive.motion._drives import GAINS, drive_response
 from symfive.motion._friction import FRICTION
+from symfive.motion._gaps import programme_of
 from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import AxisMotion, RunMotion, Series
 from symfive.motion._moved_path import moved_response
@@ -25,5 +26,5 @@ from symfive.motion._signals import (
 __all__ = [
     "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position",
     "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
-    "drive_response", "linear_recurrence", "moved_response",
+    "drive_response", "linear_recurrence", "moved_response", "programme_of",
 ]  # fmt: skip
