@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from symfive.campaign import write_campaign_files
+from symfive.design import write_test
 from symfive.diagnose import Diagnosis
 from symfive.files import write_json
 from symfive.identify import Identification, fitted_model
@@ -29,15 +29,18 @@ def write_identification(
         identification_report(result, folder, figures=folder / "figures")
 
 
-def write_diagnosis(result: Diagnosis, folder: Path, *, progress: Progress = lambda message: None) -> None:
-    """diagnosis.json, the plans of the next tests, the identification with the findings, the page and its figures."""
+def write_diagnosis(
+    result: Diagnosis, folder: Path, *, nc: tuple[str, ...] = ("iso",), progress: Progress = lambda message: None
+) -> None:
+    """diagnosis.json, the plans of the next tests with programs in the `nc` dialects and set-up sheets, the identification
+    with the findings, the page and its figures."""
     from symfive.report import diagnosis_report
 
     write_json(folder / "diagnosis.json", result.to_data())
     for finding in result.findings:
         if finding.next_test is not None and finding.test is not None:
             (folder / finding.next_test).mkdir(parents=True)
-            write_campaign_files(finding.test.test, folder / finding.next_test)
+            write_test(finding.test, folder / finding.next_test, nc)
     write_identification(result.after, folder, figures=False)
     progress("drawing the figures")
     diagnosis_report(result, folder)

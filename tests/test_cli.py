@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from symfive import __version__
 from symfive.campaign import read_campaign, write_campaign
 from symfive.machine import preset, write_machine
 from symfive.model import read_model
+from symfive.nc import DIALECTS
 from symfive.procedures import campaign_of, r_test_grid
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -112,6 +114,11 @@ def test_as_a_program():
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
     assert "there is no such folder" in done.stderr
+
+
+@pytest.mark.parametrize("verb", ["plan", "diagnose"])
+def test_help_lists_the_dialects(symfive, verb):
+    assert set(DIALECTS) <= set(re.findall(r"\w+", symfive(verb, "--help").out))
 
 
 def test_version_help_and_completion_load_no_numerics():

@@ -22,6 +22,7 @@ from symfive.design import (
     in_common,
     plan,
     plan_circles,
+    write_test,
 )
 from symfive.design._bodies import Clearances
 from symfive.design._candidates import candidates_in, pose_grid
@@ -302,6 +303,16 @@ def test_a_rival_that_only_the_priors_make_improbable_spoils_no_test_against_the
     assert both.separation == 11.0 and both.before == 3.2
     assert "from sag by 10.5σ" in both.says and "no test here tells it from cubic" in both.says
     assert not in_common({"cubic": part(3.2, 3.3, 3.25)}, runs).useful
+
+
+def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is_for(tmp_path: Path) -> None:
+    asked = campaign_of(preset("three-axis"), planar_circle(preset("three-axis"), direction="ccw"))
+    test = Discrimination(asked, 41.2, 2.0, (Separation("xy-ccw", 41.2, 40.0, 42.0, 3.0),))
+    write_test(test, tmp_path, nc=("linuxcnc", "heidenhain"))
+    assert read_campaign(tmp_path).runs[0].rows == asked.rows
+    assert [p.parent.name for p in sorted(tmp_path.glob("nc/*/*"))] == ["heidenhain", "linuxcnc"]
+    sheet = (tmp_path / "setup.html").read_text(encoding="utf-8")
+    assert "What it is for: xy-ccw separates the two by 41.2σ (so far 2.0σ)." in sheet and "nc/linuxcnc/*.ngc" in sheet
 
 
 # --- what may not meet --------------------------------------------------------------------------------------------

@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
     from symfive.machine import Machine
 
-__all__ = ["CampaignPath", "Json", "OutputPath", "Progress", "Quiet", "app", "joined", "machine_of", "read", "tell"]
+__all__ = [
+    "CampaignPath", "Dialects", "Json", "OutputPath", "Progress", "Quiet", "app", "dialects_of", "joined", "machine_of", "read",
+    "tell",
+]  # fmt: skip
 
 TABLES = (".csv", ".tsv", ".txt")
 
@@ -28,6 +31,12 @@ app = typer.Typer(
 
 CampaignPath = Annotated[Path, typer.Argument(help="A campaign's folder, or its campaign.toml.", show_default=False)]
 OutputPath = Annotated[Path, typer.Option("-o", "--output", help="The folder for the results.", show_default=False)]
+Dialects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--nc", help="Dialect of the NC programs: iso (default), siemens, heidenhain or linuxcnc; may be repeated."
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors and the result.")]
 
@@ -67,6 +76,13 @@ def machine_of(name: str) -> Machine:
     from symfive.machine import preset, presets, read_machine
 
     return read_machine(name) if Path(name).suffix == ".toml" or name not in presets() else preset(name)
+
+
+def dialects_of(names: list[str] | None) -> tuple[str, ...]:
+    """The dialects asked for. Raises `InputError` for an unknown one, before any work is done."""
+    from symfive.nc import dialect_of
+
+    return tuple(dialect_of(name).name for name in names or ("iso",))
 
 
 def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:

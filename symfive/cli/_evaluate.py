@@ -7,7 +7,19 @@ from typing import Annotated
 
 import typer
 
-from symfive.cli._common import CampaignPath, Json, OutputPath, Progress, Quiet, app, joined, read, tell
+from symfive.cli._common import (
+    CampaignPath,
+    Dialects,
+    Json,
+    OutputPath,
+    Progress,
+    Quiet,
+    app,
+    dialects_of,
+    joined,
+    read,
+    tell,
+)
 
 __all__ = ["diagnose", "fleet", "identify", "predict"]
 
@@ -81,6 +93,7 @@ def diagnose(
     false_alarms: Annotated[
         float, typer.Option(min=1e-6, max=0.5, help="False-alarm rate over the whole catalogue.")
     ] = 0.01,
+    nc: Dialects = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -90,11 +103,11 @@ def diagnose(
     from symfive.report import diagnosis_text
     from symfive.results import write_diagnosis
 
-    progress = Progress(quiet)
+    progress, dialects = Progress(quiet), dialects_of(nc)
     data = joined(campaign, also, quiet)
     result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
     with output_folder(output) as folder:
-        write_diagnosis(result, folder, progress=progress)
+        write_diagnosis(result, folder, nc=dialects, progress=progress)
     _notes(result.after.notes, quiet)
     tell(result.to_data(), diagnosis_text(result), as_json)
 

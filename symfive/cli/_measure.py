@@ -7,7 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from symfive.cli._common import CampaignPath, Json, OutputPath, Progress, Quiet, app, machine_of, read, tell
+from symfive.cli._common import (
+    CampaignPath,
+    Dialects,
+    Json,
+    OutputPath,
+    Progress,
+    Quiet,
+    app,
+    dialects_of,
+    machine_of,
+    read,
+    tell,
+)
 
 if TYPE_CHECKING:
     from symfive.effects import Effect
@@ -40,7 +52,7 @@ def plan(
     wanted: Annotated[
         str, typer.Option("--for", help="What is to be known, as EX0C,EY0C,EXC (default: everything).")
     ] = "",
-    nc: Annotated[list[str] | None, typer.Option(help="Dialect of the NC programs; may be repeated.")] = None,
+    nc: Dialects = None,
     given: Annotated[Path | None, typer.Option(help="A campaign already measured, to which the plan adds.")] = None,
     minutes: Annotated[float | None, typer.Option(help="Time budget in minutes, set-up included.")] = None,
     per_minute: Annotated[bool, typer.Option("--per-minute", help="The poses that tell most per minute.")] = False,
@@ -82,11 +94,9 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.design import plan_circles
     from symfive.executors import executor
-    from symfive.nc import Post, dialect_of
+    from symfive.nc import Post
 
-    dialects = tuple(nc or ("iso",))
-    for name in dialects:
-        dialect_of(name)
+    dialects = dialects_of(nc)
     data = machine_of(machine)
     post = Post(
         tool_centre_on=tool_centre_on, tool_centre_off=tool_centre_off, reversed_axes=_rotary(data, reversed_axes)

@@ -6,10 +6,10 @@ from symfive.design._criteria import CRITERIA, Criterion, criterion_of
 from symfive.design._discriminate import Discrimination, Separation, discriminate, in_common
 from symfive.design._dynamic import Circle, CirclePlan, best_ratio, circle_information, plan_circles
 from symfive.design._plan import Plan, plan
-from symfive.design._write import assessment_data
+from symfive.design._write import assessment_data, write_test
 
 __all__ = [
     "CRITERIA", "Assessment", "Certificate", "Circle", "CirclePlan", "Criterion", "Discrimination", "Plan", "Separation",
     "assess", "assessment_data", "best_ratio", "circle_information", "criterion_of", "discriminate", "in_common", "plan",
-    "plan_circles",
+    "plan_circles", "write_test",
 ]  # fmt: skip

@@ -47,12 +47,12 @@ td.again { font-weight: 600 } .poses-list td, .poses-list th { border-bottom: 1p
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
     """What a sheet is about: the `campaign` without readings, `post` what the user decided about its programs, `facts` for the
-    head, `certificate` a sentence, the `assessment` (without it nothing is expected), `notes` about the ways."""
+    head, `worth` a sentence, the `assessment` (without it nothing is expected), `notes` about the ways."""
 
     campaign: Campaign
     post: Post
     facts: str = ""
-    certificate: str = ""
+    worth: str = ""
     assessment: Assessment | None = None
     notes: Sequence[str] = ()
 
@@ -70,7 +70,7 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
         f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>",
         f'<p class="quiet">{escape(machine.structure.code)} · {escape(_facts(sheet))}</p>',
         *_unchecked(sheet),
-        f"<p>Certificate: {escape(sheet.certificate)}.</p>" if sheet.certificate else "",
+        f"<p>{escape(sheet.worth)}.</p>" if sheet.worth else "",
         *(_run(sheet, nominal, run, pictures.get(run.id, "")) for run in campaign.runs),
         f"<section><h2>All poses</h2>{poses}</section>" if poses else "",
         _expected(sheet.assessment) if sheet.assessment is not None else "",

@@ -14,13 +14,14 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.files import write_json, write_text
-from symfive.nc import DIALECTS, Post, write_programs
+from symfive.nc import DIALECTS, LETTERS, Post, write_programs
 
 if TYPE_CHECKING:
+    from symfive.design._discriminate import Discrimination
     from symfive.design._dynamic import CirclePlan
     from symfive.design._plan import Plan
 
-__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_circles", "write_plan", "write_sheet"]
+__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_circles", "write_plan", "write_sheet", "write_test"]
 
 SCHEMA = "symfive.plan/1"
 DRAWN = 36
@@ -101,8 +102,8 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
     facts = f"{counts} · about {plan.minutes:.0f} min with set-up"
     notes = [note for note in plan.notes if note.startswith("run ")]
     sheet = Sheet(
-        campaign=plan.campaign, post=chosen, facts=facts, certificate=plan.certificate.says, assessment=plan.assessment,
-        notes=notes,
+        campaign=plan.campaign, post=chosen, facts=facts, worth=f"Certificate: {plan.certificate.says}",
+        assessment=plan.assessment, notes=notes,
     )  # fmt: skip
     _write_files(sheet, folder, plan_data(plan), nc)
     write_text(folder / "figures" / "uncertainty.svg", svg(uncertainty_figure(plan)))
@@ -114,6 +115,17 @@ def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",)
     expected = assess(plan.campaign, effects=plan.effects)
     sheet = Sheet(campaign=plan.campaign, post=post or Post(), assessment=expected)
     _write_files(sheet, folder, plan.to_data(), nc)
+
+
+def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
+    """The plan of a further test into a folder that exists: campaign, programs (where all axes have an NC address), and the
+    set-up sheet, which says what the test is to tell."""
+    campaign = test.test
+    named = set(campaign.machine.axis_names) <= set(LETTERS)
+    sheet = Sheet(campaign=campaign, post=post or Post(), worth=f"What it is for: {test.says}")
+    write_campaign_files(campaign, folder)
+    write_programs(campaign, folder / "nc", nc if named else (), sheet.post)
+    write_sheet(sheet, folder, nc if named else ())
 
 
 def _write_files(sheet: Sheet, folder: Path, data: dict[str, Any], nc: tuple[str, ...]) -> None:

@@ -24,6 +24,8 @@ __all__ = ["Post", "program_steps"]
 
 Array = NDArray[np.float64]
 LETTERS = "XYZABCUVW"
+SEATED = {"ball_bar": "ball bar", "grid_encoder": "reading head"}
+"""What the operator seats before a run, by instrument."""
 RETRACT_MM = 50.0
 CHORD_SHARE = 0.05
 """A straight block may leave the true way by this share of the sensor's range or the bar's stroke."""
@@ -106,7 +108,7 @@ class _Writer:
 
     def steps(self) -> list[Step]:
         run, post = self.run, self.post
-        ball = "ball bar" if "ball_bar" in run.instrument else "nest"
+        ball = next((SEATED[name] for name in run.instrument if name in SEATED), "nest")
         found = [
             Step(kind="comment", text=f"run {run.id}, {run.rows} rows, {', '.join(run.instrument)}"),
             Step(
