@@ -315,6 +315,11 @@ def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is
     assert "What it is for: xy-ccw separates the two by 41.2σ (so far 2.0σ)." in sheet and "nc/linuxcnc/*.ngc" in sheet
 
 
+def test_ninety_poses_for_the_worst_known_direction() -> None:
+    """Most poses tell nothing about a single direction: their sensitivity is 0 but for rounding, on either side of it."""
+    assert plan(preset("table-bc"), criterion="E", points=90, starts=1).certificate.efficiency > 0.99
+
+
 # --- what may not meet --------------------------------------------------------------------------------------------
 
 

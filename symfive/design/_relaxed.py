@@ -109,7 +109,10 @@ def _multiplied(task: Task, whole: Array, prior: Array, points: float, weights: 
     live = np.arange(len(weights))
     for _ in range(MULTIPLICATIVE):
         seen = sensitivity(task.pull(inverse(prior + _gathered(whole[live], weights[live]))), whole[live])
-        weights[live] *= seen**power
+        told = weights[live] * np.maximum(seen, 0.0) ** power  # rounding leaves some below 0
+        if not told.any():
+            break  # no pose tells anything of what is known worst
+        weights[live] = told
         weights *= points / weights.sum()
         floor = NEGLIGIBLE * weights.max()
         live = live[weights[live] > floor]
