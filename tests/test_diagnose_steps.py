@@ -22,9 +22,9 @@ from symfive.diagnose import (
     partitions,
     prove,
 )
-from symfive.diagnose._findings import facts_of
 from symfive.diagnose._next_test import possible_tests
 from symfive.diagnose._search import Member, Naming
+from symfive.diagnose._words import facts_of
 from symfive.effects import make_effect
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset

@@ -21,7 +21,7 @@ from symfive.diagnose import (
     Suspect,
     detect,
 )  # fmt: skip
-from symfive.diagnose._findings import facts_of
+from symfive.diagnose._words import facts_of
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify

@@ -15,6 +15,7 @@ from symfive.design import Discrimination
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._places import Interval
+from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity
 from symfive.identify import Identification
 from symfive.inference import Outlier
@@ -307,8 +308,6 @@ class Diagnosis:
         return "The model explains these readings; nothing is missing that they could show."
 
     def __str__(self) -> str:
-        from symfive.diagnose._findings import facts_of
-
         lines = wrapped("", self.verdict)
         for number, finding in enumerate(self.by_share, start=1):
             lines += ["", f"{number:3}. {finding.title}"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from symfive.diagnose import Finding
-from symfive.diagnose._findings import place_words
+from symfive.diagnose._words import place_words
 from symfive.machine import Machine
 
 __all__ = ["chain_picture", "guilty"]

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from symfive.diagnose import Diagnosis, Finding
-from symfive.diagnose._findings import facts_of
 from symfive.diagnose._result import SHOWN_SHARE
+from symfive.diagnose._words import facts_of
 from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.files import output_folder

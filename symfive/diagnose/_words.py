@@ -1,0 +1,124 @@
+"""A finding in words: one wording for the letter, the terminal and the report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from symfive.identify import Identification
+from symfive.machine import Machine
+from symfive.numbers import in_words, name_words, percent, percent_or_more, plain_number, rounded, unit_words
+
+if TYPE_CHECKING:
+    from symfive.diagnose._result import Finding
+
+__all__ = ["facts_of", "place_words", "sentence_of"]
+
+SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
+SHOWN_RIVAL = 0.01
+"""A less probable rival is not named in words."""
+_QUANTITIES = {
+    "velocity sign": "the direction in which {} moves", "velocity": "the velocity of {}",
+    "acceleration": "the acceleration of {}", "": "the position of {}",
+}  # fmt: skip
+
+
+def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
+    """A finding in words: question → a short answer, without those that have none. Letter and report print the same.
+
+    `after` is the fit with all findings.
+    """
+    machine = after.model.machine
+    words, numbers, vectors = _sizes(finding)
+    sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors, f"{percent(finding.share)} of the deviation's mean square"]
+    if finding.shape_differs:
+        sizes.append(f"its shape differs from the library's by {percent_or_more(finding.shape_differs)}")
+    hidden = [f"the fit without it had taken {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
+    hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
+    hidden += [f"in general: {finding.effect.hidden_by.rstrip('.')}"] if finding.effect.hidden_by else []
+    rivals = [f"{r.words} {percent(r.confidence)}" for r in finding.rivals if r.confidence >= SHOWN_RIVAL]
+    test = [f"record {finding.next_test}"] if finding.next_test else []
+    test += [finding.test.says] if finding.test is not None else []
+    answers = {
+        "what it does": finding.effect.says,
+        "where": f"in {place_words(finding, machine)}, over {_over(finding, machine)}, {_runs(finding, after)}",
+        "how large": ", ".join(sizes),
+        "how sure": ", or ".join([_sure(finding), *rivals[:SHOWN_RIVALS]]),
+        "what hid it": "; ".join(hidden),
+        "reads the same": ", ".join(finding.alias),
+        "next test": ": ".join(test),
+    }
+    return {question: answer for question, answer in answers.items() if answer}
+
+
+def sentence_of(finding: Finding, after: Identification) -> str:
+    """One sentence: name, axis, the two main values, how sure, what had hidden it."""
+    words, numbers, _ = _sizes(finding)
+    text = ", ".join([*words, *numbers[:2], _sure(finding)])
+    if finding.shape_differs:
+        text += f"; its shape differs from the library's by {percent_or_more(finding.shape_differs)}"
+    if finding.moved:
+        text += f"; it had hidden in the geometry ({_moves(finding, after)[0]})"
+    elif finding.visible < 0.5:
+        text += f"; the fit without it had taken {percent(1.0 - finding.visible)} of it"
+    return f"{finding.title}: {text}."
+
+
+def _sure(finding: Finding) -> str:
+    """How probable the name is, and on what ground where another one fits the readings as well."""
+    said = f"confidence {percent(finding.confidence)}"
+    if finding.nearest is None:
+        return said
+    other, sigmas = finding.nearest
+    return f"{said} by plausibility alone (the readings tell it from {other} by {plain_number(sigmas, 'σ')}σ only)"
+
+
+def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
+    """Its parameters: words, numbers, several numbers at once. Numbers within 2σ of 0 only where no other one stands out."""
+    words, clear, faint, vectors = list[str](), list[str](), list[str](), list[str]()
+    for name, q in finding.parameters.items():
+        said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}"
+        if isinstance(q.value, (str, tuple)):
+            (words if isinstance(q.value, str) else vectors).append(said)
+        else:
+            (faint if isinstance(q.std, (int, float)) and abs(q.value) < 2.0 * q.std else clear).append(said)
+    return words, clear or faint, vectors
+
+
+def _moves(finding: Finding, after: Identification) -> list[str]:
+    """How the geometry moved, as `EX0C 4.61 → 3.75 µm`, to the digits that the 1σ leaves."""
+    said = []
+    for name, (old, new) in finding.moved.items():
+        std, unit = after.uncertainty(name), after.parameters[after.model.index[name]].unit
+        said.append(f"{name} {rounded(old, std, unit)} → {rounded(new, std, unit)} {unit_words(unit)}")
+    return said
+
+
+def place_words(finding: Finding, machine: Machine) -> str:
+    """The link of the chain that a finding accuses, from the stage at which its effect enters and its axis."""
+    stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
+    if stage in ("reading", "recording"):
+        return "the instrument's reading" if stage == "reading" else "the recorder"
+    if stage == "drive":
+        return f"the drive of {axis}" if axis else "all drives alike"
+    if axis is None:
+        return "the structure between workpiece and tool"
+    return f"axis {axis}, behind its drive" if stage == "axis" else f"the structure that axis {axis} carries"
+
+
+def _over(finding: Finding, machine: Machine) -> str:
+    """The coordinate in words."""
+    said = []
+    for words in finding.coordinate.split(", "):
+        name, _, quantity = words.partition(" ")
+        known = name in machine.axes and quantity in _QUANTITIES
+        said.append(_QUANTITIES[quantity].format(name) if known else {"t": "time"}.get(words, words))
+    return " and ".join(said)
+
+
+def _runs(finding: Finding, after: Identification) -> str:
+    """The runs in which it acts."""
+    names = finding.runs
+    if len(names) == len(after.model.campaign.runs) > 1:
+        return "in all runs"
+    more = f" and {len(names) - SHOWN_RUNS} more runs" if len(names) > SHOWN_RUNS else ""
+    return f"in {', '.join(names[:SHOWN_RUNS])}{more}"
