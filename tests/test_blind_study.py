@@ -262,6 +262,17 @@ def test_a_class_is_complete_only_if_all_of_it_is_listed() -> None:
         assert score.score(_answer("alias"), _verdict([found]), None)["class_complete"] is whole
 
 
+def test_an_alias_that_no_test_parts_is_told_by_its_name_and_by_no_useful_test() -> None:
+    other, asked = "lateral_play.EXC", "plans/apart"
+    for alias, next_test, told in (
+        ([other], None, False),
+        (["backlash.C"], None, True),
+        (["backlash.C"], asked, False),
+    ):
+        found = _finding("lateral_play", "C", alias=alias, next_test=next_test)
+        assert score.score(_answer("alias"), _verdict([found]), None)["told_alike"] is told
+
+
 def test_magnitudes_and_places() -> None:
     said = {"width": {"value": 63.0, "std": 1.0, "unit": "urad"}}
     [entry] = score.parameters(SPEC, _finding("backlash", "C", parameters=said))

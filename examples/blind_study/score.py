@@ -71,6 +71,8 @@ def score(
     if answer["stratum"] == "alias":
         row["class_complete"] = row["named"] and class_complete(facts[0], findings[0], verdict["diagnosis"]["classes"])
         row["named_again"] = None if again is None else named_again(facts[0], again)
+        last = (again or verdict)["diagnosis"]["findings"]
+        row["told_alike"] = not row["named_again"] and bool(last) and _told_alike(facts[0], last[0])
         row["found_again"] = [{k: f[k] for k in SHOWN} for f in again["diagnosis"]["findings"]] if again else []
     if answer["stratum"] == "outside":
         row["honest"] = (
@@ -116,6 +118,11 @@ def named_again(fact: Mapping[str, Any], again: Mapping[str, Any]) -> bool:
     """Whether the effect's own name comes first once the next test is recorded."""
     findings = again["diagnosis"]["findings"]
     return bool(findings) and (findings[0]["effect"], findings[0]["axis"]) == _name(fact["name"])
+
+
+def _told_alike(fact: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
+    """Whether the finding says that it reads like the truth, and that no test at hand tells the two apart."""
+    return _name(fact["name"]) in {_of_key(key) for key in finding["alias"]} and not finding["next_test"]
 
 
 def _f1(oracle: Mapping[str, Any] | None, right: Sequence[int | None]) -> list[float]:
