@@ -16,36 +16,20 @@ os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 import argparse
 import json
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from examples.blind_study.rivals import RIVALS, Name, System, search
+from examples.blind_study.rivals import RIVALS, Name, System, pysindy, search
 from symfive.campaign import read_campaign
 from symfive.diagnose import diagnose
 
 CAMPAIGNS = Path(__file__).resolve().parent.parent / "tests" / "data" / "campaigns"
 QUICK = ("static-none", "static-sag-and-drift")
-PYSINDY = """
-import sys, time, json, warnings, numpy
-warnings.filterwarnings('ignore')
-import pysindy
-data = numpy.load(sys.argv[1]); start = time.process_time()
-model = pysindy.STLSQ(threshold=float(sys.argv[2]), max_iter=50)
-model.fit(data['columns'], data['y'][:, None])
-kept = numpy.flatnonzero(numpy.abs(numpy.ravel(model.coef_)) > 0.0)
-print(json.dumps([time.process_time() - start, kept.tolist()]))
-"""
-THRESHOLD = 5.0
-"""Least coefficient that PySINDy keeps, in standard deviations of the declared noise."""
 
 
 @dataclass
@@ -91,6 +75,8 @@ def compete(campaigns: Iterable[str], python: str | None) -> dict[str, Tally]:
         if tallies["PySINDy"].skipped:
             continue
         try:
+            if python is None:
+                raise RuntimeError("give --peers PYTHON (an environment with pysindy)")
             said, seconds = pysindy(system, python)
             tallies["PySINDy"].add(said, truth, shared + seconds)
             _say(name, truth, "PySINDy", said)
@@ -103,31 +89,6 @@ def _say(campaign: str, truth: set[Name], who: str, said: Iterable[Name]) -> Non
     words = ", ".join(f"{n} {a or ''}".strip() for n, a in sorted(set(said), key=str)) or "nothing"
     held = ", ".join(f"{n} {a or ''}".strip() for n, a in sorted(truth, key=str)) or "nothing"
     print(f"{campaign:28} ({held}) {who}: {words}", flush=True)
-
-
-def pysindy(system: System, python: str | None) -> tuple[list[Name], float]:
-    """What PySINDy keeps, and its seconds; raises RuntimeError where it is not there."""
-    if python is None:
-        raise RuntimeError("give --peers PYTHON (an environment with pysindy)")
-    k = system.base.shape[1]
-    basis = np.linalg.qr(np.vstack([system.base, np.eye(k)]))[0][
-        : len(system.y)
-    ]  # the priors hold what readings do not
-    owner = [name for name, part in system.families for _ in range(part.shape[1])]
-    columns = np.hstack([part for _, part in system.families])
-    before = np.linalg.norm(columns, axis=0)
-    columns = columns - basis @ (basis.T @ columns)
-    size = np.linalg.norm(columns, axis=0)
-    seen = np.flatnonzero(size > 1e-4 * np.maximum(before, 1e-9))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "system.npz"
-        np.savez(path, columns=columns[:, seen] / size[seen], y=system.y - basis @ (basis.T @ system.y))
-        command = [python, "-c", PYSINDY, str(path), str(THRESHOLD)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
-    seconds, kept = json.loads(done.stdout.splitlines()[-1])
-    return [owner[seen[i]] for i in kept], seconds
 
 
 def campaigns(quick: bool) -> list[str]:

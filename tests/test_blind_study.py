@@ -17,7 +17,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from examples.blind_study import cases, effects, figures, score, span, stages, store, study  # noqa: E402
+from examples.blind_study import cases, effects, figures, rivals, score, span, stages, store, study  # noqa: E402
 from examples.blind_study.oracle import true_effect  # noqa: E402
 from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
 from examples.blind_study.plans import draw_setting  # noqa: E402
@@ -309,6 +309,15 @@ def test_an_error_is_the_cases_own() -> None:
     assert "ZeroDivisionError" in error
 
 
+def test_the_rival_that_fits_all_at_once_ranks_what_is_significant_by_its_size() -> None:
+    rng = np.random.default_rng(2)
+    parts = [rng.normal(size=(500, 2)) for _ in range(4)]
+    names = [("backlash", "X"), ("backlash", "Y"), ("scale_error", "X"), ("latency", None)]
+    y = parts[2] @ [3.0, 0.0] + parts[0] @ [0.5, 0.5] + rng.normal(size=500)
+    system = rivals.System(y, rng.normal(size=(500, 3)), list(zip(names, parts, strict=True)), [500])
+    assert rivals.fit_all(system) == [("scale_error", "X"), ("backlash", "X")]
+
+
 @pytest.mark.slow
 def test_a_small_study_from_end_to_end(tmp_path: Path) -> None:
     command = [
@@ -329,7 +338,7 @@ def test_a_small_study_from_end_to_end(tmp_path: Path) -> None:
     assert not clean["detected"]
     assert visible["detected"] and visible["named"]
     said = {line["what"]: line for line in data["table"]}
-    assert said["BIC ARMA, clipped: visible named"]["n"] == 1
+    assert said["BIC ARMA, clipped: visible named"]["n"] == said["fit all, rank: visible named"]["n"] == 1
     assert any("excluded" in what for what in said)
     assert study.main([*command, "--report"]) == 0
 

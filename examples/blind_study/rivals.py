@@ -1,12 +1,17 @@
-"""Simple rivals on the same recordings and the same library: greedy BIC over exact tangents, three ways to treat noise.
+"""Simple rivals on the same recordings and the same library: greedy BIC over exact tangents with three ways to treat noise, all
+effects fitted at once, and PySINDy.
 
-`white`: noise is white, its size free (plain BIC). `whitened`: by an ARMA(1,1) fitted once to what the baseline leaves.
-`ARMA, clipped`: the ARMA(1,1) is fitted anew to the residual of every step and outliers are clipped at 4 robust sigmas.
-A family joins while it lowers BIC = N log(RSS/N) + k log N; none of them knows `unknown`.
+`BIC white`: noise is white, its size free (plain BIC). `BIC whitened`: by an ARMA(1,1) fitted once to what the baseline leaves.
+`BIC ARMA, clipped`: the ARMA(1,1) is fitted anew to the residual of every step and outliers are clipped at 4 robust sigmas.
+A family joins while it lowers BIC = N log(RSS/N) + k log N. `fit all, rank`: every family at once, the significant ones by the
+mean square that each takes. `PySINDy`: its sequential thresholding of the same tangents. None of them knows `unknown`.
 """
 
 from __future__ import annotations
 
+import json
+import subprocess
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.effects import Effect, make_effect
@@ -28,7 +34,23 @@ from .store import Store
 Array = NDArray[np.float64]
 Name = tuple[str, str | None]
 RIVALS = ("white", "whitened", "ARMA, clipped")
+FIT_ALL, PYSINDY = "fit all, rank", "PySINDy"
 MOST = 5
+LEVEL = 0.01
+"""False names over all families, where all are fitted at once."""
+ROOM = 100.0
+"""Prior sigma of a coefficient there, in noise's own: what the readings cannot part stays finite."""
+THRESHOLD = 5.0
+"""Least coefficient that PySINDy keeps, in standard deviations of the declared noise."""
+THRESHOLDED = """
+import sys, time, json, warnings, numpy
+warnings.filterwarnings('ignore')
+import pysindy
+data = numpy.load(sys.argv[1]); start = time.process_time()
+model = pysindy.STLSQ(threshold=float(sys.argv[2]), max_iter=50)
+model.fit(data['columns'], data['y'][:, None])
+print(json.dumps([time.process_time() - start, numpy.ravel(model.coef_).tolist()]))
+"""
 SHIFTS = 10
 """Instants per run at which an artefact may have moved."""
 TEETH = range(60, 181, 2)
@@ -228,32 +250,76 @@ def fit_arma(residual: Array, lengths: Sequence[int]) -> tuple[float, float]:
     return float(phi), float(theta)
 
 
-def compete(folder: Path) -> dict[str, list[Name]]:
-    """What every rival says of a campaign."""
+def dictionary(system: System) -> tuple[Array, Array, list[int]]:
+    """All columns made orthogonal to the baseline and of unit length (N, n), the readings without it, every column's family."""
+    basis = _basis(system.base)[: len(system.y)]  # the priors hold what readings do not
+    owner = np.array([i for i, (_, part) in enumerate(system.families) for _ in range(part.shape[1])])
+    columns = np.hstack([part for _, part in system.families])
+    before = np.linalg.norm(columns, axis=0)
+    columns = columns - basis @ (basis.T @ columns)
+    size = np.linalg.norm(columns, axis=0)
+    seen = np.flatnonzero(size > 1e-4 * np.maximum(before, 1e-9))
+    return columns[:, seen] / size[seen], system.y - basis @ (basis.T @ system.y), owner[seen].tolist()
+
+
+def fit_all(system: System) -> list[Name]:
+    """Every family at once; the names of the significant ones, by the mean square that each takes."""
+    columns, y, owner = dictionary(system)
+    precision = columns.T @ columns + np.eye(columns.shape[1]) / ROOM**2
+    covariance = np.linalg.inv(precision)
+    values = covariance @ (columns.T @ y)
+    noise = max(float(np.mean((y - columns @ values) ** 2)), 1e-12)
+    found = []
+    for family in dict.fromkeys(owner):
+        own = np.flatnonzero(np.array(owner) == family)
+        square = float(values[own] @ np.linalg.solve(covariance[np.ix_(own, own)], values[own])) / noise
+        if chi2.sf(square, len(own)) < LEVEL / len(system.families):
+            found.append((float(np.sum((columns[:, own] @ values[own]) ** 2)), system.families[family][0]))
+    return list(dict.fromkeys(name for _, name in sorted(found, key=lambda f: -f[0])))
+
+
+def pysindy(system: System, python: str) -> tuple[list[Name], float]:
+    """What PySINDy of that `python` keeps, the largest first, and its seconds; RuntimeError where it is not there."""
+    columns, y, owner = dictionary(system)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "system.npz"
+        np.savez(path, columns=columns, y=y)
+        command = [python, "-c", THRESHOLDED, str(path), str(THRESHOLD)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
+    seconds, values = json.loads(done.stdout.splitlines()[-1])
+    order = sorted(np.flatnonzero(values), key=lambda i: -abs(values[i]))
+    return list(dict.fromkeys(system.families[owner[i]][0] for i in order)), seconds
+
+
+def compete(folder: Path, peers: str | None = None) -> dict[str, list[Name]]:
+    """What every rival says of a campaign; PySINDy's only with a Python that has it, `peers`."""
     system = System.of(read_campaign(folder / "fit"))
-    return {rival: search(system, rival) for rival in RIVALS}
+    said = {f"BIC {rival}": search(system, rival) for rival in RIVALS} | {FIT_ALL: fit_all(system)}
+    return said | ({PYSINDY: pysindy(system, peers)[0]} if peers else {})
 
 
 def lines(store: Store, ids: Sequence[str]) -> list[Line]:
     """The rivals' part of the table."""
     out = []
     done = [(store.get("answers", i), store.get("rivals", i)) for i in ids if store.has("rivals", i)]
-    for rival in RIVALS if done else ():
-        cases = [(a["stratum"], a["facts"], [tuple(n) for n in said[rival]]) for a, said in done]
+    for rival in dict.fromkeys(name for _, said in done for name in said):
+        cases = [(a["stratum"], a["facts"], [tuple(n) for n in said[rival]]) for a, said in done if rival in said]
         single = [(facts[0], said) for s, facts, said in cases if s == "visible"]
         pairs = [(facts, said) for s, facts, said in cases if s == "pairs"]
         masked = [(f[0], said) for s, f, said in cases if s == "masked" and f[0]["snr"] >= 5.0]
         out += [
-            share(f"BIC {rival}: false alarms on `none`", "", (bool(said) for s, _, said in cases if s == "none")),
-            share(f"BIC {rival}: visible named", "", (bool(said) and said[0] in names_of(f) for f, said in single)),
+            share(f"{rival}: false alarms on `none`", "", (bool(said) for s, _, said in cases if s == "none")),
+            share(f"{rival}: visible named", "", (bool(said) and said[0] in names_of(f) for f, said in single)),
             share(
-                f"BIC {rival}: visible, more invented",
+                f"{rival}: visible, more invented",
                 "",
                 (any(n not in names_of(f) for n in said) for f, said in single),
             ),
-            share(f"BIC {rival}: masked named", "", (bool(said) and said[0] in names_of(f) for f, said in masked)),
+            share(f"{rival}: masked named", "", (bool(said) and said[0] in names_of(f) for f, said in masked)),
             share(
-                f"BIC {rival}: both of a pair",
+                f"{rival}: both of a pair",
                 "",
                 (all(set(names_of(f)) & set(said) for f in fs) for fs, said in pairs),
             ),

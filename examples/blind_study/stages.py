@@ -52,11 +52,11 @@ def control(root: Path, id: str) -> None:
         store.put("controls", id, judge(store.case(id), exclude=exclude))
 
 
-def rivals(root: Path, id: str) -> None:
-    """What the simple rivals say of the same recordings."""
+def rivals(root: Path, peers: str | None, id: str) -> None:
+    """What the simple rivals say of the same recordings; `peers` a Python that has PySINDy."""
     store = Store(root)
     if not store.has("rivals", id):
-        store.put("rivals", id, compete(store.case(id)))
+        store.put("rivals", id, compete(store.case(id), peers))
 
 
 SISTERS: Sequence[frozenset[str]] = (

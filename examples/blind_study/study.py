@@ -4,7 +4,8 @@
 
 Killed anywhere, the same command goes on where it was: every finished stage of a case is a file. `--only STRATUM` and
 `--case ID` run a part, `--redo` judges anew with the present code, `--ablation` repeats every case of one effect with
-that effect taken out of the catalogue, `--rivals` runs the simple rivals on the same recordings.
+that effect taken out of the catalogue, `--rivals` runs the simple rivals on the same recordings (`--peers PYTHON`: PySINDy, too,
+from an environment that has it).
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--ablation", action="store_true", help="also without the true effect in the catalogue")
     parser.add_argument("--report", action="store_true", help="only write the results of what is finished")
     parser.add_argument("--rivals", action="store_true", help="also the simple rivals")
+    parser.add_argument("--peers", metavar="PYTHON", help="a Python that has pysindy, for the rivals")
     return parser.parse_args(arguments)
 
 
@@ -78,13 +80,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(f"sealing {len(ids)} cases")
         sealing = run(pool, stages.seal, [(root, options.seed, i) for i in ids if not store.has("seals", i)])
         errors |= {id: error for id, error in sealing if error}
-        tasks = [(stages.verdict, i) for i in ids]
+        tasks: dict[Callable[..., None], list[tuple[Any, ...]]] = {stages.verdict: [(root, i) for i in ids]}
         if options.ablation:
-            tasks += [(stages.control, i) for i in ids if i.rsplit("-", 1)[0] in SINGLE]
+            tasks[stages.control] = [(root, i) for i in ids if i.rsplit("-", 1)[0] in SINGLE]
         if options.rivals:
-            tasks += [(stages.rivals, i) for i in ids]
-        for stage in dict.fromkeys(s for s, _ in tasks):
-            todo = [(root, i) for s, i in tasks if s is stage]
+            tasks[stages.rivals] = [(root, options.peers, i) for i in ids]
+        for stage, todo in tasks.items():
             for count, (id, error) in enumerate(run(pool, stage, todo), start=1):
                 if error:
                     errors[id] = error
