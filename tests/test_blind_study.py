@@ -257,8 +257,8 @@ def test_names_ranks_and_confidence() -> None:
 
 def test_a_class_is_complete_only_if_all_of_it_is_listed() -> None:
     rival = {"effect": "lateral_play", "axis": "C", "confidence": 0.4, "component": "EXC"}
-    for rivals, alias, whole in (([], (), False), ([rival], (), True), ([], ("lateral_play.EXC",), True)):
-        found = _finding("backlash", "C", rivals=rivals, alias=list(alias))
+    for listed, alias, whole in (([], (), False), ([rival], (), True), ([], ("lateral_play.EXC",), True)):
+        found = _finding("backlash", "C", rivals=listed, alias=list(alias))
         assert score.score(_answer("alias"), _verdict([found]), None)["class_complete"] is whole
 
 
