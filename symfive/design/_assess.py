@@ -19,7 +19,7 @@ from symfive.inference import Confounding, confounded_combinations, data_rank
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model
-from symfive.numbers import plain_number
+from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
 from symfive.threads import one_thread
 
@@ -66,7 +66,8 @@ class Assessment:
         lines = [f"{len(self.parameters)} parameters, {self.rank} of their combinations are determined by the readings"]
         shown = [p for p in self.parameters if p.kind != "setup"]
         lines += [
-            f"  {p.name:24} {plain_number(sigma[p.name], p.unit):>10} {p.unit:5} (prior {p.sigma:g})" for p in shown
+            f"  {p.name:24} {plain_number(sigma[p.name], p.unit):>10} {unit_words(p.unit):5} (prior {p.sigma:g})"
+            for p in shown
         ]
         if self.tool_centre_um is not None:
             mean, worst = self.tool_centre_um

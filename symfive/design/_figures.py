@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Run
 from symfive.machine import Machine
+from symfive.numbers import unit_words
 from symfive.procedures import Nominal
 
 if TYPE_CHECKING:
     from symfive.design._plan import Plan
 
-__all__ = ["UNITS", "pose_figure", "svg", "uncertainty_figure", "worth_figure"]
+__all__ = ["pose_figure", "svg", "uncertainty_figure", "worth_figure"]
 
 Array = NDArray[np.float64]
 COLOURS = "viridis"
 STICK_MM = 60.0
-UNITS = {"um": "µm", "urad": "µrad"}
 
 
 def svg(figure: Figure) -> str:
@@ -109,7 +109,7 @@ def uncertainty_figure(plan: Plan) -> Figure:
     y = np.arange(len(parameters))
     panel.barh(y, [p.sigma for p in parameters], color="0.88", label="prior")
     panel.barh(y, [sigma[p.name] for p in parameters], color="#1d6996", height=0.5, label="after the plan")
-    panel.set_yticks(y, [f"{p.name} ({UNITS.get(p.unit, p.unit)})" for p in parameters], fontsize=7)
+    panel.set_yticks(y, [f"{p.name} ({unit_words(p.unit)})" for p in parameters], fontsize=7)
     panel.set_xscale("log")
     panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.xaxis.set_minor_formatter(NullFormatter())

@@ -18,6 +18,7 @@ from symfive.errors import InputError
 from symfive.inference import Confounding, Noise, Outlier, Problem
 from symfive.kinematics import basis_of
 from symfive.model import Model
+from symfive.numbers import unit_words
 from symfive.parameters import Parameter
 
 __all__ = ["SCHEMA", "Identification", "MotionCurve"]
@@ -202,7 +203,7 @@ class Identification:
     def __str__(self) -> str:
         width = max([len(name) for name, *_ in self.table()] + [9])
         lines = [f"{'parameter':<{width}} {'value':>12} {'std':>10} {'unit':<8}"]
-        lines += [f"{name:<{width}} {v:12.4g} {s:10.3g} {unit:<8}" for name, v, s, unit, _ in self.table()]
+        lines += [f"{name:<{width}} {v:12.4g} {s:10.3g} {unit_words(unit):<8}" for name, v, s, unit, _ in self.table()]
         lines.append(
             f"rms {self.rms_um:.3g} {self.unit}, chi²/dof {self.chi2_dof:.3f} to the declared noise, rank {self.rank}"
         )
@@ -212,7 +213,7 @@ class Identification:
     def _repr_html_(self) -> str:
         head = "<tr><th>parameter</th><th>value</th><th>1σ</th><th>unit</th></tr>"
         body = "".join(
-            f"<tr><td>{html.escape(n)}</td><td>{v:.4g}</td><td>{s:.2g}</td><td>{html.escape(u)}</td></tr>"
+            f"<tr><td>{html.escape(n)}</td><td>{v:.4g}</td><td>{s:.2g}</td><td>{html.escape(unit_words(u))}</td></tr>"
             for n, v, s, u, _ in self.table()
         )
         return f"<table>{head}{body}</table><p>chi²/dof {self.chi2_dof:.3f}, rank {self.rank}</p>"
