@@ -220,10 +220,35 @@ def test_what_is_odd_about_a_circle_is_noted_with_the_remedy(name: str, tmp_path
 
 def test_two_files_of_one_direction_are_noted(tmp_path: Path, capsys):
     for name in ("a", "b"):
-        (tmp_path / f"{name}.txt").write_text("".join(f"{a} {3.0 * np.sin(a):.3f}\n" for a in ANGLES))
+        (tmp_path / f"{name}.txt").write_text("".join(f"{a} {1.0 + 3.0 * np.sin(a):.3f}\n" for a in ANGLES))
     call = ["import-polar", "three-axis", str(tmp_path / "a.txt"), str(tmp_path / "b.txt"), "-o", str(tmp_path / "c")]
     call += ["--radius", "100", "--feed", "1000"]
     assert main(call) == 0
     assert "note: all 2 files go ccw by their angles: play cannot be told from lag" in capsys.readouterr().err
     assert main([*call, "--direction", "ccw", "--direction", "cw"]) == 0
     assert "note:" not in capsys.readouterr().err
+
+
+def test_a_radius_that_was_taken_off_is_noted_and_left_open(tmp_path: Path, capsys):
+    """Without it, the lag of the drives that the machine file declares would be sought in a length that is not there."""
+    campaign = simulate(_circles(overshoot=20.0), truth={}, seed=4).campaign
+    for run, name in zip(campaign.runs, ("ccw", "cw"), strict=True):
+        angle, deviation = _polar(run)
+        rows = zip(angle, deviation - deviation.mean(), strict=True)
+        (tmp_path / f"{name}.txt").write_text("".join(f"{a:.6f} {d:.4f}\n" for a, d in rows))
+    call = [
+        "import-polar",
+        "three-axis",
+        str(tmp_path / "ccw.txt"),
+        str(tmp_path / "cw.txt"),
+        "-o",
+        str(tmp_path / "c"),
+    ]
+    call += ["--radius", "100", "--feed", "1000", "--centre", "0,0,110"]
+    assert main(call) == 0
+    assert "note: no circle has a mean deviation: its software has taken the radius off" in capsys.readouterr().err
+    assert main([*call, "--fitted"]) == 0
+    assert "note:" not in capsys.readouterr().err
+    read = read_campaign(tmp_path / "c")
+    assert all(run.setup_sigma_um.length == run.setup_sigma_um.table_ball == 1000.0 for run in read.runs)
+    assert identify(read).chi2_dof < 1.3

@@ -55,6 +55,9 @@ def import_polar(
     plane: Annotated[str, typer.Option(help="XY, YZ or ZX.")] = "XY",
     unit: Annotated[str, typer.Option(help="Unit of the deviation: um or mm.")] = "um",
     noise_um: Annotated[float, typer.Option(help="1σ of one reading, from the instrument's data sheet.")] = 0.3,
+    fitted: Annotated[
+        bool, typer.Option("--fitted", help="The software took each circle's own mean radius and centre off.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """A campaign from what a ball bar's software exports: deviation over angle, the positions reconstructed."""
@@ -63,7 +66,7 @@ def import_polar(
     from symfive.campaign import write_campaign_files
     from symfive.errors import InputError
     from symfive.files import output_folder
-    from symfive.importers import polar_doubts, polar_run, read_polar
+    from symfive.importers import FITTED, polar_doubts, polar_run, read_polar
     from symfive.procedures import campaign_of
 
     data = machine_of(machine)
@@ -85,7 +88,7 @@ def import_polar(
             runs.append(
                 polar_run(
                     data, angle, deviation, centre=place, radius=radius, feed=feed, id=path.stem, plane=plane,
-                    noise_um=noise_um,
+                    noise_um=noise_um, setup_sigma_um=FITTED if fitted else None,
                 )
             )  # fmt: skip
         except InputError as error:

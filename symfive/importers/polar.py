@@ -19,7 +19,7 @@ from symfive.files import read_text, shown
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 
-__all__ = ["polar_doubts", "polar_run", "read_polar"]
+__all__ = ["FITTED", "polar_doubts", "polar_run", "read_polar"]
 
 Array = NDArray[np.float64]
 UNITS = {"um": 1.0, "mm": 1e3}
@@ -35,6 +35,10 @@ DIRECTIONS = ("ccw", "cw")
 SHORT_DEG = 20.0
 """So short an arc is no circular test: one turn in radians is 6.28."""
 SLOW_MIN = 60.0
+FITTED = SetupSigma(table_ball=1000.0, tool_ball=20.0, length=1000.0)
+"""Set-up of a circle whose software has taken its own mean radius and centre off: neither is known any more."""
+ZERO = 0.1
+"""Mean deviation in units of one reading's noise from which on it is no accident: no bar is calibrated that well."""
 """A circle that takes longer has its feed in another unit."""
 
 
@@ -160,7 +164,7 @@ def polar_doubts(
     machine: Machine, runs: Sequence[Run], angles_deg: Sequence[Array], *, radius: float, feed: float
 ) -> tuple[str, ...]:
     """What is odd about the circles of `polar_run`, each with its remedy: a short arc (radians?), a feed that an axis cannot
-    do or that takes hours, one direction only. `angles_deg` those that each run was made of."""
+    do or that takes hours, one direction only, a mean radius that was taken off. `angles_deg` those that each run was made of."""
     said = []
     for run, angle in zip(runs, angles_deg, strict=True):
         sweep = float(np.ptp(np.unwrap(np.radians(angle))))
@@ -176,6 +180,12 @@ def polar_doubts(
         if axis.max_feed is not None and speed > 1.01 * axis.max_feed:
             problem = f"axis {name} would go at {speed:.0f} {axis.unit}/min, its max_feed is {axis.max_feed:g}"
             said.append(f"{problem}; give --feed in mm/min as the programme has it, or correct the machine file")
+    means = [
+        (abs(float(np.mean(run.readings["dL_um"]))) / run.noise("ball_bar"), run.setup_sigma_um.length) for run in runs
+    ]
+    if all(mean < ZERO and known < FITTED.length for mean, known in means):
+        problem = "no circle has a mean deviation: its software has taken the radius off"
+        said.append(f"{problem}; give --fitted, or lag and expansion are sought in a length that is not there")
     senses = {bool(np.unwrap(np.radians(a))[-1] > np.radians(a[0])) for a in angles_deg}
     if len(runs) > 1 and len(senses) == 1:
         sense = DIRECTIONS[0] if senses == {True} else DIRECTIONS[1]
