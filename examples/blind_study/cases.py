@@ -14,7 +14,7 @@ import plant
 from plant.state import Spec as PlantSpec
 
 from .effects import MACHINE, Draft, Spec, Table, draw, name_of
-from .others import FAULTS, OUTSIDE, coordinates
+from .others import FAULTS, OUTSIDE
 from .plans import Random, Setting, draw_setting
 from .span import Array, Span, aliases, size
 
@@ -98,10 +98,7 @@ def _instrument(rng: Random, setting: Setting, seed: int) -> Drawn | None:
 def _outside(rng: Random, setting: Setting, seed: int) -> Drawn | None:
     clear = (1.5, 8.0)
     drawn = _single(rng, setting, seed, OUTSIDE, lambda f: f["snr"] > 10.0 and f["masked"] < 0.9, clear, alone=False)
-    if drawn is None or drawn[1][0]["same"]:
-        return None
-    drawn[1][0]["coordinates"] = sorted(coordinates(drawn[0][0]))
-    return drawn
+    return None if drawn is None or drawn[1][0]["same"] else drawn
 
 
 def _alone(facts: dict[str, Any]) -> bool:

@@ -142,4 +142,5 @@ def coordinates(spec: Spec) -> set[str]:
         return {c for a in spec["axes"] for c in (a, f"{a} velocity")}
     if effect == "two_axis_motion":
         return set(spec["axes"])
-    return {spec["axis"], f"{spec['axis']} velocity"}
+    found = {spec["axis"], f"{spec['axis']} velocity"}
+    return found | {f"{spec['axis']} since reversal"} if effect == "stick_slip_teeth" else found

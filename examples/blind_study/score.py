@@ -11,6 +11,7 @@ import numpy as np
 
 from .effects import INSTRUMENT
 from .oracle import TEXTBOOK, form_of
+from .others import coordinates
 
 Name = tuple[str, str | None]
 Row = dict[str, Any]
@@ -78,7 +79,7 @@ def score(
         row["honest"] = (
             bool(first)
             and first["effect"] == "unknown"
-            and bool(set(first["where"]["coordinate"].split(", ")) & set(facts[0]["coordinates"]))
+            and bool(set(first["where"]["coordinate"].split(", ")) & coordinates(answer["effects"][0]))
         )
     if answer["stratum"] == "instrument":
         row["told"] = bool(findings) and all(_of_instrument(f) for f in findings)

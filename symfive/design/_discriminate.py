@@ -24,7 +24,7 @@ from symfive.errors import InputError
 from symfive.model import Model
 from symfive.threads import one_thread
 
-__all__ = ["Discrimination", "Separation", "discriminate", "in_common"]
+__all__ = ["APART", "Discrimination", "Separation", "discriminate", "in_common"]
 
 Array = NDArray[np.float64]
 ITERATIONS = 4

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.design import APART
 from symfive.diagnose._groups import way
 from symfive.diagnose._next_test import next_test
 from symfive.diagnose._places import axis_of
@@ -129,6 +130,7 @@ def with_next_test(found: Naming, finding: Finding) -> Finding:
     )
     if test is None:
         return finding
-    folder = f"plans/separate-{finding.effect.key}-from-{open_[0].effect.key}" if test.useful else None
+    apart = next((rival for rival, sigmas in test.each if sigmas >= APART), open_[0].effect.key)
+    folder = f"plans/separate-{finding.effect.key}-from-{apart}" if test.useful else None
     extra = f" To tell it from {' and '.join(t.effect.key for t in open_)}: {test.says}."
     return replace(finding, test=test, next_test=folder, says=finding.says + extra)

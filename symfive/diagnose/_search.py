@@ -328,14 +328,23 @@ def _plain_trial(state: _State, without: Identification, base: float, member: Me
 
 
 def _best_of(scores: Sequence[Score]) -> list[Score]:
-    """Those that promise most, by what they take off the cost and by what they take off for their freedom."""
+    """Those that promise most, by what they take off the cost and by what they take off for their freedom: the best forms, and
+    the best form of each of the best names, which the many forms of one name would crowd out."""
     named = [s for s in scores if s.effect.id != "unknown"]
     by_drop, by_chance = sorted(named, key=lambda s: -s.drop)[:TRIALS], sorted(named, key=lambda s: s.log_p)
-    close = [s for s in by_chance[:MOST_TRIALS] if s.log_p < by_chance[0].log_p + OPEN]
-    by_chance = by_chance[: max(TRIALS, len(close))]
+    names: dict[tuple[str, str | None], Score] = {}
+    for score in by_chance:
+        names.setdefault((score.effect.vocabulary, axis_of(score.effect)), score)
+    chosen = [s for group in (by_chance, [*names.values()]) for s in _first(group)]
     nameless = [s for s in scores if s.effect.id == "unknown"]
     terms = [*sorted(nameless, key=lambda s: -s.drop)[:2], *sorted(nameless, key=lambda s: s.log_p)[:1]]
-    return list({s.effect.key: s for s in (*by_chance, *by_drop, *terms)}.values())
+    return list({s.effect.key: s for s in (*chosen, *by_drop, *terms)}.values())
+
+
+def _first(ranked: Sequence[Score]) -> Sequence[Score]:
+    """The first few of them, more where their scores are nearly equal."""
+    close = [s for s in ranked[:MOST_TRIALS] if s.log_p < ranked[0].log_p + OPEN]
+    return ranked[: max(TRIALS, len(close))]
 
 
 def _own_score(result: Identification, member: Member) -> Score:
