@@ -28,7 +28,7 @@ from symfive.diagnose._words import facts_of
 from symfive.effects import make_effect
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset
-from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid, static_ball_bar
 from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -186,6 +186,21 @@ def test_a_concentric_circle_has_one_class_of_bow_scale_and_yaw_that_only_anothe
         assert sigmas[useless] < 1.0, useless
     assert max(s for name, s in sigmas.items() if name.startswith("centre") and "150" in name) > 30.0
     assert test.useful and "150" in test.says
+
+
+def test_a_static_bar_can_be_mounted_elsewhere_in_the_same_poses():
+    machine = preset("table-bc")
+    run = static_ball_bar(machine, table_balls=[(50.0, 0.0, 60.0)], length=50.0)[0]
+    tests = {test.id.removeprefix(f"{run.id}-"): test for test in possible_tests(campaign_of(machine, [run]))}
+    assert {"repeat", "reversed", "opposite", "turned", "higher", "longer-tool"} <= set(tests)
+    nominal = Nominal(machine)
+    bar = nominal.ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
+    for name in ("opposite", "turned", "higher", "longer-tool"):
+        test = tests[name]
+        assert np.allclose(nominal.ball(test.commands, test.tool_ball) - np.asarray(test.table_ball), bar, atol=1e-6), (
+            name
+        )
+        assert all(np.array_equal(test.commands[n], run.commands[n]) for n in ("B", "C")), name
 
 
 def test_tests_to_choose_from_have_the_rows_that_the_recorder_lost():

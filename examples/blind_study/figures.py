@@ -116,7 +116,7 @@ def table(rows: Sequence[Row]) -> list[Line]:
         figure("falsified geometry: bias before over after, median", "≥ 10", map(_relief, false), np.median),
         share("alias: class complete", "≥ 95 %", (r["class_complete"] for r in by["alias"])),
         share("alias: named after its own next test", "≥ 95 %", (bool(r["named_again"]) for r in by["alias"])),
-        share("alias: of the others, told that no test parts it", "", (r["told_alike"] for r in left)),
+        share("alias: of the others, in the class said, no test known that parts it", "", (r["told_alike"] for r in left)),
         share("pairs: both named", "≥ 85 %", (r["all_named"] for r in by["pairs"])),
         share("pairs: a third invented", "≤ 5 %", (r["invented"] > 0 for r in by["pairs"])),
         share("outside: `unknown` over the right coordinate", "≥ 85 %", (r["honest"] for r in by["outside"])),

@@ -122,8 +122,8 @@ def named_again(fact: Mapping[str, Any], again: Mapping[str, Any]) -> bool:
 
 
 def _told_alike(fact: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
-    """Whether the finding says that it reads like the truth, and that no test at hand tells the two apart."""
-    return _name(fact["name"]) in {_of_key(key) for key in finding["alias"]} and not finding["next_test"]
+    """Whether the finding is the truth or says that it reads like it, and knows no test at hand that would tell more."""
+    return _name(fact["name"]) in map(_of_key, (finding["form"], *finding["alias"])) and not finding["next_test"]
 
 
 def _f1(oracle: Mapping[str, Any] | None, right: Sequence[int | None]) -> list[float]:

@@ -15,7 +15,7 @@ from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.model import Model
 from symfive.motion import programme_of
-from symfive.procedures import planar_circle, r_test_grid
+from symfive.procedures import Nominal, planar_circle, r_test_grid
 
 __all__ = ["next_test", "possible_tests"]
 
@@ -88,6 +88,8 @@ def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
     yield _named(run, "reversed", replace(run, commands=back))
     if _planar(campaign, run):
         yield from _places(campaign, run)
+    elif run.instrument == ("ball_bar",):
+        yield from _mounted_elsewhere(campaign, run)
     elif run.instrument == ("r_test",) and sum(a.rotary for a in campaign.machine.axes.values()) <= MOST_ROTARY:
         x, y, z = run.table_ball
         for name, nest in (("opposite", (-x, -y, z)), ("higher", (x, y, z + LIFT_MM)), ("turned", (-y, x, z))):
@@ -104,6 +106,27 @@ def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
                 yield _named(run, "longer-tool", noise)
         except InputError:
             return
+
+
+def _mounted_elsewhere(campaign: Campaign, run: Run) -> Iterator[Run]:
+    """The same bar in the same poses with its table ball at another place, or with a longer tool."""
+    nominal, (x, y, z), tool = Nominal(campaign.machine), run.table_ball, run.tool_ball
+    turned = {n: run.commands[n] for n, a in campaign.machine.axes.items() if a.rotary}
+    bar = nominal.ball(run.commands, tool) - np.asarray(run.table_ball)
+    places = {
+        "opposite": (-x, -y, z),
+        "turned": (-y, x, z),
+        "beside": (x + SHIFT_MM, y, z),
+        "higher": (x, y, z + LIFT_MM),
+    }
+    others = {name: (ball, tool) for name, ball in places.items() if ball != run.table_ball}
+    others["longer-tool"] = run.table_ball, (tool[0], tool[1], tool[2] - LIFT_MM)
+    for name, (ball, longer) in others.items():
+        try:
+            commands = nominal.follow(bar + np.asarray(ball), longer, turned, run.id)
+        except InputError:
+            continue
+        yield _named(run, name, replace(run, commands=commands, table_ball=ball, tool_ball=longer))
 
 
 def _planes(campaign: Campaign, run: Run) -> Iterator[Run]:
