@@ -188,6 +188,14 @@ def test_a_concentric_circle_has_one_class_of_bow_scale_and_yaw_that_only_anothe
     assert test.useful and "150" in test.says
 
 
+def test_what_was_found_beside_a_finding_is_no_rival_of_it_any_more():
+    machine = preset("three-axis")
+    plan = campaign_of(machine, planar_circle(machine, direction="ccw"))
+    first, second = (make_effect("backlash", axis).prepare(plan) for axis in "XY")
+    assert next_test(plan, first, second, held=(second,)) is None
+    assert next_test(plan, first, second, held=(make_effect("latency").prepare(plan),)) is not None
+
+
 def test_a_static_bar_can_be_mounted_elsewhere_in_the_same_poses():
     machine = preset("table-bc")
     run = static_ball_bar(machine, table_balls=[(50.0, 0.0, 60.0)], length=50.0)[0]

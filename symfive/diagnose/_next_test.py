@@ -38,8 +38,9 @@ def next_test(
 ) -> Discrimination | None:
     """Which further test separates an explanation from its rivals, by how many σ; None where no test can be varied.
 
-    `held` effects are in all models; `values` parameters at which the first is true and `rival_values` those at which each
-    rival is (default: of typical size). Of several rivals as many as can be told apart at all count.
+    `held` effects are in all models, and what cannot stand beside them is no rival any more; `values` parameters at which
+    the first is true and `rival_values` those at which each rival is (default: of typical size). Of several rivals as many
+    as can be told apart at all count.
     """
     tests = list(possible_tests(campaign))
     if not tests or not rivals:
@@ -48,9 +49,12 @@ def next_test(
     own = Model(plan, (*held, first))
     parts = {}
     for rival, theirs in zip_longest(rivals, rival_values):
-        model = Model(plan, (*held, rival))
+        try:
+            model = Model(plan, (*held, rival))
+        except InputError:
+            continue
         parts[rival.key] = discriminate(own, model, tests, values_a=values, values_b=theirs)
-    return in_common(parts, tests)
+    return in_common(parts, tests) if parts else None
 
 
 def possible_tests(campaign: Campaign) -> Iterator[Run]:
