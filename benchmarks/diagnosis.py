@@ -24,7 +24,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from examples.blind_study.rivals import RIVALS, Name, System, pysindy, search
+from examples.blind_study.rivals import PYSINDY, RIVALS, Name, System, pysindy, search
 from symfive.campaign import read_campaign
 from symfive.diagnose import diagnose
 
@@ -55,7 +55,7 @@ class Tally:
 
 def compete(campaigns: Iterable[str], python: str | None) -> dict[str, Tally]:
     """Everybody's tally."""
-    tallies = {name: Tally() for name in ("symfive", *RIVALS, "PySINDy")}
+    tallies = {name: Tally() for name in ("symfive", *RIVALS, PYSINDY)}
     for name in campaigns:
         truth_file = json.loads((CAMPAIGNS / name / "truth.json").read_text())
         truth = {(e["effect"], e["axis"]) for e in truth_file["effects"]}
@@ -72,16 +72,16 @@ def compete(campaigns: Iterable[str], python: str | None) -> dict[str, Tally]:
             said = search(system, rival)
             tallies[rival].add(said, truth, shared + time.process_time() - begin)
             _say(name, truth, rival, said)
-        if tallies["PySINDy"].skipped:
+        if tallies[PYSINDY].skipped:
             continue
         try:
             if python is None:
                 raise RuntimeError("give --peers PYTHON (an environment with pysindy)")
             said, seconds = pysindy(system, python)
-            tallies["PySINDy"].add(said, truth, shared + seconds)
-            _say(name, truth, "PySINDy", said)
+            tallies[PYSINDY].add(said, truth, shared + seconds)
+            _say(name, truth, PYSINDY, said)
         except RuntimeError as error:
-            tallies["PySINDy"].skipped = f"skipped: {error}"
+            tallies[PYSINDY].skipped = f"skipped: {error}"
     return tallies
 
 

@@ -100,6 +100,5 @@ def oracle(folder: Path, answer: Mapping[str, Any]) -> dict[str, Any] | None:
 
 def _roomy(effect: Effect, result: Identification) -> Effect:
     """The effect with a prior that does not pull it back, however large it is."""
-    amplitudes = [p for p in effect.parameters(result.model.campaign) if p.mean == 0.0]
-    most = max((abs(result[p.name]) / p.sigma for p in amplitudes), default=0.0)
+    most = effect.in_sigmas(result.model.campaign, result.named)
     return replace(effect, spread=max(ROOM * most, 1.0) * effect.spread)

@@ -191,6 +191,10 @@ class Run:
         """Time from the first row to the last, s."""
         return float(self.time[-1] - self.time[0])
 
+    def fastest(self, way: Array) -> float:
+        """The highest speed along a way (N,) that something goes in its rows, per minute."""
+        return float(np.max(np.abs(np.diff(way) / np.diff(self.time)), initial=0.0)) * 60.0
+
     def repeated_by(self, other: Run) -> bool:
         """Whether the other run was made in the same way: the readings differ by noise and by what changes in time."""
         alike = ("instrument", "sampling", "table_ball", "tool_ball", "length", "u", "v", "noise_um", "rows", "options")

@@ -192,14 +192,9 @@ def _recording(nominal: Nominal, run: Run) -> str:
     for name in sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary):
         q, unit = run.commands[name], unit_words(machine.axes[name].unit)
         cells = "".join(f'<td class="n">{_digits(v)}</td>' for v in (q[0], q.min(), q.max(), q[-1]))
-        fast = f"{plain_number(_per_minute(q, run))} {unit}/min" if np.ptp(q) > STILL else "stands still"
+        fast = f"{plain_number(run.fastest(q))} {unit}/min" if np.ptp(q) > STILL else "stands still"
         rows += f"<tr><td>{escape(name)} / {unit}</td>{cells}<td>{fast}</td></tr>"
     return f'<dl class="facts">{listed}</dl><table><tr>{heads}</tr>{rows}</table>'
-
-
-def _per_minute(way: Array, run: Run) -> float:
-    """The highest speed along a way (N,), per minute."""
-    return float(np.max(60.0 * np.abs(np.diff(way)) / np.diff(run.time), initial=0.0))
 
 
 def _path(nominal: Nominal, run: Run) -> dict[str, str]:
@@ -220,7 +215,7 @@ def _path(nominal: Nominal, run: Run) -> dict[str, str]:
         line = way @ axes[0]
         return {
             "Path": f"straight, {plain_number(np.ptp(line))} mm",
-            "Feed": f"{plain_number(_per_minute(line, run))} mm/min",
+            "Feed": f"{plain_number(run.fastest(line))} mm/min",
         }
     normal = axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))])
     ring = way - np.outer(way @ normal, normal)
@@ -240,7 +235,7 @@ def _path(nominal: Nominal, run: Run) -> dict[str, str]:
         "Circle": f"radius {plain_number(radius[0], 'mm')} mm, {np.degrees(np.ptp(phi)):.0f}° with run-up and run-out",
         "Plane": f"{plane} of the {frame}",
         "Direction": f"{sense}, seen against {towards}",
-        "Feed": f"{plain_number(_per_minute(radius[0] * phi, run))} mm/min along the circle",
+        "Feed": f"{plain_number(run.fastest(radius[0] * phi))} mm/min along the circle",
     }
     if len(moving) == 2 and len(turning) == 1 and run.length is not None:
         x_t = float(np.linalg.norm(_from_axes(nominal, run)[turning[0]]))
@@ -270,7 +265,7 @@ def _carried(nominal: Nominal, run: Run, turning: Sequence[str], bar: Array) -> 
     return {
         "Bar": f"{lies} axis {name}, turning with it",
         "Direction": f"{name} {'rising' if q[-1] > q[0] else 'falling'}",
-        "Feed": f"{plain_number(_per_minute(q, run))} {unit_words(nominal.machine.axes[name].unit)}/min of {name}",
+        "Feed": f"{plain_number(run.fastest(q))} {unit_words(nominal.machine.axes[name].unit)}/min of {name}",
     }
 
 

@@ -105,7 +105,8 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
         campaign=plan.campaign, post=chosen, facts=facts, worth=f"Certificate: {plan.certificate.says}",
         assessment=plan.assessment, notes=notes,
     )  # fmt: skip
-    _write_files(sheet, folder, plan_data(plan), nc)
+    _write_files(sheet, folder, nc)
+    write_json(folder / "plan.json", plan_data(plan))
     write_text(folder / "figures" / "uncertainty.svg", svg(uncertainty_figure(plan)))
     write_text(folder / "figures" / "worth.svg", svg(worth_figure(plan)))
 
@@ -114,7 +115,8 @@ def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",)
     """Campaign, plan.json, programs, set-up sheet and its pictures into a folder that exists."""
     expected = assess(plan.campaign, effects=plan.effects)
     sheet = Sheet(campaign=plan.campaign, post=post or Post(), assessment=expected)
-    _write_files(sheet, folder, plan.to_data(), nc)
+    _write_files(sheet, folder, nc)
+    write_json(folder / "plan.json", plan.to_data())
 
 
 def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
@@ -123,14 +125,12 @@ def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",
     campaign = test.test
     named = set(campaign.machine.axis_names) <= set(LETTERS)
     sheet = Sheet(campaign=campaign, post=post or Post(), worth=f"What it is for: {test.says}")
-    write_campaign_files(campaign, folder)
-    write_programs(campaign, folder / "nc", nc if named else (), sheet.post)
-    write_sheet(sheet, folder, nc if named else ())
+    _write_files(sheet, folder, nc if named else ())
 
 
-def _write_files(sheet: Sheet, folder: Path, data: dict[str, Any], nc: tuple[str, ...]) -> None:
+def _write_files(sheet: Sheet, folder: Path, nc: tuple[str, ...]) -> None:
+    """The campaign, its programs and its sheet."""
     write_campaign_files(sheet.campaign, folder)
-    write_json(folder / "plan.json", data)
     write_programs(sheet.campaign, folder / "nc", nc, sheet.post)
     write_sheet(sheet, folder, nc)
 

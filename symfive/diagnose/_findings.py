@@ -82,20 +82,21 @@ def _shares(found: Naming) -> dict[str, tuple[float, Identification]]:
     keys = frozenset(effects)
     fits = {keys: found.after}
 
-    def left(joined: frozenset[str]) -> float:
+    def with_only(joined: frozenset[str]) -> Identification:
         if joined not in fits:
             fits[joined] = lacking(found.after, *(effects[key] for key in keys - joined))
-        return mean_square(fits[joined], found.after.outliers)
+        return fits[joined]
 
-    total = min(mean_square(found.before, found.after.outliers), left(frozenset()))
-    whole = max(mean_square(found.before, found.after.outliers), 1e-300)
-    shares, joined, reached = dict.fromkeys(keys, 0.0), frozenset[str](), total
+    def left(joined: frozenset[str]) -> float:
+        return mean_square(with_only(joined), found.after.outliers)
+
+    before = mean_square(found.before, found.after.outliers)
+    shares, joined, reached = dict.fromkeys(keys, 0.0), frozenset[str](), min(before, left(frozenset()))
     for key in sorted(keys, key=lambda k: left(frozenset({k}))):
         joined |= {key}
-        shares[key] = max(reached - left(joined), 0.0) / whole
+        shares[key] = max(reached - left(joined), 0.0) / max(before, 1e-300)
         reached = min(reached, left(joined))
-    left_out = {key: fits.get(keys - {key}) or lacking(found.after, effects[key]) for key in keys}
-    return {key: (shares[key], left_out[key]) for key in keys}
+    return {key: (shares[key], with_only(keys - {key})) for key in keys}
 
 
 def _finding(found: Naming, member: Member, share: float, without: Identification) -> Finding:

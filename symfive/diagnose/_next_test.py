@@ -8,7 +8,7 @@ from itertools import zip_longest
 
 import numpy as np
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign, Run, Vector
 from symfive.design import Discrimination, discriminate, in_common
 from symfive.diagnose._catalogue import moving_axes
 from symfive.effects import Effect
@@ -95,42 +95,36 @@ def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
     elif run.instrument == ("ball_bar",):
         yield from _mounted_elsewhere(campaign, run)
     elif run.instrument == ("r_test",) and sum(a.rotary for a in campaign.machine.axes.values()) <= MOST_ROTARY:
-        x, y, z = run.table_ball
-        for name, nest in (("opposite", (-x, -y, z)), ("higher", (x, y, z + LIFT_MM)), ("turned", (-y, x, z))):
+        for name, (nest, tool) in _mountings(run).items():
             try:
-                for grid in r_test_grid(campaign.machine, nests=(nest,), tool_ball=run.tool_ball):
+                for grid in r_test_grid(campaign.machine, nests=(nest,), tool_ball=tool):
                     noise = replace(grid, noise_um=run.noise_um, setup_sigma_um=run.setup_sigma_um)
                     yield _named(run, name, noise)
             except InputError:
                 continue
-        longer = (run.tool_ball[0], run.tool_ball[1], run.tool_ball[2] - LIFT_MM)
-        try:
-            for grid in r_test_grid(campaign.machine, nests=(run.table_ball,), tool_ball=longer):
-                noise = replace(grid, noise_um=run.noise_um, setup_sigma_um=run.setup_sigma_um)
-                yield _named(run, "longer-tool", noise)
-        except InputError:
-            return
+
+
+def _mountings(run: Run) -> dict[str, tuple[Vector, Vector]]:
+    """Other places of the table ball, and a longer tool: name → table ball and tool ball, mm."""
+    (x, y, z), tool = run.table_ball, run.tool_ball
+    places: dict[str, Vector] = {"opposite": (-x, -y, z), "higher": (x, y, z + LIFT_MM), "turned": (-y, x, z)}
+    longer = (tool[0], tool[1], tool[2] - LIFT_MM)
+    return {name: (ball, tool) for name, ball in places.items()} | {"longer-tool": (run.table_ball, longer)}
 
 
 def _mounted_elsewhere(campaign: Campaign, run: Run) -> Iterator[Run]:
     """The same bar in the same poses with its table ball at another place, or with a longer tool."""
-    nominal, (x, y, z), tool = Nominal(campaign.machine), run.table_ball, run.tool_ball
+    nominal, (x, y, z) = Nominal(campaign.machine), run.table_ball
     turned = {n: run.commands[n] for n, a in campaign.machine.axes.items() if a.rotary}
-    bar = nominal.ball(run.commands, tool) - np.asarray(run.table_ball)
-    places = {
-        "opposite": (-x, -y, z),
-        "turned": (-y, x, z),
-        "beside": (x + SHIFT_MM, y, z),
-        "higher": (x, y, z + LIFT_MM),
-    }
-    others = {name: (ball, tool) for name, ball in places.items() if ball != run.table_ball}
-    others["longer-tool"] = run.table_ball, (tool[0], tool[1], tool[2] - LIFT_MM)
-    for name, (ball, longer) in others.items():
+    bar = nominal.ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
+    for name, (ball, tool) in (_mountings(run) | {"beside": ((x + SHIFT_MM, y, z), run.tool_ball)}).items():
+        if (ball, tool) == (run.table_ball, run.tool_ball):
+            continue
         try:
-            commands = nominal.follow(bar + np.asarray(ball), longer, turned, run.id)
+            commands = nominal.follow(bar + np.asarray(ball), tool, turned, run.id)
         except InputError:
             continue
-        yield _named(run, name, replace(run, commands=commands, table_ball=ball, tool_ball=longer))
+        yield _named(run, name, replace(run, commands=commands, table_ball=ball, tool_ball=tool))
 
 
 def _planes(campaign: Campaign, run: Run) -> Iterator[Run]:
@@ -215,10 +209,6 @@ def _inside(campaign: Campaign, run: Run) -> bool:
         values = run.commands[name]
         if values.min() < axis.travel[0] or values.max() > axis.travel[1]:
             return False
-        if (
-            run.dynamic
-            and axis.max_feed is not None
-            and np.abs(np.diff(values) / np.diff(run.time)).max() * 60.0 > axis.max_feed
-        ):
+        if run.dynamic and axis.max_feed is not None and run.fastest(values) > axis.max_feed:
             return False
     return True

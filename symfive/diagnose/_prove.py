@@ -107,7 +107,6 @@ def with_next_test(found: Naming, finding: Finding) -> Finding:
     member = next(m for m in found.members if m.effect.key == finding.effect.key)
     unsure = finding.confidence < 1.0 - OPEN
     names = {(r.effect, r.axis) for r in finding.rivals if unsure and r.confidence > CONSIDERED}
-    held = tuple(e for e in found.after.model.added if finding.effect.key not in (e.key, getattr(e, "of", "")))
     open_ = [
         t
         for t in member.trials
@@ -117,6 +116,7 @@ def with_next_test(found: Naming, finding: Finding) -> Finding:
     ][:RIVALS]
     if not open_:
         return finding
+    held = tuple(e for e in found.after.model.added if finding.effect.key not in (e.key, getattr(e, "of", "")))
     shared = {p.name for p in found.after.parameters if p.run is None}
     values = {n: v for n, v in zip(found.after.model.index, found.after.values.tolist(), strict=True) if n in shared}
     others = [{n: v for n, v in t.values.items() if not n.startswith("setup.")} for t in open_]

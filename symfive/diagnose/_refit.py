@@ -147,8 +147,7 @@ def best_shape(without: Identification, base: float, trial: Trial, forms: Forms)
             continue
         known = carried(trial.effect, prepared, campaign, trial.values)
         step = {p.name: known.get(p.name, p.mean) - p.mean for p in prepared.parameters(campaign)}
-        score = Score(prepared, np.inf, 1.0, -np.inf, 1.0, 1.0, step, trial.looks)
-        found = tried(without, base, score, forms)
+        found = tried(without, base, Score.unscored(prepared, step, trial.looks), forms)
         trials += [found] if found is not None else []
     return max(trials, key=lambda t: t.evidence)
 
@@ -228,8 +227,7 @@ def widened(result: Identification) -> Identification:
 
 def _roomy(campaign: Campaign, effect: Effect, values: Mapping[str, float]) -> Effect:
     """An effect whose prior is twice as wide as its values where they exceed it."""
-    parameters = [p for p in effect.parameters(campaign) if p.mean == 0.0]
-    most = max((abs(values[p.name]) / p.sigma for p in parameters), default=0.0)
+    most = effect.in_sigmas(campaign, values)
     return effect if most <= 1.0 or effect.id == "unknown" else replace(effect, spread=2.0 * most * effect.spread)
 
 

@@ -128,13 +128,19 @@ def _tones(channels: Channels) -> Iterator[Finding]:
 def _in_phase(channels: Channels, runs: Sequence[Run], rough: float, reach: float) -> tuple[float, float, int]:
     """Best frequency within `reach` of a rough one for a tone that keeps its phase from run to run, its score, and how many
     were tried: over a campaign of length T they differ by a fraction of 1/T."""
-    clocks = [run.start_s + np.asarray(run.time) for run in runs]
-    span = max(float(c[-1]) for c in clocks) - min(float(c[0]) for c in clocks)
+    span = _span(runs)
     steps = math.ceil(PER_CYCLE * reach * span)
     frequencies = rough + np.arange(-steps, steps + 1) / max(PER_CYCLE * span, 1e-12)
     score = _coherent(channels, runs, frequencies)
     best = int(np.argmax(score))
     return float(frequencies[best]), float(score[best]), 2 * steps + 1
+
+
+def _span(runs: Sequence[Run]) -> float:
+    """Time from the first row of all runs to the last, s."""
+    return max(run.start_s + float(run.time[-1]) for run in runs) - min(
+        run.start_s + float(run.time[0]) for run in runs
+    )
 
 
 def _coherent(channels: Channels, runs: Sequence[Run], frequencies: Array) -> Array:
@@ -164,10 +170,9 @@ def _cycles(channels: Channels) -> Iterator[Finding]:
     """A cycle that is too slow for a vibration, over the campaign's clock: a cooler, a pump, the light of day. It has no name,
     but it can be foretold."""
     runs = channels.campaign.runs
-    clock = np.sort(np.concatenate([run.start_s + np.asarray(run.time) for run in runs]))
-    span = float(clock[-1] - clock[0])
-    longest = max((float(run.time[-1] - run.time[0]) for run in runs if run.dynamic), default=0.0)
-    fastest = 4.0 / longest if longest > 0.0 else 0.25 * (len(clock) - 1) / max(span, 1e-9)
+    span = _span(runs)
+    longest = max((run.duration for run in runs if run.dynamic), default=0.0)
+    fastest = 4.0 / longest if longest > 0.0 else 0.25 * (channels.campaign.rows - 1) / max(span, 1e-9)
     count = int(FINE * (fastest * span - FEWEST))
     if span <= 0.0 or count < FINE:
         return

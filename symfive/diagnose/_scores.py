@@ -48,6 +48,11 @@ class Score:
     step: Mapping[str, float]
     looks: int = 1
 
+    @classmethod
+    def unscored(cls, effect: Effect, step: Mapping[str, float], looks: int) -> Score:
+        """A candidate that needs no score to be tried."""
+        return cls(effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step, looks)
+
 
 @dataclass(frozen=True, eq=False)
 class Secant:

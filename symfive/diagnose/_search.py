@@ -324,7 +324,7 @@ def _plain_trial(state: _State, without: Identification, base: float, member: Me
         return None
     effect = effect.prepare(without.model.campaign)
     step = {p.name: 0.0 for p in effect.parameters(without.model.campaign)}
-    return tried(without, base, Score(effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step, member.looks), state.forms)
+    return tried(without, base, Score.unscored(effect, step, member.looks), state.forms)
 
 
 def _best_of(scores: Sequence[Score]) -> list[Score]:
@@ -350,7 +350,7 @@ def _first(ranked: Sequence[Score]) -> Sequence[Score]:
 def _own_score(result: Identification, member: Member) -> Score:
     """A member as a candidate again, starting from what the fit found for it."""
     step = {p.name: result[p.name] - p.mean for p in member.effect.parameters(result.model.campaign)}
-    return Score(member.effect, np.inf, 1.0, -np.inf, 1.0, 1.0, step, member.looks)
+    return Score.unscored(member.effect, step, member.looks)
 
 
 def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
@@ -380,7 +380,6 @@ def _prune(state: _State, members: Sequence[Member]) -> None:
         without = lacking(state.after, member.effect)
         full = evidence_of(state.after.problem(), state.after.values)
         if full - evidence_of(without.problem(), without.values) < 3.0:
-            named = without.named
-            state.after = refitted(without.model, named, without)
+            state.after = refitted(without.model, without.named, without)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]
             state.dropped.add(member.effect.key)

@@ -142,6 +142,11 @@ class Effect:
         amplitudes = [p.name for p in self.parameters(campaign) if p.unit in ("um", "urad") and p.mean == 0.0]
         return max((abs(value(name)) for name in amplitudes), default=0.0)
 
+    def in_sigmas(self, campaign: Campaign, values: Values) -> float:
+        """The largest of its amplitudes in units of their prior's 1σ."""
+        amplitudes = [p for p in self.parameters(campaign) if p.mean == 0.0]
+        return max((abs(values[p.name]) / p.sigma for p in amplitudes), default=0.0)
+
     def chance(self, campaign: Campaign, values: Values) -> float:
         """How probable the signs of its amplitudes are beforehand."""
         return 0.5

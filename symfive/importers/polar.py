@@ -35,11 +35,11 @@ DIRECTIONS = ("ccw", "cw")
 SHORT_DEG = 20.0
 """So short an arc is no circular test: one turn in radians is 6.28."""
 SLOW_MIN = 60.0
+"""A circle that takes longer has its feed in another unit."""
 FITTED = SetupSigma(table_ball=1000.0, tool_ball=20.0, length=1000.0)
 """Set-up of a circle whose software has taken its own mean radius and centre off: neither is known any more."""
 ZERO = 0.1
 """Mean deviation in units of one reading's noise from which on it is no accident: no bar is calibrated that well."""
-"""A circle that takes longer has its feed in another unit."""
 
 
 def read_polar(
@@ -176,7 +176,7 @@ def polar_doubts(
         problem = f"at {feed:g} mm/min one circle takes {minutes / 60.0:.2g} hours"
         said.append(f"{problem}; if the feed is in m/min, give --feed {1e3 * feed:g}")
     for name, axis in machine.axes.items():
-        speed = max(float(np.max(np.abs(np.diff(run.commands[name]) / np.diff(run.time)))) * 60.0 for run in runs)
+        speed = max(run.fastest(run.commands[name]) for run in runs)
         if axis.max_feed is not None and speed > 1.01 * axis.max_feed:
             problem = f"axis {name} would go at {speed:.0f} {axis.unit}/min, its max_feed is {axis.max_feed:g}"
             said.append(f"{problem}; give --feed in mm/min as the programme has it, or correct the machine file")

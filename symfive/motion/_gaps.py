@@ -40,16 +40,20 @@ def filled(steps: NDArray[np.int64], command: Array) -> Array:
     full = np.interp(rows, steps, command)
     if np.ptp(command) == 0.0:
         return full
+    x, y = steps.astype(float), command
     speed = np.diff(command) / np.diff(steps)
-    corner = np.abs(np.diff(speed)) > CORNER * float(np.abs(speed).max())
+    bend = CORNER * float(np.abs(speed).max())
+    corner = np.abs(np.diff(speed)) > bend
     for i in np.flatnonzero(np.diff(steps) > 1):
         missing = rows[steps[i] + 1 : steps[i + 1]]
         before, after = _side(corner, int(i), -1), _side(corner, int(i) + 1, 1)
-        x, y = steps.astype(float), command
         if len(before) < 2 or len(after) < 2:
             continue
-        if _apart(x, y, before, after) > 0.5 * CORNER * float(np.abs(speed).max()):
-            full[missing] = _round(x, y, before, after, missing)
+        forward, back = (np.polynomial.Polynomial.fit(x[s], y[s], min(len(s) - 1, 2)) for s in (before, after))
+        missed = forward(x[i + 1]) - y[i + 1], back(x[i]) - y[i]  # by each side's course; one acceleration misses nothing
+        if min(np.abs(missed)) > 0.5 * bend:
+            turn = _crossing(x, y, int(i))
+            full[missing] = np.where(missing < turn, forward(missing), back(missing))
         else:
             near = np.concatenate([before, after])
             full[missing] = CubicSpline(x[near], y[near])(missing)
@@ -71,24 +75,10 @@ def _side(corner: NDArray[np.bool_], edge: int, way: int) -> NDArray[np.int64]:
     return np.array(sorted(found))
 
 
-def _apart(x: Array, y: Array, before: NDArray[np.int64], after: NDArray[np.int64]) -> float:
-    """By how much each side's course misses the other's first row, the lesser of both; an acceleration misses by nothing."""
-    missed = [
-        np.polynomial.Polynomial.fit(x[side], y[side], min(len(side) - 1, 2))(x[other]) - y[other]
-        for side, other in ((before, after[0]), (after, before[-1]))
-    ]
-    return float(np.min(np.abs(missed)))
-
-
-def _round(
-    x: Array, y: Array, before: NDArray[np.int64], after: NDArray[np.int64], missing: NDArray[np.int64]
-) -> Array:
-    """Both sides' courses as far as the crossing of their last directions."""
-    b, a = before[-1], after[0]
-    slope_b = (y[b] - y[b - 1]) / (x[b] - x[b - 1])
-    slope_a = (y[a + 1] - y[a]) / (x[a + 1] - x[a])
-    crossing = 0.5 * (x[b] + x[a])
-    if slope_a != slope_b:
-        crossing = x[b] + (y[a] - y[b] - slope_a * (x[a] - x[b])) / (slope_b - slope_a)
-    courses = [np.polynomial.Polynomial.fit(x[s], y[s], min(len(s) - 1, 2))(missing) for s in (before, after)]
-    return np.where(missing < np.clip(crossing, x[b], x[a]), *courses)
+def _crossing(x: Array, y: Array, i: int) -> float:
+    """Where the last directions on both sides of the gap behind row i cross, within the gap."""
+    before, after = ((y[k + 1] - y[k]) / (x[k + 1] - x[k]) for k in (i - 1, i + 1))
+    if before == after:
+        return float(0.5 * (x[i] + x[i + 1]))
+    crossing = x[i] + (y[i + 1] - y[i] - after * (x[i + 1] - x[i])) / (before - after)
+    return float(np.clip(crossing, x[i], x[i + 1]))
