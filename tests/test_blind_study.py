@@ -17,12 +17,25 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from examples.blind_study import cases, effects, figures, rivals, score, span, stages, store, study  # noqa: E402
+from examples.blind_study import (  # noqa: E402
+    cases,
+    controls,
+    effects,
+    figures,
+    recorded,
+    rivals,
+    score,
+    span,
+    stages,
+    store,
+    study,
+)
 from examples.blind_study.oracle import true_effect  # noqa: E402
 from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
 from examples.blind_study.plans import draw_setting  # noqa: E402
 from symfive.campaign import read_campaign  # noqa: E402
 from symfive.effects import EFFECTS  # noqa: E402
+from symfive.errors import InputError  # noqa: E402
 from symfive.executors import executor  # noqa: E402
 
 IDS = ["none-002", "visible-002"]
@@ -84,6 +97,45 @@ def test_what_reads_the_same_is_found_by_the_generator() -> None:
     spec = {"effect": "location_error", "component": "EC0X", "value": 40.0}
     whole = span.Span.of(setting)
     assert ("location_error", "Y") in span.aliases(whole, spec, whole.change(spec))["same"]
+
+
+def test_only_what_is_a_convention_is_inseparable() -> None:
+    """Which of two axes is straight nobody can measure, a scale error that reads like a sag on one grid somebody can."""
+    setting = draw_setting(np.random.default_rng(2), ("r_test",), lean=True)
+    tilted = {"effect": "location_error", "component": "EC0Y", "value": 40.0}
+    assert span.inseparable(setting, tilted) == [("location_error", "X")]
+    assert span.inseparable(setting, {"effect": "scale_error", "axis": "Z", "ppm": 50.0}) == []
+
+
+def test_recorded_noise_is_taken_in_a_row_and_keeps_its_size() -> None:
+    series = np.random.default_rng(0).normal(size=50)
+    options = plant.NoiseOptions(recorded=(series,))
+    made = plant.noise.noise(np.arange(120.0), 2, 0.4, options, np.random.default_rng(1)) / 0.4
+    there_and_back = np.concatenate([series, series[::-1]])
+    for channel in made.T:
+        begin = next(k for k in range(100) if np.isclose(there_and_back[k], channel[0]))
+        if begin + 1 < 100 and not np.isclose(there_and_back[(begin + 1) % 100], channel[1]):
+            begin = 99 - begin
+        np.testing.assert_allclose(channel, there_and_back[(begin + np.arange(120)) % 100], atol=1e-12)
+
+
+def test_a_hum_and_a_drift_are_no_noise() -> None:
+    rng, t = np.random.default_rng(0), np.arange(1000.0)
+    noise = rng.normal(size=1000)
+    assert recorded.chance_of_the_highest(noise) > 0.01
+    assert recorded.chance_of_the_highest(noise + 0.5 * np.sin(1.3 * t)) < recorded.LEVEL
+    assert recorded.chance_of_the_highest(noise + 2e-3 * t) < recorded.LEVEL
+
+
+@pytest.mark.parametrize("source", recorded.SOURCES)
+def test_the_noise_of_a_recording_has_no_mean_and_its_own_size(source: str) -> None:
+    try:
+        found = recorded.recorded_noise(source)
+    except InputError as error:
+        pytest.skip(f"the recording is not here: {error}")
+    assert found
+    for series in found:
+        assert len(series) >= recorded.LEAST and abs(series.mean()) < 0.2 and 0.9 < series.std() < 1.2
 
 
 @pytest.mark.parametrize("drawer", [d for d, _ in (*effects.MACHINE, *FAULTS, *OUTSIDE)], ids=lambda d: d.__name__)
@@ -215,6 +267,7 @@ FACT = {
     "size": 2.0,
     "masked": 0.2,
     "snr": 50.0,
+    "inseparable": [],
 }
 SPEC = {"effect": "backlash", "axis": "C", "width": 60.0, "form": "hard"}
 
@@ -271,6 +324,40 @@ def test_an_alias_that_no_test_parts_is_told_by_its_name_and_by_no_useful_test()
     ):
         found = _finding("lateral_play", "C", alias=alias, next_test=next_test)
         assert score.score(_answer("alias"), _verdict([found]), None)["told_alike"] is told
+
+
+def test_a_name_that_no_measurement_parts_from_the_truth_counts_as_it() -> None:
+    fact = FACT | {"inseparable": [["lateral_play", "C"]]}
+    answer, verdict = _answer("alias", facts=[fact]), _verdict([_finding("lateral_play", "C")])
+    assert score.score(answer, verdict, None)["named_again"] is True  # no test was asked for, none could tell
+    assert score.score(answer, verdict, None, _verdict([_finding("lateral_play", "X")]))["named_again"] is False
+    assert score.score(_answer("alias"), verdict, None)["named_again"] is None
+    assert score.score(_answer("alias"), verdict, None, verdict)["named_again"] is False
+
+
+def test_what_stands_in_for_the_truth_is_taken_out_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = store.Store(tmp_path)
+    kept.case("visible-000").mkdir(parents=True)
+    kept.seal("visible-000", json.dumps({"effects": [SPEC], "facts": [FACT]}))
+    kept.put("verdicts", "visible-000", _verdict([_finding("backlash", "C")]))
+    answers = iter(["friction.C", "table_step.C", "unknown.C"])
+    asked: list[list[str]] = []
+
+    def judged(folder: Path, exclude: list[str]) -> dict[str, Any]:
+        asked.append(exclude)
+        form = next(answers)
+        return _verdict([_finding("unknown" if form.startswith("unknown") else "a word", "C", form=form)])
+
+    monkeypatch.setattr(stages, "judge", judged)
+    stages.control(tmp_path, "visible-000")
+    assert asked[0] == ["backlash", "counterbalance"]
+    assert set(asked[1]) - set(asked[0]) == {"friction", "reversal_spike"}
+    assert set(asked[2]) - set(asked[1]) == {"eccentric_mass", "error_motion", "table_step"}
+    first, last = (
+        [line.value for line in controls.controls(kept, ["visible-000"]) if line.what.startswith(what)]
+        for what in ("true effect excluded", "… and all names")
+    )
+    assert (first, last) == ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
 
 
 def test_magnitudes_and_places() -> None:

@@ -1,4 +1,5 @@
-"""Controls: with the true effect out of the catalogue nobody may name it; with shuffled answers nobody has skill."""
+"""Controls: with the true effect out of the catalogue it is `unknown`; the noise of real instruments is no effect; with
+shuffled answers nobody has skill."""
 
 from __future__ import annotations
 
@@ -8,28 +9,43 @@ from typing import Any
 import numpy as np
 
 from .figures import Line, share
-from .score import names_of
+from .score import CONFIDENT, names_of
 from .store import Store
 
 
 def controls(store: Store, ids: Sequence[str]) -> list[Line]:
     """Lines of the table for the controls that have been run."""
     lines = []
-    done = [i for i in ids if store.has("controls", i)]
-    if done:
-        first = [_first(store.get("controls", i)) for i in done]
-        lines.append(
-            share(
-                "true effect excluded: `unknown` or no finding",
-                "",
-                (f is None or f["effect"] == "unknown" for f in first),
+    runs = [store.get("controls", i) for i in ids if store.has("controls", i)]
+    if runs:
+        lines += _excluded("true effect excluded", [rounds[0] for rounds in runs])
+        lines += _excluded("… and all names that explain the readings as well", [rounds[-1] for rounds in runs])
+    with_noise = [store.get("recorded", i) for i in ids if store.has("recorded", i)]
+    if with_noise:
+        what = "noise of real instruments, no effect: a finding"
+        lines.append(share(what, "none", (_first(verdict) is not None for verdict in with_noise)))
+        for source in sorted({v["source"] for v in with_noise}):
+            lines.append(
+                share(f"… of {source}", "", (_first(v) is not None for v in with_noise if v["source"] == source))
             )
-        )
-        confident = (f is not None and f["effect"] != "unknown" and f["confidence"] >= 0.9 for f in first)
-        lines.append(share("true effect excluded: a confident wrong name", "", confident))
     if ids:
         lines.append(shuffled(store, ids))
     return lines
+
+
+def _excluded(what: str, verdicts: Sequence[dict[str, Any]]) -> list[Line]:
+    wrong = [_first(v) for v in verdicts if first_name(v) is not None]
+    return [
+        share(f"{what}: `unknown`", "", ((_first(v) or {}).get("effect") == "unknown" for v in verdicts)),
+        share(f"{what}: no finding", "", (_first(v) is None for v in verdicts)),
+        share(f"{what}: a name, confident", "none", (f is not None and f["confidence"] >= CONFIDENT for f in wrong)),
+    ]
+
+
+def first_name(verdict: dict[str, Any]) -> str | None:
+    """The library's id of the first finding; None where it has no name."""
+    first = _first(verdict)
+    return None if first is None or first["effect"] == "unknown" else str(first["form"]).split(".")[0]
 
 
 def shuffled(store: Store, ids: Sequence[str]) -> Line:

@@ -24,6 +24,11 @@ SEEN = 5.0
 INSTRUMENTS_OWN = {"sensor_error", "latency", "setup_shift"}
 
 
+def as_well(mine: float, best: float) -> bool:
+    """Whether a fit explains the readings as well as the best one, by their χ²/dof."""
+    return mine <= 1.05 * best + 0.02
+
+
 def names_of(fact: Mapping[str, Any]) -> list[Name]:
     """Names that are right: the effect's own, and those that the recordings cannot tell from it."""
     return [_name(fact["name"]), *map(_name, fact["same"])]
@@ -70,8 +75,10 @@ def score(
         "geometry": _geometry(verdict["geometry"], oracle, answer["location_errors_um_urad"]),
     }  # fmt: skip
     if answer["stratum"] == "alias":
-        row["class_complete"] = row["named"] and class_complete(facts[0], findings[0], verdict["diagnosis"]["classes"])
-        row["named_again"] = None if again is None else named_again(facts[0], again)
+        row["class_complete"] = bool(findings) and class_complete(
+            facts[0], findings[0], verdict["diagnosis"]["classes"]
+        )
+        row["named_again"] = named_again(facts[0], verdict, again)
         last = (again or verdict)["diagnosis"]["findings"]
         row["told_alike"] = not row["named_again"] and bool(last) and _told_alike(facts[0], last[0])
         row["found_again"] = [{k: f[k] for k in SHOWN} for f in again["diagnosis"]["findings"]] if again else []
@@ -115,10 +122,16 @@ def _of_key(key: str) -> Name:
     return effect, part if len(part) < 3 else part[3:] if part[2] == "0" else part[2:]
 
 
-def named_again(fact: Mapping[str, Any], again: Mapping[str, Any]) -> bool:
-    """Whether the effect's own name comes first once the next test is recorded."""
-    findings = again["diagnosis"]["findings"]
-    return bool(findings) and (findings[0]["effect"], findings[0]["axis"]) == _name(fact["name"])
+def named_again(fact: Mapping[str, Any], verdict: Mapping[str, Any], again: Mapping[str, Any] | None) -> bool | None:
+    """Whether the effect's own name comes first once the next test is recorded, or one that no measurement parts from it.
+
+    None where no test was asked for, but for effects of which no measurement parts any alias: there the verdict stands.
+    """
+    alike = {_name(fact["name"]), *map(_name, fact["inseparable"])}
+    if again is None and not set(names_of(fact)) <= alike:
+        return None
+    findings = (again or verdict)["diagnosis"]["findings"]
+    return bool(findings) and (findings[0]["effect"], findings[0]["axis"]) in alike
 
 
 def _told_alike(fact: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:

@@ -8,8 +8,8 @@ orthogonal part.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from plant import effects as catalogue
 from plant import instrument as instruments
 from plant.reader import NO_SETUP
 from plant.simulate import ZERO_SIGMA_UM, prepare
-from plant.state import UM, RunState
+from plant.state import UM, URAD, RunState
 from plant.structure import error_motion_value
 from scipy.signal import lfilter
 
@@ -32,6 +32,10 @@ SAME = 1.0
 """An explanation that leaves less than this SNR of an effect cannot be told from it."""
 APART = 3.0
 """One that leaves more than this can be."""
+FREE = 1e4
+"""1σ of what is a convention, µm and µrad."""
+PLACES, TOOL_MM = 300, (0.0, 100.0)
+"""Places all over the travel at which a ball is measured with tools so much longer than the case's."""
 UNSEEN = 1e-2
 """A family of which 1 µm, µrad or ppm changes less than this, in σ over all readings, explains nothing (it would need
 a ten-thousand times as much): what is left of it is the plant's second order."""
@@ -70,8 +74,9 @@ class Span:
     basis: Array
 
     @classmethod
-    def of(cls, setting: Setting) -> Span:
-        """Finite differences about the true machine."""
+    def of(cls, setting: Setting, *, anywhere: bool = False) -> Span:
+        """Finite differences about the true machine. `anywhere`: the workpiece may also lie and every axis have its zero
+        anywhere."""
         states, plain = [], []
         for run in setting.fit:
             state = prepare(setting.machine, run, setting.location, setting.motions, (), NO_SETUP, 0, 1)
@@ -79,6 +84,9 @@ class Span:
             plain.append(readings(state, run))
         span = cls(setting, states, plain, np.zeros((0, 0)))
         columns, sigmas = span._columns()
+        if anywhere:
+            free = np.stack([span._stack(change) for change in span._conventions()], axis=1)
+            columns, sigmas = np.hstack([columns, free]), np.append(sigmas, np.full(free.shape[1], FREE))
         weighted = np.vstack([columns, np.diag(1.0 / sigmas)])
         span.basis = np.linalg.qr(weighted)[0]
         return span
@@ -122,6 +130,18 @@ class Span:
         else:
             for i in range(y.shape[1]):
                 yield ZERO_SIGMA_UM, np.tile(np.eye(y.shape[1])[i], (len(y), 1))
+
+    def _conventions(self) -> Iterator[list[Array]]:
+        """Changes of the readings where the workpiece is turned or an axis has another zero, by 1 µm or µrad."""
+        states = self.states
+        for turn in np.eye(3):
+            yield [1e3 * URAD * np.cross(turn, instruments.ball(state)) for state in states]
+        for axis in self.setting.machine["axes"]:
+            moved = [copy.copy(state) for state in states]
+            for state in moved:
+                state.x = state.x | {axis: state.x[axis] + state.small(axis)}
+            both = zip(moved, self.plain, self.setting.fit, strict=True)
+            yield [readings(state, run) - y for state, y, run in both]
 
     def change(self, spec: Spec) -> list[Array]:
         """Change of the readings of all runs by one effect, drives moved anew only where it needs that."""
@@ -182,6 +202,33 @@ def aliases(span: Span, spec: Spec, change: Sequence[Array]) -> dict[str, list[N
         if name != own and rank <= least:
             found["same" if left < SAME else "close"] |= {name} if left < APART else set()
     return {k: sorted(v, key=str) for k, v in found.items()}
+
+
+def inseparable(setting: Setting, spec: Spec) -> list[Name]:
+    """Names that no measurement parts from an effect of the machine's structure: neither does the ball's position in the
+    workpiece frame all over the travel, with two tools, where the workpiece and the zeros of the axes are nobody's to know.
+
+    So a turn of X and of Y about Z, or of Z and of X about B, are one thing: which of them is straight is a convention.
+    """
+    if catalogue.EFFECTS[spec["effect"]][0] == "drive":
+        return []
+    rng = np.random.default_rng(0)
+    axes = {name: table["travel"] for name, table in setting.machine["axes"].items()}
+    common = {
+        "instrument": "r_test", "sampling": "static", "t_s": 6.0 * np.arange(PLACES), "table_ball": [0.0, 0.0, 0.0],
+        "noise_um": setting.white_um, "setup_sigma_um": {"table_ball": FREE, "tool_ball": FREE},
+    }  # fmt: skip
+    runs = [
+        common | {
+            "id": f"tool{k}", "start_s": 6.0 * PLACES * k,
+            "tool_ball": (np.array(setting.fit[0]["tool_ball"]) - [0.0, 0.0, longer]).tolist(),
+            "command": {name: rng.uniform(*travel, PLACES) for name, travel in axes.items()},
+        }
+        for k, longer in enumerate(TOOL_MM)
+    ]  # fmt: skip
+    whole = replace(setting, fit=runs, noise=plant.PLAIN)
+    span = Span.of(whole, anywhere=True)
+    return aliases(span, spec, span.change(spec))["same"]
 
 
 def _left(span: Span, family: Sequence[Spec], target: Array) -> tuple[float, int]:

@@ -4,8 +4,9 @@
 
 Killed anywhere, the same command goes on where it was: every finished stage of a case is a file. `--only STRATUM` and
 `--case ID` run a part, `--redo` judges anew with the present code, `--ablation` repeats every case of one effect with
-that effect taken out of the catalogue, `--rivals` runs the simple rivals on the same recordings (`--peers PYTHON`: PySINDy, too,
-from an environment that has it).
+that effect taken out of the catalogue, `--recorded` every case without one with the noise of real instruments (where their
+recordings are at hand, docs/recordings.md), `--rivals` runs the simple rivals on the same recordings (`--peers PYTHON`: PySINDy,
+too, from an environment that has it).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
+from symfive.convert import data_folder
 from symfive.executors import executor, finished
 
 from . import stages
@@ -49,6 +51,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--case", action="append", metavar="ID", help="this case, as visible-003 (repeat)")
     parser.add_argument("--redo", action="store_true", help="judge anew what has a verdict already")
     parser.add_argument("--ablation", action="store_true", help="also without the true effect in the catalogue")
+    parser.add_argument("--recorded", action="store_true", help="also with the noise of real instruments")
     parser.add_argument("--report", action="store_true", help="only write the results of what is finished")
     parser.add_argument("--rivals", action="store_true", help="also the simple rivals")
     parser.add_argument("--peers", metavar="PYTHON", help="a Python that has pysindy, for the rivals")
@@ -67,6 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the study; 0 if every case has a verdict."""
     options = parse(arguments)
     root, ids = options.output.resolve(), chosen(options)
+    if options.recorded:
+        data_folder()
     root.mkdir(parents=True, exist_ok=True)
     store = Store(root)
     if options.redo:
@@ -83,6 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tasks: dict[Callable[..., None], list[tuple[Any, ...]]] = {stages.verdict: [(root, i) for i in ids]}
         if options.ablation:
             tasks[stages.control] = [(root, i) for i in ids if i.rsplit("-", 1)[0] in SINGLE]
+        if options.recorded:
+            tasks[stages.recorded] = [(root, options.seed, i) for i in ids if i.startswith("none-")]
         if options.rivals:
             tasks[stages.rivals] = [(root, options.peers, i) for i in ids]
         for stage, todo in tasks.items():
@@ -115,7 +122,7 @@ def report(store: Store, ids: Sequence[str], seed: int, errors: dict[str, str], 
 
 def _forget(root: Path, ids: Iterable[str]) -> None:
     for id in ids:
-        for stage in ("verdicts", "oracles", "again", "controls"):
+        for stage in ("verdicts", "oracles", "again", "controls", "recorded"):
             (root / stage / f"{id}.json").unlink(missing_ok=True)
         for folder in ("next", "measured"):
             shutil.rmtree(root / folder / id, ignore_errors=True)

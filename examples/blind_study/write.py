@@ -12,7 +12,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from .figures import Line, calibration, confusion, oracle_power, severity, table
-from .score import SEEN, Row
+from .score import SEEN, Row, as_well
 
 logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
 
@@ -118,9 +118,9 @@ def reason(row: Row) -> str:
     best, mine = row["oracle_chi2_dof"], row["chi2_dof"]
     if best is None:
         return "the library has not this form, so there is no oracle"
-    if mine > 1.05 * best + 0.02:
+    if not as_well(mine, best):
         return f"the library could explain it (oracle χ²/dof {best:.3f}): the search ended elsewhere"
-    if best > 1.05 * mine + 0.02:
+    if not as_well(best, mine):
         return f"the library's nearest form does not explain it (oracle χ²/dof {best:.3f}), what was found does"
     return f"what was found explains the readings as well as the truth (oracle χ²/dof {best:.3f})"
 

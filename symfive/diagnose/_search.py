@@ -188,7 +188,7 @@ def _is_shape_of_another(after: Identification, members: Sequence[Member]) -> bo
 
     named = [
         m.effect for m in members
-        if m.effect.id != "unknown" and coordinate_of(m.effect) == coordinate_of(last)
+        if m.effect.id != "unknown" and coordinate_of(m.effect) in last.over and last.owners <= {axis_of(m.effect)}
         and str(getattr(m.effect, "component", ""))[1:2] not in tuple("ABC")
     ]  # fmt: skip
     return any(last.place == "reading" or moved(last) <= moved(effect) for effect in named)

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "reading")
 VELOCITY = " velocity"
 SINCE = " since reversal"
+SIGN = " velocity sign"
+_QUANTITIES = f'"{VELOCITY}", "{SIGN}" or "{SINCE}"'
 FINEST = 1e-3
 """Distances since a reversal below this share of the travel are one."""
 
@@ -38,11 +40,11 @@ FINEST = 1e-3
 class Unknown(Effect):
     """Σ coefficient·function over the coordinates `over`: a shift of the tool, or of each reading column.
 
-    A coordinate is an axis (`B`), its velocity (`B velocity`), its way since it reversed (`B since reversal`, with the sign
-    of the motion, in equal steps of its logarithm) or `t` (the campaign's clock; with `period_s` its phase in a cycle of
-    about so many seconds, 1σ `period_sigma`; 0: known and fixed). Functions as in the machine file: `basis` and `order` one
-    per coordinate (a single one holds for all), products for several; `bspline` of order n has n intervals. They have no
-    constant part, which zeros and set-ups hold.
+    A coordinate is an axis (`B`), its velocity (`B velocity`), the side from which it came (`B velocity sign`), its way since it
+    reversed (`B since reversal`, with the sign of the motion, in equal steps of its logarithm) or `t` (the campaign's clock;
+    with `period_s` its phase in a cycle of about so many seconds, 1σ `period_sigma`; 0: known and fixed). Functions as in the
+    machine file: `basis` and `order` one per coordinate (a single one holds for all), products for several; `bspline` of order
+    n has n intervals. They have no constant part, which zeros and set-ups hold.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
     covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
     machine frame (of the frame that the axis `carrier` carries, where one is named), `reading` each column. With
@@ -71,6 +73,11 @@ class Unknown(Effect):
         return self._key(",".join(self.over))
 
     @property
+    def owners(self) -> frozenset[str]:
+        """What its coordinates speak of: axes, or `t`."""
+        return frozenset(map(_owner, self.over))
+
+    @property
     def stage(self) -> str:  # type: ignore[override]
         """Where it enters."""
         return self.place
@@ -82,7 +89,7 @@ class Unknown(Effect):
             if name != "t" and _owner(name) not in machine.axes:
                 raise InputError(
                     f'{self.key}: coordinate "{name}" is unknown',
-                    remedy=f'use "t", an axis ({", ".join(machine.axis_names)}), "X velocity" or "X since reversal"',
+                    remedy=f'use "t", an axis ({", ".join(machine.axis_names)}) or one of them with {_QUANTITIES}',
                 )
         if self.place == "axis" and _owner(self.over[0]) not in machine.axes:
             raise InputError(f"{self.key}: time moves no axis", remedy='write place = "structure"')
@@ -145,9 +152,8 @@ class Unknown(Effect):
 
     def signals(self) -> tuple[Signal, ...]:
         found: list[Signal] = [Velocity(_owner(name)) for name in self.over if name.endswith(VELOCITY)]
-        for name in self.over:
-            if name.endswith(SINCE):
-                found += [Direction(_owner(name)), ReversalDistance(_owner(name))]
+        found += [Direction(_owner(name)) for name in self.over if name.endswith((SINCE, SIGN))]
+        found += [ReversalDistance(_owner(name)) for name in self.over if name.endswith(SINCE)]
         return tuple(found)
 
     def apply(self, row: Row) -> None:
@@ -203,8 +209,10 @@ class Unknown(Effect):
             axis = _owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
             return row.signal(Direction(axis)) * _steps(row.signal(ReversalDistance(axis)) / reach, ca)
+        if name.endswith(SIGN):
+            return row.signal(Direction(_owner(name)))
         if name.endswith(VELOCITY):
-            axis = name.removesuffix(VELOCITY)
+            axis = _owner(name)
             return row.signal(Velocity(axis)) / row.machine.axes[axis].to_internal
         return row.signal(Position(name))
 
@@ -268,7 +276,7 @@ def _basis_over(
 
 def _owner(name: str) -> str:
     """The axis that a coordinate speaks of."""
-    return name.removesuffix(VELOCITY).removesuffix(SINCE)
+    return name.removesuffix(VELOCITY).removesuffix(SINCE).removesuffix(SIGN)
 
 
 def _steps(share: Any, library: Any) -> Any:
@@ -283,18 +291,26 @@ def _values(name: str, run: Run, machine: Machine) -> Array:
     command = np.asarray(run.commands[_owner(name)])
     if name.endswith(SINCE):
         return _since_reversal(command)
+    if name.endswith(SIGN):
+        return _side(command)
     if not name.endswith(VELOCITY):
         return command
     return np.asarray(np.gradient(command, run.time)) if run.dynamic and run.rows > 1 else np.zeros(run.rows)
 
 
-def _since_reversal(command: Array) -> Array:
-    """Way since the last reversal with the sign of the motion (before the first one: since the start)."""
+def _side(command: Array) -> Array:
+    """Sign of the last motion along a command (N,); rows before the first one count like it, and it is 1 where nothing moves."""
     steps = np.diff(command, prepend=command[:1])
     moving = np.flatnonzero(steps)
     if not moving.size:
-        return np.zeros_like(command)
-    sign = np.sign(steps[moving[np.maximum(np.searchsorted(moving, np.arange(len(command)), side="right") - 1, 0)]])
+        return np.ones_like(command)
+    last = np.searchsorted(moving, np.arange(len(command)), side="right") - 1
+    return np.asarray(np.sign(steps[moving[np.maximum(last, 0)]]))
+
+
+def _since_reversal(command: Array) -> Array:
+    """Way since the last reversal with the sign of the motion (before the first one: since the start)."""
+    sign = _side(command)
     turned = np.flatnonzero(np.diff(sign))
     origin = np.concatenate([[0], turned])[np.searchsorted(turned + 1, np.arange(len(command)), side="right")]
     return np.asarray(sign * np.abs(command - command[origin]))

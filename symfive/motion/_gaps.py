@@ -50,7 +50,8 @@ def filled(steps: NDArray[np.int64], command: Array) -> Array:
         if len(before) < 2 or len(after) < 2:
             continue
         forward, back = (np.polynomial.Polynomial.fit(x[s], y[s], min(len(s) - 1, 2)) for s in (before, after))
-        missed = forward(x[i + 1]) - y[i + 1], back(x[i]) - y[i]  # by each side's course; one acceleration misses nothing
+        # what each side's course misses of the other's first row: an acceleration misses nothing
+        missed = forward(x[i + 1]) - y[i + 1], back(x[i]) - y[i]
         if min(np.abs(missed)) > 0.5 * bend:
             turn = _crossing(x, y, int(i))
             full[missing] = np.where(missing < turn, forward(missing), back(missing))
