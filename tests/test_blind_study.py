@@ -357,7 +357,7 @@ def test_what_stands_in_for_the_truth_is_taken_out_too(tmp_path: Path, monkeypat
         [line.value for line in controls.controls(kept, ["visible-000"]) if line.what.startswith(what)]
         for what in ("true effect excluded", "… and all names")
     )
-    assert (first, last) == ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+    assert (first, last) == ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])  # unknown, nothing, a name
 
 
 def test_magnitudes_and_places() -> None:

@@ -18,8 +18,13 @@ def controls(store: Store, ids: Sequence[str]) -> list[Line]:
     lines = []
     runs = [store.get("controls", i) for i in ids if store.has("controls", i)]
     if runs:
-        lines += _excluded("true effect excluded", [rounds[0] for rounds in runs])
-        lines += _excluded("… and all names that explain the readings as well", [rounds[-1] for rounds in runs])
+        alone, last = ([rounds[k] for rounds in runs] for k in (0, -1))
+        lines += _excluded("true effect excluded", alone)
+        stand_in = (len(rounds) > 1 for rounds in runs)
+        lines.append(share("true effect excluded: a name that explains the readings as well", "", stand_in))
+        lines += _excluded("… and all names that explain them as well", last)
+        confident = (first_name(v) is not None and _first(v)["confidence"] >= CONFIDENT for v in last)
+        lines.append(share("… and all names that explain them as well: a confident name", "none", confident))
     with_noise = [store.get("recorded", i) for i in ids if store.has("recorded", i)]
     if with_noise:
         what = "noise of real instruments, no effect: a finding"
@@ -34,11 +39,10 @@ def controls(store: Store, ids: Sequence[str]) -> list[Line]:
 
 
 def _excluded(what: str, verdicts: Sequence[dict[str, Any]]) -> list[Line]:
-    wrong = [_first(v) for v in verdicts if first_name(v) is not None]
+    first = [_first(v) for v in verdicts]
     return [
-        share(f"{what}: `unknown`", "", ((_first(v) or {}).get("effect") == "unknown" for v in verdicts)),
-        share(f"{what}: no finding", "", (_first(v) is None for v in verdicts)),
-        share(f"{what}: a name, confident", "none", (f is not None and f["confidence"] >= CONFIDENT for f in wrong)),
+        share(f"{what}: `unknown`", "", (f is not None and f["effect"] == "unknown" for f in first)),
+        share(f"{what}: no finding", "", (f is None for f in first)),
     ]
 
 
@@ -60,6 +64,7 @@ def shuffled(store: Store, ids: Sequence[str]) -> Line:
     return Line("labels shuffled: named by chance", "", len(singles), float(np.mean(hits)) if hits else 0.0)
 
 
-def _first(verdict: dict[str, Any]) -> dict[str, Any] | None:
+def _first(verdict: dict[str, Any]) -> Any:
+    """The first finding, if any."""
     findings = verdict["diagnosis"]["findings"]
     return findings[0] if findings else None
