@@ -27,8 +27,8 @@ LARGE, SMALL = 0.5, 0.15
 DIRECTIONS = 4
 """All three, or a single one."""
 SLOW_NOISE = 0.2
-"""The share of instruments whose own noise is that slow and large; of those above the declared noise, the share that exceeds it by
-LARGE more."""
+"""The share of instruments whose own noise is that slow and large; of those above the declared noise, the share that is LARGE
+more."""
 
 
 def changes_slowly(effect: Effect) -> bool:
