@@ -110,6 +110,7 @@ def table(rows: Sequence[Row]) -> list[Line]:
         share("visible: named in the top 2", "≥ 99 %", (r["named"] or r["named_in_two"] for r in by["visible"])),
         share("visible: a second effect invented", "", (r["invented"] > 0 for r in by["visible"])),
         figure("location: F1 over intervals, median", "≥ 0.90", f1, np.median),
+        figure("location: F1 over intervals, mean", "≥ 0.90", f1, np.mean),
         share("masked, SNR ≥ 5: named", "≥ 90 %", (r["named"] for r in seen)),
         share("masked: confident wrong name", "none", (r["confident_wrong"] for r in by["masked"])),
         share("geometry after repair within 2σ of the oracle's", "all", (g["after"] <= 2.0 for g in geometry)),

@@ -27,8 +27,7 @@ LARGE, SMALL = 0.5, 0.15
 DIRECTIONS = 4
 """All three, or a single one."""
 SLOW_NOISE = 0.2
-"""The share of instruments whose own noise is that slow and large; of those above the declared noise, the share that is LARGE
-more."""
+"""The share of instruments whose own noise is that slow and large."""
 
 
 def changes_slowly(effect: Effect) -> bool:
@@ -57,18 +56,6 @@ def whitened(fit: Identification) -> Identification:
     return replace(fit, noises={k: replace(n, coloured=0.0) for k, n in fit.noises.items()})
 
 
-def _evidence(found: Identification, fit: Identification) -> float:
-    """Log odds of a fit against one with other noise: of the readings, and of how rarely an instrument's noise is so much larger
-    than declared."""
-    return evidence_with_noise(found, fit) + _rarity(fit) - _rarity(found)
-
-
-def _rarity(fit: Identification) -> float:
-    """-log of the share of instruments with so much coloured noise, from the declared noise on."""
-    largest = max((n.coloured / n.declared for n in fit.noises.values()), default=0.0)
-    return max(largest - 1.0, 0.0) / LARGE * float(np.log(1.0 / SLOW_NOISE))
-
-
 def physics_or_noise(
     fit: Identification,
     candidates: Sequence[Score],
@@ -88,7 +75,7 @@ def physics_or_noise(
         model = Model(campaign, (*white.model.added, effect.prepare(campaign)))
         found = widened(refitted(model, white.named | start_of(model, score), white))
         choice = DECISIVE if effect.id == "unknown" else 0.0
-        return _evidence(found, fit) - choice - float(np.log(choices)), found
+        return evidence_with_noise(found, fit) - choice - float(np.log(choices)), found
 
     trials = []
     nameless: tuple[float, Score] | None = None
@@ -122,7 +109,7 @@ def name_or_noise(
     least = float(np.log(1.0 / level))
     given_up = DECISIVE
     if first is not None:
-        least = max(least, _evidence(first, fit))
+        least = max(least, evidence_with_noise(first, fit))
         given_up = 0.0 if newest(first).id == "unknown" else DECISIVE
     best: tuple[float, Identification] | None = None
     for score in candidates:
@@ -131,7 +118,7 @@ def name_or_noise(
         if trial is None:
             continue
         found = shaped(white, trial)
-        evidence = _evidence(found, fit) - float(np.log(len(candidates) * score.looks))
+        evidence = evidence_with_noise(found, fit) - float(np.log(len(candidates) * score.looks))
         evidence -= given_up if score.effect.id == "unknown" else 0.0
         if evidence > max(least, best[0] if best else 0.0):
             best = evidence, found
