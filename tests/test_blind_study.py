@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import plant
 import pytest
+from scipy.signal import lfilter
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -105,6 +106,8 @@ def test_only_what_is_a_convention_is_inseparable() -> None:
     tilted = {"effect": "location_error", "component": "EC0Y", "value": 40.0}
     assert span.inseparable(setting, tilted) == [("location_error", "X")]
     assert span.inseparable(setting, {"effect": "scale_error", "axis": "Z", "ppm": 50.0}) == []
+    moving = {"effect": "inertial_compliance", "axis": "X", "direction": [0.0, 1.0, 0.0], "compliance": 20.0}
+    assert span.inseparable(draw_setting(np.random.default_rng(0), ("planar",), lean=True), moving) == []
 
 
 def test_recorded_noise_is_taken_in_a_row_and_keeps_its_size() -> None:
@@ -122,7 +125,8 @@ def test_recorded_noise_is_taken_in_a_row_and_keeps_its_size() -> None:
 def test_a_hum_and_a_drift_are_no_noise() -> None:
     rng, t = np.random.default_rng(0), np.arange(1000.0)
     noise = rng.normal(size=1000)
-    assert recorded.chance_of_the_highest(noise) > 0.01
+    slow = lfilter([1.0], [1.0, -0.9], rng.normal(size=1000))
+    assert recorded.chance_of_the_highest(noise) > 0.01 and recorded.chance_of_the_highest(slow) > 0.01
     assert recorded.chance_of_the_highest(noise + 0.5 * np.sin(1.3 * t)) < recorded.LEVEL
     assert recorded.chance_of_the_highest(noise + 2e-3 * t) < recorded.LEVEL
 
@@ -267,7 +271,6 @@ FACT = {
     "size": 2.0,
     "masked": 0.2,
     "snr": 50.0,
-    "inseparable": [],
 }
 SPEC = {"effect": "backlash", "axis": "C", "width": 60.0, "form": "hard"}
 
@@ -327,12 +330,12 @@ def test_an_alias_that_no_test_parts_is_told_by_its_name_and_by_no_useful_test()
 
 
 def test_a_name_that_no_measurement_parts_from_the_truth_counts_as_it() -> None:
-    fact = FACT | {"inseparable": [["lateral_play", "C"]]}
-    answer, verdict = _answer("alias", facts=[fact]), _verdict([_finding("lateral_play", "C")])
-    assert score.score(answer, verdict, None)["named_again"] is True  # no test was asked for, none could tell
-    assert score.score(answer, verdict, None, _verdict([_finding("lateral_play", "X")]))["named_again"] is False
-    assert score.score(_answer("alias"), verdict, None)["named_again"] is None
-    assert score.score(_answer("alias"), verdict, None, verdict)["named_again"] is False
+    answer, verdict = _answer("alias"), _verdict([_finding("lateral_play", "C")])
+    known = {"inseparable": [["lateral_play", "C"]]}
+    assert score.score(answer, verdict, known)["named_again"] is True  # no test was asked for, none could tell
+    assert score.score(answer, verdict, known, _verdict([_finding("lateral_play", "X")]))["named_again"] is False
+    assert score.score(answer, verdict, None)["named_again"] is None
+    assert score.score(answer, verdict, None, verdict)["named_again"] is False
 
 
 def test_what_stands_in_for_the_truth_is_taken_out_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -340,6 +343,7 @@ def test_what_stands_in_for_the_truth_is_taken_out_too(tmp_path: Path, monkeypat
     kept.case("visible-000").mkdir(parents=True)
     kept.seal("visible-000", json.dumps({"effects": [SPEC], "facts": [FACT]}))
     kept.put("verdicts", "visible-000", _verdict([_finding("backlash", "C")]))
+    kept.put("oracles", "visible-000", {"chi2_dof": 1.0})
     answers = iter(["friction.C", "table_step.C", "unknown.C"])
     asked: list[list[str]] = []
 
@@ -351,13 +355,27 @@ def test_what_stands_in_for_the_truth_is_taken_out_too(tmp_path: Path, monkeypat
     monkeypatch.setattr(stages, "judge", judged)
     stages.control(tmp_path, "visible-000")
     assert asked[0] == ["backlash", "counterbalance"]
-    assert set(asked[1]) - set(asked[0]) == {"friction", "reversal_spike"}
+    assert set(asked[1]) - set(asked[0]) == {"force_friction", "friction", "reversal_spike"}
     assert set(asked[2]) - set(asked[1]) == {"eccentric_mass", "error_motion", "table_step"}
     first, last = (
         [line.value for line in controls.controls(kept, ["visible-000"]) if line.what.startswith(what)]
         for what in ("true effect excluded", "… and all names")
     )
-    assert (first, last) == ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])  # unknown, nothing, a name
+    assert (first, last) == ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])  # unknown, nothing, a confident name
+
+
+def test_a_name_that_explains_the_readings_worse_than_the_truth_is_no_stand_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = store.Store(tmp_path)
+    kept.case("visible-000").mkdir(parents=True)
+    kept.seal("visible-000", json.dumps({"effects": [SPEC], "facts": [FACT]}))
+    kept.put("verdicts", "visible-000", _verdict([_finding("backlash", "C")]))
+    kept.put("oracles", "visible-000", {"chi2_dof": 0.9})  # the verdict's is 1.0: it had missed something, too
+    wrong = _verdict([_finding("a word", "C", form="friction.C")])
+    monkeypatch.setattr(stages, "judge", lambda folder, exclude: wrong)
+    stages.control(tmp_path, "visible-000")
+    assert len(kept.get("controls", "visible-000")) == 1
 
 
 def test_magnitudes_and_places() -> None:

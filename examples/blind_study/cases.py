@@ -16,7 +16,7 @@ from plant.state import Spec as PlantSpec
 from .effects import MACHINE, Draft, Spec, Table, draw, name_of
 from .others import FAULTS, OUTSIDE
 from .plans import Random, Setting, draw_setting
-from .span import Array, Span, aliases, inseparable, size
+from .span import Array, Span, aliases, size
 
 STRATA = {"none": 100, "visible": 100, "masked": 80, "alias": 30, "pairs": 60, "outside": 30, "instrument": 20}
 """Cases of each stratum at 420."""
@@ -88,10 +88,7 @@ def _masked(rng: Random, setting: Setting, seed: int) -> Drawn | None:
 
 def _alias(rng: Random, setting: Setting, seed: int) -> Drawn | None:
     drawn = _single(rng, setting, seed, MACHINE, lambda f: f["snr"] > 8.0, alone=False)
-    if drawn is None or not drawn[1][0]["same"]:
-        return None
-    (spec,), (facts,) = drawn
-    return [spec], [facts | {"inseparable": inseparable(setting, spec)}]
+    return drawn if drawn is not None and drawn[1][0]["same"] else None
 
 
 def _instrument(rng: Random, setting: Setting, seed: int) -> Drawn | None:

@@ -18,31 +18,29 @@ def controls(store: Store, ids: Sequence[str]) -> list[Line]:
     lines = []
     runs = [store.get("controls", i) for i in ids if store.has("controls", i)]
     if runs:
-        alone, last = ([rounds[k] for rounds in runs] for k in (0, -1))
-        lines += _excluded("true effect excluded", alone)
-        stand_in = (len(rounds) > 1 for rounds in runs)
-        lines.append(share("true effect excluded: a name that explains the readings as well", "", stand_in))
-        lines += _excluded("… and all names that explain them as well", last)
-        confident = (first_name(v) is not None and _first(v)["confidence"] >= CONFIDENT for v in last)
-        lines.append(share("… and all names that explain them as well: a confident name", "none", confident))
-    with_noise = [store.get("recorded", i) for i in ids if store.has("recorded", i)]
-    if with_noise:
-        what = "noise of real instruments, no effect: a finding"
-        lines.append(share(what, "none", (_first(verdict) is not None for verdict in with_noise)))
-        for source in sorted({v["source"] for v in with_noise}):
-            lines.append(
-                share(f"… of {source}", "", (_first(v) is not None for v in with_noise if v["source"] == source))
-            )
+        lines += _excluded("true effect excluded", "", [rounds[0] for rounds in runs])
+        last = [rounds[-1] for rounds in runs]
+        lines += _excluded("… and all names that explain the readings nearly as well", "none", last)
+    noisy = [store.get("recorded", i) for i in ids if store.has("recorded", i)]
+    sources = {v["source"]: v["series"] for v in noisy}
+    if noisy:
+        what = f"noise of real instruments ({sum(sources.values())} series), no effect: a mismatch"
+        lines.append(share(what, "none", (v["diagnosis"]["mismatch"] for v in noisy)))
+        for source, series in sorted(sources.items()):
+            hits = (v["diagnosis"]["mismatch"] for v in noisy if v["source"] == source)
+            lines.append(share(f"… of {source} ({series})", "", hits))
     if ids:
         lines.append(shuffled(store, ids))
     return lines
 
 
-def _excluded(what: str, verdicts: Sequence[dict[str, Any]]) -> list[Line]:
+def _excluded(what: str, target: str, verdicts: Sequence[dict[str, Any]]) -> list[Line]:
     first = [_first(v) for v in verdicts]
+    named = [f if first_name(v) is not None else None for f, v in zip(first, verdicts, strict=True)]
     return [
         share(f"{what}: `unknown`", "", (f is not None and f["effect"] == "unknown" for f in first)),
         share(f"{what}: no finding", "", (f is None for f in first)),
+        share(f"{what}: a confident name", target, (f is not None and f["confidence"] >= CONFIDENT for f in named)),
     ]
 
 
@@ -64,7 +62,7 @@ def shuffled(store: Store, ids: Sequence[str]) -> Line:
     return Line("labels shuffled: named by chance", "", len(singles), float(np.mean(hits)) if hits else 0.0)
 
 
-def _first(verdict: dict[str, Any]) -> Any:
+def _first(verdict: dict[str, Any]) -> dict[str, Any] | None:
     """The first finding, if any."""
-    findings = verdict["diagnosis"]["findings"]
+    findings: list[dict[str, Any]] = verdict["diagnosis"]["findings"]
     return findings[0] if findings else None

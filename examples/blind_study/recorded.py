@@ -1,7 +1,8 @@
 """Noise of real instruments: what they read of a thing that does not move, from the recordings of `symfive.convert`.
 
-A thing at rest may hum or drift, which is no noise: a series in which one frequency stands out of a white spectrum
-(R. A. Fisher 1929, "Tests of significance in harmonic analysis") is set aside.
+A thing at rest may hum or drift, which is no noise: a series in which one frequency stands out is set aside (R. A. Fisher 1929,
+"Tests of significance in harmonic analysis"; behind the filter that whitens noise with the memory of one row). Rows follow each
+other as they were recorded, whatever the time between them was.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from .judge import judge
 
 Array = NDArray[np.float64]
 LEAST = 900
-"""Rows of a series at least: there and back they fill the longest run without a repetition."""
+"""Rows of a series at least: there and back they fill most runs without a repetition."""
 FAR = 5.0
 """Readings so many robust 1σ off count as outliers; they stay in the series, but not in its 1σ."""
 LEVEL = 1e-3
@@ -82,13 +83,18 @@ SOURCES = {
 def recorded_noise(source: str) -> tuple[Array, ...]:
     """Series of the noise of a recording, each of mean 0 and 1σ 1. Raises `InputError` where the recording is not there."""
     found = [series for series in SOURCES[source](convert(source)) if len(series) >= LEAST and np.ptp(series) > 0.0]
-    return tuple(series / _sigma(series) for series in found if chance_of_the_highest(series) > LEVEL)
+    kept = tuple(series / _sigma(series) for series in found if chance_of_the_highest(series) > LEVEL)
+    if not kept:
+        raise RuntimeError(f"{source}: all {len(found)} series hum or drift")
+    return kept
 
 
 def chance_of_the_highest(series: Array) -> float:
-    """How probable it is that one frequency of white noise stands out as much as the highest of this series does (Fisher's g,
-    first term of his sum)."""
-    power = np.abs(np.fft.rfft(series - series.mean()))[1:-1] ** 2
+    """How probable it is that one frequency of noise with the memory of one row stands out as much as the highest of this series
+    does (Fisher's g, first term of his sum)."""
+    centred = series - series.mean()
+    fresh = centred[1:] - float(centred[1:] @ centred[:-1] / (centred @ centred)) * centred[:-1]
+    power = np.abs(np.fft.rfft(fresh))[1:-1] ** 2
     return float(min(1.0, len(power) * (1.0 - power.max() / power.sum()) ** (len(power) - 1)))
 
 
@@ -103,7 +109,8 @@ def judge_recorded(seed: int, id: str) -> dict[str, Any]:
     instruments goes by the case's number."""
     source = list(SOURCES)[int(id.rsplit("-", 1)[1]) % len(SOURCES)]
     case = make_case(seed, id)
-    noise = plant.NoiseOptions(recorded=recorded_noise(source))
+    series = recorded_noise(source)
+    noise = plant.NoiseOptions(recorded=series)
     setting = case.setting
     with tempfile.TemporaryDirectory() as folder:
         for place, runs in (("fit", setting.fit), ("heldout", setting.heldout)):
@@ -111,4 +118,4 @@ def judge_recorded(seed: int, id: str) -> dict[str, Any]:
                 Path(folder) / place, setting.machine, runs, setting.location, setting.motions, (), seed=case.seed,
                 noise_options=noise,
             )  # fmt: skip
-        return {"source": source, **judge(Path(folder))}
+        return {"source": source, "series": len(series), **judge(Path(folder))}

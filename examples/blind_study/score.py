@@ -1,4 +1,4 @@
-"""One row per case: verdict against answer. Nothing here is tuned; the definitions are the issue's."""
+"""One row per case: verdict against answer. Nothing here is tuned to a case."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ INSTRUMENTS_OWN = {"sensor_error", "latency", "setup_shift"}
 
 
 def as_well(mine: float, best: float) -> bool:
-    """Whether a fit explains the readings as well as the best one, by their χ²/dof."""
+    """Whether a fit explains the readings nearly as well as the best one: χ²/dof within 5 % and 0.02."""
     return mine <= 1.05 * best + 0.02
 
 
@@ -78,7 +78,7 @@ def score(
         row["class_complete"] = bool(findings) and class_complete(
             facts[0], findings[0], verdict["diagnosis"]["classes"]
         )
-        row["named_again"] = named_again(facts[0], verdict, again)
+        row["named_again"] = named_again(facts[0], (oracle or {}).get("inseparable", []), verdict, again)
         last = (again or verdict)["diagnosis"]["findings"]
         row["told_alike"] = not row["named_again"] and bool(last) and _told_alike(facts[0], last[0])
         row["found_again"] = [{k: f[k] for k in SHOWN} for f in again["diagnosis"]["findings"]] if again else []
@@ -122,12 +122,17 @@ def _of_key(key: str) -> Name:
     return effect, part if len(part) < 3 else part[3:] if part[2] == "0" else part[2:]
 
 
-def named_again(fact: Mapping[str, Any], verdict: Mapping[str, Any], again: Mapping[str, Any] | None) -> bool | None:
+def named_again(
+    fact: Mapping[str, Any],
+    inseparable: Sequence[Sequence[str | None]],
+    verdict: Mapping[str, Any],
+    again: Mapping[str, Any] | None,
+) -> bool | None:
     """Whether the effect's own name comes first once the next test is recorded, or one that no measurement parts from it.
 
     None where no test was asked for, but for effects of which no measurement parts any alias: there the verdict stands.
     """
-    alike = {_name(fact["name"]), *map(_name, fact["inseparable"])}
+    alike = {_name(fact["name"]), *map(_name, inseparable)}
     if again is None and not set(names_of(fact)) <= alike:
         return None
     findings = (again or verdict)["diagnosis"]["findings"]

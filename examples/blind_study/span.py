@@ -228,7 +228,10 @@ def inseparable(setting: Setting, spec: Spec) -> list[Name]:
     ]  # fmt: skip
     whole = replace(setting, fit=runs, noise=plant.PLAIN)
     span = Span.of(whole, anywhere=True)
-    return aliases(span, spec, span.change(spec))["same"]
+    change = span.change(spec)
+    if np.linalg.norm(span._stack(change)) < APART:
+        return []  # it does nothing at rest, so that nothing at rest tells of it
+    return aliases(span, spec, change)["same"]
 
 
 def _left(span: Span, family: Sequence[Spec], target: Array) -> tuple[float, int]:

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import plant
 from plant.reader import read_campaign as read_plan
+
+from symfive.effects import EFFECTS
 
 from .cases import make_case, write_case
 from .controls import first_name
 from .effects import Spec
 from .judge import judge, judge_again
 from .oracle import oracle
+from .plans import Setting
 from .recorded import judge_recorded
 from .rivals import compete
-from .score import as_well, f1_table
+from .score import Name, as_well, f1_table, names_of
+from .span import inseparable
 from .store import Store
 
 
@@ -43,17 +49,28 @@ def _opened(store: Store, id: str) -> dict[str, object]:
     """What needs the answer beside the verdict: the oracle's geometry, and where each finding acts."""
     answer, findings = store.open(id), store.get("verdicts", id)["diagnosis"]["findings"]
     known = oracle(store.case(id), answer) or {}
-    return {**known, "f1": f1_table(store.case(id) / "fit", findings, answer["facts"])}
+    alike = _inseparable(store.case(id), answer) if answer["stratum"] == "alias" else []
+    return {**known, "f1": f1_table(store.case(id) / "fit", findings, answer["facts"]), "inseparable": alike}
+
+
+def _inseparable(case: Path, answer: Mapping[str, Any]) -> list[Name]:
+    """Of the names that read like the truth, those that no measurement parts from it."""
+    machine, runs = read_plan(case / "fit")
+    errors = answer["location_errors_um_urad"], answer["error_motions_um_urad"]
+    setting = Setting(answer["kind"], answer["topology"], machine, runs, [], plant.PLAIN, *errors)
+    (spec,), (fact,) = answer["effects"], answer["facts"]
+    return [name for name in inseparable(setting, spec) if name in names_of(fact)]
 
 
 def control(root: Path, id: str) -> None:
-    """The verdicts with the true effects taken out of the catalogue, and then, too, every name that explains the readings as
-    well as they do."""
+    """The verdicts with the true effects taken out of the catalogue, and then, too, every name that explains the readings nearly
+    as well as the better one of oracle and verdict."""
     store = Store(root)
     if store.has("controls", id):
         return
     exclude = {name for spec in store.open(id)["effects"] for name in without(spec)}
-    with_truth = store.get("verdicts", id)["diagnosis"]["fit"]["chi2_dof_after"]
+    known = store.get("oracles", id).get("chi2_dof")
+    with_truth = min(store.get("verdicts", id)["diagnosis"]["fit"]["chi2_dof_after"], known or np.inf)
     rounds: list[dict[str, object]] = []
     while len(rounds) < ROUNDS:
         found = judge(store.case(id), exclude=sorted(exclude))
@@ -79,21 +96,14 @@ def rivals(root: Path, peers: str | None, id: str) -> None:
         store.put("rivals", id, compete(store.case(id), peers))
 
 
-ROUNDS = 6
+ROUNDS = 10
 """A name, and those that stand in for it, are taken out one after the other so many times at most."""
-SISTERS: Sequence[frozenset[str]] = (
-    frozenset({"thermal_drift", "spindle_growth", "bar_temperature"}),
-    frozenset({"error_motion", "table_step", "eccentric_mass"}),
-    frozenset({"backlash", "counterbalance"}),
-    frozenset({"friction", "reversal_spike"}),
-    frozenset({"latency", "sensor_low_pass"}),
-)
-"""Effects of the library that bear one word of the vocabulary: they are excluded together."""
 
 
 def sisters(name: str) -> frozenset[str]:
-    """Ids of the library that bear the same word as one of them."""
-    return next((s for s in SISTERS if name in s), frozenset({name}))
+    """Ids of the library that are reported under the same word as one of them: they are excluded together."""
+    word = EFFECTS[name].reported_as or name
+    return frozenset(id for id, effect in EFFECTS.items() if (effect.reported_as or id) == word)
 
 
 def without(spec: Spec) -> frozenset[str]:

@@ -109,7 +109,8 @@ def _mountings(run: Run) -> dict[str, tuple[Vector, Vector]]:
     (x, y, z), tool = run.table_ball, run.tool_ball
     places: dict[str, Vector] = {"opposite": (-x, -y, z), "higher": (x, y, z + LIFT_MM), "turned": (-y, x, z)}
     longer = (tool[0], tool[1], tool[2] - LIFT_MM)
-    return {name: (ball, tool) for name, ball in places.items()} | {"longer-tool": (run.table_ball, longer)}
+    others = {name: (ball, tool) for name, ball in places.items() if ball != run.table_ball}
+    return others | {"longer-tool": (run.table_ball, longer)}
 
 
 def _mounted_elsewhere(campaign: Campaign, run: Run) -> Iterator[Run]:
@@ -118,8 +119,6 @@ def _mounted_elsewhere(campaign: Campaign, run: Run) -> Iterator[Run]:
     turned = {n: run.commands[n] for n, a in campaign.machine.axes.items() if a.rotary}
     bar = nominal.ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
     for name, (ball, tool) in (_mountings(run) | {"beside": ((x + SHIFT_MM, y, z), run.tool_ball)}).items():
-        if (ball, tool) == (run.table_ball, run.tool_ball):
-            continue
         try:
             commands = nominal.follow(bar + np.asarray(ball), tool, turned, run.id)
         except InputError:

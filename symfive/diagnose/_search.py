@@ -180,16 +180,18 @@ def _is_shape_of_another(after: Identification, members: Sequence[Member]) -> bo
         return False
     values = after.named
 
-    def moved(effect: Effect) -> set[str]:
+    def moved(effect: Effect) -> set[tuple[bool, str]]:
+        """Whether it turns or shifts, and about or along what."""
         if isinstance(effect, Unknown) and effect.place == "structure":
-            return set(effect.directions)
+            return {(False, c) for c in effect.directions}
+        component, axis = getattr(effect, "component", None), axis_of(effect)
+        turns = component[1] in "ABC" if component else axis is not None and machine.axes[axis].rotary
         along = direction_of(machine, effect, values) or (0.0, 0.0, 0.0)
-        return {c for c, share in zip("xyz", along, strict=True) if abs(share) > SIDEWAYS}
+        return {(turns, c) for c, share in zip("xyz", along, strict=True) if abs(share) > SIDEWAYS}
 
     named = [
         m.effect for m in members
-        if m.effect.id != "unknown" and coordinate_of(m.effect) in last.over and last.owners <= {axis_of(m.effect)}
-        and str(getattr(m.effect, "component", ""))[1:2] not in tuple("ABC")
+        if m.effect.id != "unknown" and coordinate_of(m.effect) == last.over[0] and last.owners <= {axis_of(m.effect)}
     ]  # fmt: skip
     return any(last.place == "reading" or moved(last) <= moved(effect) for effect in named)
 

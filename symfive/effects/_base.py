@@ -143,7 +143,7 @@ class Effect:
         return max((abs(value(name)) for name in amplitudes), default=0.0)
 
     def in_sigmas(self, campaign: Campaign, values: Values) -> float:
-        """The largest of its amplitudes in units of their prior's 1σ."""
+        """The largest of what is zero where it does nothing, of any unit, in units of its prior's 1σ."""
         amplitudes = [p for p in self.parameters(campaign) if p.mean == 0.0]
         return max((abs(values[p.name]) / p.sigma for p in amplitudes), default=0.0)
 

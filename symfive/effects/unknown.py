@@ -18,7 +18,7 @@ from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.kinematics import Basis
 from symfive.machine import Axis, ErrorTerm, Machine
-from symfive.motion import Direction, Position, ReversalDistance, Velocity
+from symfive.motion import Direction, Position, ReversalDistance, Velocity, approach
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -120,7 +120,9 @@ class Unknown(Effect):
     def _basis(self, machine: Machine) -> Basis:
         other = "rotary" if self.period_s else "linear"
         kinds = tuple(machine.axes[name].kind if name in machine.axes else other for name in self.over)
-        travels = tuple((-1.0, 1.0) if n.endswith(SINCE) else s for n, s in zip(self.over, self.span, strict=True))
+        travels = tuple(
+            (-1.0, 1.0) if n.endswith((SINCE, SIGN)) else s for n, s in zip(self.over, self.span, strict=True)
+        )
         count = len(self.over)
         basis = (self.basis,) * count if isinstance(self.basis, str) else self.basis
         order = (self.order,) * count if isinstance(self.order, int) else self.order
@@ -292,25 +294,15 @@ def _values(name: str, run: Run, machine: Machine) -> Array:
     if name.endswith(SINCE):
         return _since_reversal(command)
     if name.endswith(SIGN):
-        return _side(command)
+        return approach(command)
     if not name.endswith(VELOCITY):
         return command
     return np.asarray(np.gradient(command, run.time)) if run.dynamic and run.rows > 1 else np.zeros(run.rows)
 
 
-def _side(command: Array) -> Array:
-    """Sign of the last motion along a command (N,); rows before the first one count like it, and it is 1 where nothing moves."""
-    steps = np.diff(command, prepend=command[:1])
-    moving = np.flatnonzero(steps)
-    if not moving.size:
-        return np.ones_like(command)
-    last = np.searchsorted(moving, np.arange(len(command)), side="right") - 1
-    return np.asarray(np.sign(steps[moving[np.maximum(last, 0)]]))
-
-
 def _since_reversal(command: Array) -> Array:
     """Way since the last reversal with the sign of the motion (before the first one: since the start)."""
-    sign = _side(command)
+    sign = approach(command)
     turned = np.flatnonzero(np.diff(sign))
     origin = np.concatenate([[0], turned])[np.searchsorted(turned + 1, np.arange(len(command)), side="right")]
     return np.asarray(sign * np.abs(command - command[origin]))

@@ -21,10 +21,11 @@ from symfive.motion._signals import (
     ReversalTime,
     Signal,
     Velocity,
+    approach,
 )
 
 __all__ = [
     "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position",
     "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
-    "drive_response", "linear_recurrence", "moved_response", "programme_of",
+    "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
 ]  # fmt: skip

@@ -81,7 +81,7 @@ class Acceleration(_OfAxis):
         return motion.axis(self.axis).acceleration
 
 
-def _approach(positions: Array) -> Array:
+def approach(positions: Array) -> Array:
     """Sign of the last motion at each row; rows before the first motion count as approached like the first one."""
     change = np.diff(positions)
     resolution = 1e-12 * max(1.0, float(np.abs(positions).max()))
@@ -119,7 +119,7 @@ class Direction(_OfAxis):
     """Direction of the last motion, -1 or +1 (0: the axis never moves)."""
 
     def series(self, motion: RunMotion) -> Series:
-        return Series(_approach(motion.axis(self.axis).position.value), steps=True)
+        return Series(approach(motion.axis(self.axis).position.value), steps=True)
 
 
 class ReversalDistance(_OfAxis):
@@ -127,7 +127,7 @@ class ReversalDistance(_OfAxis):
 
     def series(self, motion: RunMotion) -> Series:
         position = motion.axis(self.axis).position.value
-        direction = _approach(position)
+        direction = approach(position)
         turned = np.flatnonzero(np.diff(direction) != 0.0)
         origin = np.full(len(position), -1)
         origin[turned + 1] = turned
@@ -138,7 +138,7 @@ class ReversalDistance(_OfAxis):
 def _reversals(time: Array, positions: Array) -> list[tuple[float, float]]:
     """Instants at which an axis turns round, and the direction from then on: the vertex of the parabola through the three rows
     about it, or the end of a rest."""
-    direction = _approach(positions)
+    direction = approach(positions)
     found = []
     for k in np.flatnonzero(np.diff(direction) != 0.0):
         at = float(time[k])
@@ -197,7 +197,7 @@ class PreSliding:
     def series(self, motion: RunMotion) -> Series:
         """The states and their slopes."""
         position = motion.axis(self.axis).position
-        direction, distance = _approach(position.value), max(abs(motion.values[self.distance]), 1e-12)
+        direction, distance = approach(position.value), max(abs(motion.values[self.distance]), 1e-12)
         begins = self.start in motion.values and bool(np.any(direction))
         state = direction.copy()
         names = (self.distance, *((self.start,) if begins else ()), *position.tangents)
@@ -242,12 +242,12 @@ class Play:
     def series(self, motion: RunMotion) -> Series:
         """The states, with slopes where the play is being crossed."""
         position = motion.axis(self.axis).position
-        approach = _approach(position.value)
+        side = approach(position.value)
         growth = motion.values[self.slope] if self.slope else 0.0
         signed = motion.values[self.width] + growth * position.value
         half = 0.5 * np.abs(signed)
         if not motion.run.dynamic or half.max() < 1e-15:
-            return Series(approach, steps=True)
+            return Series(side, steps=True)
         half = np.maximum(half, 1e-15)
         state = _play_states(position.value, motion.values.get(self.start, 0.0), half)
         sign = np.sign(signed)
