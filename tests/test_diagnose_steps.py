@@ -23,9 +23,12 @@ from symfive.diagnose import (
     prove,
 )
 from symfive.diagnose._next_test import possible_tests
+from symfive.diagnose._places import reshapes
 from symfive.diagnose._search import Member, Naming
+from symfive.diagnose._unknown import unknowns
 from symfive.diagnose._words import facts_of
 from symfive.effects import make_effect
+from symfive.effects.unknown import Unknown
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset
 from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid, static_ball_bar
@@ -194,6 +197,38 @@ def test_what_was_found_beside_a_finding_is_no_rival_of_it_any_more():
     first, second = (make_effect("backlash", axis).prepare(plan) for axis in "XY")
     assert next_test(plan, first, second, held=(second,)) is None
     assert next_test(plan, first, second, held=(make_effect("latency").prepare(plan),)) is not None
+
+
+@pytest.mark.parametrize(
+    ("over", "place", "directions", "named", "whether"),
+    [
+        ("B", "structure", "y", ("error_motion", "EYB"), True),
+        ("B", "structure", "yz", ("error_motion", "EYB"), False),
+        ("B velocity sign", "structure", "y", ("error_motion", "EYB"), False),  # comes back by another way
+        ("B velocity sign", "structure", "y", ("lateral_play", "EYB"), True),
+        ("C velocity sign", "structure", "z", ("backlash", "C"), False),  # one shifts, one turns
+        ("C velocity sign", "axis", "xyz", ("backlash", "C"), True),
+        ("C velocity sign", "axis", "xyz", ("lateral_play", "EZC"), False),
+        ("C velocity sign", "axis", "xyz", ("lateral_play", "ECC"), True),
+        ("X velocity sign", "axis", "xyz", ("backlash", "X"), True),
+        ("X velocity sign", "axis", "xyz", ("backlash", "Y"), False),
+    ],
+)  # fmt: skip
+def test_a_term_without_a_name_reshapes_only_what_moves_the_same(over, place, directions, named, whether):
+    pair = (over, over.split()[0]) if " " in over else (over,)
+    term = Unknown(over=pair, basis="polynomial", order=2, place=place, directions=directions, axis=pair[-1])
+    effect, what = named
+    where = {"component": what} if len(what) == 3 else {"axis": what}
+    assert reshapes(term, make_effect(effect, **where), preset("table-bc"), {}) is whether
+
+
+def test_a_linear_axis_has_no_harmonics_of_its_travel(tmp_path):
+    """f(low) = f(high) is true of a turn, not of 263 mm."""
+    campaign = read_campaign(CAMPAIGNS / "static-none" / "fit")
+    assert max(np.ptp(run.commands["X"]) for run in campaign.runs) > 200.0
+    both_ways = {term.over: term.basis for term in unknowns(campaign, ()) if len(term.over) == 2}
+    assert both_ways["X velocity sign", "X"] == ("polynomial", "polynomial")
+    assert both_ways["C velocity sign", "C"] == ("polynomial", "fourier")
 
 
 def test_a_static_bar_can_be_mounted_elsewhere_in_the_same_poses():

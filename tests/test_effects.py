@@ -567,6 +567,19 @@ def test_a_component_that_is_not_seen_is_in_the_uncertainty_of_an_amplitude():
     assert drift.describe(plan, values, unseen)["amplitude"].std == pytest.approx(2.89, rel=0.01)
 
 
+def test_the_size_of_a_term_without_a_name_is_that_of_its_readings():
+    """Also where the axis rests in a run: there it came from no side."""
+    plan = campaign("static")
+    still = replace(plan.runs[1], commands=plan.runs[1].commands | {"B": np.zeros(plan.runs[1].rows)})
+    plan = replace(plan, runs=(plan.runs[0], still))
+    term = make_effect("unknown", over=("B velocity sign",), basis="polynomial", order=1, directions="y").prepare(plan)
+    values = {p.name: 4.0 for p in term.parameters(plan)}
+    moved = np.concatenate(list(Model(plan, [term]).contribution(term, values).values()))
+    size = term.describe(plan, values, {(name, name): 1.0 for name in values})["rms"].value
+    assert size == pytest.approx(float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))), rel=1e-6)
+    assert size < 3.9
+
+
 def test_the_part_of_an_amplitude_that_is_seen_is_said_by_itself():
     plan = campaign("planar")
     compliance = make_effect("inertial_compliance", "X").prepare(plan)

@@ -14,13 +14,15 @@ from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.machine import Machine
 
-__all__ = ["LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "link_of"]
+__all__ = ["LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "link_of", "reshapes"]
 
 Array = NDArray[np.float64]
 
 LINKS = ("drive", "behind the drive", "structure", "instrument and set-up")
 """The links of the chain from the command to the reading (P. Andolfatto, S. Lavernhe & J. Mayer 2011)."""
 _STAGE_LINKS = {"drive": LINKS[0], "axis": LINKS[1], "structure": LINKS[2], "reading": LINKS[3], "recording": LINKS[3]}
+SIDEWAYS = 0.3
+"""What moves less than this share of an effect along an axis of the machine does not move along it."""
 _SETUP = ("setup_shift", "latency", "bar_temperature", "sensor_error", "sensor_low_pass")
 
 
@@ -101,3 +103,21 @@ def direction_of(machine: Machine, effect: Effect, values: Mapping[str, float]) 
         return tuple(float(i == "XYZABC".index(component[1]) % 3) for i in range(3))  # type: ignore[return-value]
     axis = axis_of(effect)
     return None if axis is None else machine.axes[axis].direction
+
+
+def reshapes(term: Unknown, named: Effect, machine: Machine, values: Mapping[str, float]) -> bool:
+    """Whether a term without a name moves what a named effect moves, over the same coordinate of the same axis: then it only
+    changes its shape."""
+    if coordinate_of(named) != term.over[0] or not term.owners <= {axis_of(named)}:
+        return False
+    return term.place == "reading" or _moved(machine, term, values) <= _moved(machine, named, values)
+
+
+def _moved(machine: Machine, effect: Effect, values: Mapping[str, float]) -> set[tuple[bool, str]]:
+    """Whether it turns (or shifts), and about (or along) what."""
+    if isinstance(effect, Unknown) and effect.place == "structure":
+        return {(False, c) for c in effect.directions}
+    component, axis = getattr(effect, "component", None), axis_of(effect)
+    turns = component[1] in "ABC" if component else axis is not None and machine.axes[axis].rotary
+    along = direction_of(machine, effect, values) or (0.0, 0.0, 0.0)
+    return {(turns, c) for c, share in zip("xyz", along, strict=True) if abs(share) > SIDEWAYS}

@@ -13,7 +13,7 @@ from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
-from symfive.diagnose._places import axis_of, coordinate_of, direction_of
+from symfive.diagnose._places import axis_of, reshapes
 from symfive.diagnose._refit import (
     Forms,
     Trial,
@@ -46,8 +46,6 @@ TIE = 0.05
 """Log evidence by which two that read alike may differ by rounding: neither takes the other's place."""
 OPEN, OPEN_SHARE = 10.0, 0.2
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
-SIDEWAYS = 0.3
-"""What moves less than this share of an effect along an axis of the machine does not move along it."""
 MATERIAL = 0.15
 """An effect counts only if its readings about their mean have at least this rms in units of the declared noise: less
 changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
@@ -173,27 +171,11 @@ def _forward(state: _State, seen: Survey | None) -> None:
 
 
 def _is_shape_of_another(after: Identification, members: Sequence[Member]) -> bool:
-    """Whether the newest effect is a term without a name that only changes the shape of a named one: it moves what that moves,
-    over the same coordinate. Then the rest of the named one's family takes its place."""
-    last, machine = newest(after), after.model.machine
-    if not isinstance(last, Unknown):
-        return False
-    values = after.named
-
-    def moved(effect: Effect) -> set[tuple[bool, str]]:
-        """Whether it turns or shifts, and about or along what."""
-        if isinstance(effect, Unknown) and effect.place == "structure":
-            return {(False, c) for c in effect.directions}
-        component, axis = getattr(effect, "component", None), axis_of(effect)
-        turns = component[1] in "ABC" if component else axis is not None and machine.axes[axis].rotary
-        along = direction_of(machine, effect, values) or (0.0, 0.0, 0.0)
-        return {(turns, c) for c, share in zip("xyz", along, strict=True) if abs(share) > SIDEWAYS}
-
-    named = [
-        m.effect for m in members
-        if m.effect.id != "unknown" and coordinate_of(m.effect) == last.over[0] and last.owners <= {axis_of(m.effect)}
-    ]  # fmt: skip
-    return any(last.place == "reading" or moved(last) <= moved(effect) for effect in named)
+    """Whether the newest effect is a term without a name that only changes the shape of a named one. Then the rest of the named
+    one's family takes its place."""
+    last, machine, values = newest(after), after.model.machine, after.named
+    named = [m.effect for m in members if m.effect.id != "unknown"]
+    return isinstance(last, Unknown) and any(reshapes(last, effect, machine, values) for effect in named)
 
 
 def _nearer(after: Identification, before: Identification) -> bool:
