@@ -567,6 +567,17 @@ def test_a_component_that_is_not_seen_is_in_the_uncertainty_of_an_amplitude():
     assert drift.describe(plan, values, unseen)["amplitude"].std == pytest.approx(2.89, rel=0.01)
 
 
+def test_a_step_on_its_ramp_stays_so_in_runs_that_end_before_it():
+    plan = campaign("static")
+    late = make_effect("table_step", "C", at=100.0, ramp=20.0, shape="late").prepare(plan)
+    run = plan.runs[0]
+    ends = int(np.argmax(run.commands["C"] > 100.0))
+    few = replace(plan, runs=(run.part(0, ends),))
+    assert late.prepare(few).beyond == late.beyond > 0.0
+    with pytest.raises(InputError, match="nothing was read beyond the step"):
+        make_effect("table_step", "C", at=100.0, ramp=20.0, shape="late").prepare(few)
+
+
 def test_the_size_of_a_term_without_a_name_is_that_of_its_readings():
     """Also where the axis rests in a run: there it came from no side."""
     plan = campaign("static")

@@ -49,7 +49,9 @@ class TableStep(Effect):
         if not (math.isfinite(self.at) and self.ramp > 0.0):
             raise InputError(f"effect {self.id} needs a place and a ramp above 0", remedy="write at = …, ramp = 0.1")
         effect = super().prepare(campaign)
-        return replace(effect, beyond=effect._next_gap(campaign)) if self.shape in ("late", "early") else effect
+        if self.shape not in ("late", "early") or self.beyond:
+            return effect  # what was prepared for a campaign stays so for some of its runs
+        return replace(effect, beyond=effect._next_gap(campaign))
 
     def _next_gap(self, campaign: Campaign) -> float:
         """From the ramp to the next position on the side where the step goes on. Raises `InputError` where there is none."""
