@@ -46,6 +46,9 @@ TIE = 0.05
 """Log evidence by which two that read alike may differ by rounding: neither takes the other's place."""
 OPEN, OPEN_SHARE = 10.0, 0.2
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
+NEARLY = 0.05
+"""A name that explains all but this share of what a term over its own axis does keeps its place: the term only follows its shape
+more closely."""
 MATERIAL = 0.15
 """An effect counts only if its readings about their mean have at least this rms in units of the declared noise: less
 changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
@@ -279,26 +282,43 @@ def _contest(state: _State) -> bool:
 
 def _moves_the_same(a: Effect, b: Effect) -> bool:
     """Whether two effects move the same component: then each may be a shape of the other, whatever its plain shape scores."""
-    component = getattr(a, "component", None)
-    return component is not None and component == getattr(b, "component", None)
+    return _component(a) is not None and _component(a) == _component(b)
+
+
+def _component(effect: Effect) -> str | None:
+    """The component that an effect moves, if it moves one; a scale error is the linear part of the positioning error."""
+    return f"E{effect.axis}{effect.axis}" if effect.id == "scale_error" else getattr(effect, "component", None)
 
 
 def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
     """The best form of the most probable name, all its forms together; `own` unless another is better beyond rounding."""
     names: dict[tuple[str, str | None], list[Trial]] = {}
-    for trial in trials:
+    for trial in _worth_their_place(trials):
         names.setdefault((trial.effect.vocabulary, axis_of(trial.effect)), []).append(trial)
 
     def total(forms: Sequence[Trial]) -> float:
         evidence = [t.evidence for t in forms]
         return float(max(evidence) if forms[0].effect.id == "unknown" else np.logaddexp.reduce(evidence))
 
-    mine = next(forms for forms in names.values() if own in forms)
     best = max(names.values(), key=total)
-    if total(best) <= total(mine) + TIE:
+    mine = next((forms for forms in names.values() if own in forms), None)
+    if mine is not None and total(best) <= total(mine) + TIE:
         best = mine
     first = max(best, key=lambda t: t.evidence)
     return own if own in best and first.evidence <= own.evidence + TIE else first
+
+
+def _worth_their_place(trials: Sequence[Trial]) -> list[Trial]:
+    """Without terms over one axis alone that explain hardly more than a name of that axis does."""
+    named: dict[frozenset[str | None], float] = {}
+    for trial in trials:
+        if trial.effect.id != "unknown":
+            axis = frozenset({axis_of(trial.effect)})
+            named[axis] = max(named.get(axis, -np.inf), trial.evidence)
+    return [
+        t for t in trials
+        if not isinstance(t.effect, Unknown) or named.get(t.effect.owners, -np.inf) <= (1.0 - NEARLY) * t.evidence
+    ]  # fmt: skip
 
 
 def _plain_trial(state: _State, without: Identification, base: float, member: Member) -> Trial | None:
@@ -352,8 +372,8 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
         return None
     best = max(trials, key=lambda t: t.evidence)
     if best.effect.id == "unknown":  # no name is given up before its other shapes were tried
-        named = [t for t in trials if t.effect.id != "unknown"]
-        best = max([best, *(best_shape(state.after, base, t, state.forms) for t in named)], key=lambda t: t.evidence)
+        named = [best_shape(state.after, base, t, state.forms) for t in trials if t.effect.id != "unknown"]
+        best = max(_worth_their_place([best, *named]), key=lambda t: t.evidence)
     log_p = next(s.log_p for s in significant if s.effect.key == best.effect.key) + float(np.log(seen.looks))
     return best, min(log_p, 0.0)
 
