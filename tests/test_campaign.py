@@ -320,3 +320,17 @@ def test_the_interval_of_a_run_is_right_however_its_stamps_are_rounded_and_where
     assert np.array_equal(run.steps, number)
     assert run.interval == pytest.approx(1.0 / rate, rel=1e-5)
     assert replace(run, time=time[:1], commands={a: v[:1] for a, v in commands.items()}).interval == 1.0
+
+
+@pytest.mark.parametrize(
+    ("right", "slip"),
+    [("tool_ball =", "tool_bal ="), ("noise_um = 0.25", "noise_mu = 0.25"), ("start_s =", "strat_s ="),
+     ("setup_sigma_um = {", "setup_sigma = {"), ("length = 0.4", "lenght = 0.4")],
+)  # fmt: skip
+def test_a_slip_in_a_key_is_refused_with_what_was_meant(folder, right, slip):
+    """What nobody reads would be a ball 120 mm off, and a fit that says so with six digits."""
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(text.replace(right, slip, 1))
+    with pytest.raises(InputError, match=f"did you mean {right.split()[0]}") as caught:
+        read_campaign(folder)
+    assert caught.value.line == next(n for n, line in enumerate(text.splitlines(), 1) if right in line)

@@ -16,13 +16,15 @@ from symfive.campaign._options import OPTIONS
 from symfive.errors import InputError
 from symfive.files import output_folder, shown, write_text
 from symfive.instruments import instruments_of
-from symfive.machine import Machine, machine_problems, read_machine, unknown_keys, write_machine
+from symfive.machine import Machine, machine_problems, read_machine, refuse_slips, unknown_keys, write_machine
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
 
 __all__ = ["SCHEMA", "campaign_problems", "read_campaign", "write_campaign"]
 
 SCHEMA = "symfive.campaign/1"
+_TOP = ("schema", "machine", "run", "name")
 _FIELDS = {f.name for f in fields(Run)} - {"options", "time", "commands", "readings", "instrument", "setup_sigma_um"}
+_KEYS = (*sorted(_FIELDS), *OPTIONS, "instrument", "setup_sigma_um")
 
 
 def read_campaign(path: Path | str) -> Campaign:
@@ -31,10 +33,11 @@ def read_campaign(path: Path | str) -> Campaign:
     file = read_toml(path / "campaign.toml" if os.path.isdir(path) else path)
     folder = file.path.parent
     data = file.data
+    refuse_slips(file, (), data, _TOP)
     machine_file = _machine_file(file)
     machine = read_machine(folder / machine_file)
     drafts = _drafts(file, machine)
-    extra = {key: value for key, value in data.items() if key not in ("schema", "machine", "run", "name")}
+    extra = {key: value for key, value in data.items() if key not in _TOP}
     notes = [f'key "{key}" of {machine_file} is unknown to symfive; it is kept' for key in unknown_keys(machine)]
     notes += [f'key "{key}" of campaign.toml is unknown to symfive; it is kept' for key in extra]
     for draft, block in zip(drafts, data["run"], strict=True):
@@ -117,6 +120,7 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
     if not isinstance(block, Mapping):
         raise file.error("a run is not a table", *place, remedy="write [[run]]")
     table = dict(block)
+    refuse_slips(file, place, table, _KEYS)
     for key in ("id", "instrument", "sampling"):
         if key not in table:
             raise file.error(f"the run has no {key}", *place, remedy=f"add {key} = …")
@@ -127,6 +131,7 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
             "setup_sigma_um is not a table", *place, "setup_sigma_um", remedy="write { table_ball = 20.0 }"
         )
     known = {f.name for f in fields(SetupSigma)} - {"extra"}
+    refuse_slips(file, (*place, "setup_sigma_um"), sigma, known)
     more = {key: value for key, value in sigma.items() if key not in known}
     try:
         draft = Run(

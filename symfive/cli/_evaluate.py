@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,6 +20,9 @@ from symfive.cli._common import (
     read,
     tell,
 )
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
 
 __all__ = ["diagnose", "fleet", "identify", "predict"]
 
@@ -69,8 +72,13 @@ def predict(
     from symfive.campaign import write_campaign_files
     from symfive.files import output_folder, write_json
     from symfive.identify import predict as predict_campaign
+    from symfive.instruments import instruments_of
     from symfive.model import read_model
-    from symfive.numbers import plain_number
+    from symfive.numbers import plain_number, unit_words
+
+    def unit_of(run: Run) -> str:
+        units = {c.unit for i in instruments_of(run) for c in i.columns(run, result.campaign.machine)}
+        return unit_words(units.pop()) if len(units) == 1 else "(in its readings' units)"
 
     result = predict_campaign(read_model(model), read(campaign, quiet))
     with output_folder(output) as folder:
@@ -79,7 +87,7 @@ def predict(
         summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "setup": setup}
         write_json(folder / "prediction.json", summary)
     lines = [
-        f"{run}: rms of measured minus predicted {plain_number(rms)} (its readings' unit)"
+        f"{run}: rms of measured minus predicted {plain_number(rms)} {unit_of(result.campaign.run(run))}"
         for run, rms in result.rms.items()
     ]
     tell(summary, "\n".join(lines) or "no run has readings: nothing to compare with", as_json)

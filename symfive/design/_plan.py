@@ -240,7 +240,10 @@ def _notes(
     for run, rows in post.by_hand.items():
         notes += [f"run {run}: drive by hand to line {row + FIRST_LINE}, no clear way was found" for row in rows]
     for run, moves in blocked.items():
-        meets = ", ".join(sorted({f"{what} on the way to line {row + FIRST_LINE}" for row, what in moves}))
+        lines: dict[str, list[int]] = {}
+        for row, what in sorted(set(moves)):
+            lines.setdefault(what, []).append(row + FIRST_LINE)
+        meets = "; ".join(f"{what} on the way to line {', '.join(map(str, where))}" for what, where in lines.items())
         notes.append(f"run {run}: not clear: {meets}")
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")

@@ -13,9 +13,10 @@ from symfive.machine._read import (
     write_machine,
 )
 from symfive.machine._structure import Structure
-from symfive.machine._suggest import error_names
+from symfive.machine._suggest import error_names, refuse_slips
 
 __all__ = [
     "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace", "error_names", "machine_from_data",
-    "machine_problems", "machine_to_data", "make_axis", "preset", "presets", "read_machine", "unknown_keys", "write_machine",
+    "machine_problems", "machine_to_data", "make_axis", "preset", "presets", "read_machine", "refuse_slips", "unknown_keys",
+    "write_machine",
 ]  # fmt: skip

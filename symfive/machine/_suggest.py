@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from typing import Any
 
@@ -33,12 +33,12 @@ def meant(key: str, known: Iterable[str]) -> str | None:
     return next(iter(get_close_matches(key.casefold(), names, 1, CLOSE)), None)
 
 
-def refuse_slips(file: TomlFile, keys: tuple[str, ...], table: Mapping[str, Any], known: Sequence[str]) -> None:
+def refuse_slips(file: TomlFile, keys: tuple[str | int, ...], table: Mapping[str, Any], known: Collection[str]) -> None:
     """Raise `InputError` for an unknown key that is another name of a known one, or close to it."""
     for key in table:
         close = None if key in known else meant(key, [name for name in known if name not in table])
         if close is not None:
-            owner = f"[{'.'.join(keys)}]" if keys else "the file"
+            owner = f"[{'.'.join(k for k in keys if isinstance(k, str))}]" if keys else "the file"
             raise file.error(
                 f"{owner} has no key {shown(key)}", *keys, key, remedy=f"did you mean {close}? Correct the name"
             )

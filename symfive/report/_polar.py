@@ -87,7 +87,7 @@ def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | N
         _heading(figure, group, left, bottom + side)
         _legend(figure, panels[0], group, left, bottom)
     figure.suptitle(
-        f"Circular tests: radial deviation{', before and after the fit' if both else ''}", x=0.01, ha="left"
+        f"Circular tests: radial deviation{', as read and after the fit' if both else ''}", x=0.01, ha="left"
     )
     footnote(figure, *notes)
     return figure
