@@ -110,16 +110,18 @@ def test_only_what_is_a_convention_is_inseparable() -> None:
     assert span.inseparable(draw_setting(np.random.default_rng(0), ("planar",), lean=True), moving) == []
 
 
-def test_recorded_noise_is_taken_in_a_row_and_keeps_its_size() -> None:
-    series = np.random.default_rng(0).normal(size=50)
-    options = plant.NoiseOptions(recorded=(series,))
-    made = plant.noise.noise(np.arange(120.0), 2, 0.4, options, np.random.default_rng(1)) / 0.4
-    there_and_back = np.concatenate([series, series[::-1]])
-    for channel in made.T:
-        begin = next(k for k in range(100) if np.isclose(there_and_back[k], channel[0]))
-        if begin + 1 < 100 and not np.isclose(there_and_back[(begin + 1) % 100], channel[1]):
-            begin = 99 - begin
-        np.testing.assert_allclose(channel, there_and_back[(begin + np.arange(120)) % 100], atol=1e-12)
+def test_recorded_noise_is_taken_once_and_keeps_its_size(sealed: Path) -> None:
+    clean = read_campaign(sealed / "cases" / IDS[0] / "fit")
+    count = sum(y.size for run in clean.runs for y in run.readings.values())
+    pool = np.random.default_rng(0).normal(size=count)
+    noisy, end = recorded._with_noise(clean, pool, 7)
+    added = [
+        (noisy.run(run.id).readings[name] - y) / run.noise(run.instrument[0])
+        for run in clean.runs
+        for name, y in run.readings.items()
+    ]
+    np.testing.assert_allclose(np.concatenate(added), np.roll(pool, -7), atol=1e-6)
+    assert end == 7 + count
 
 
 def test_a_hum_and_a_drift_are_no_noise() -> None:

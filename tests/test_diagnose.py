@@ -155,30 +155,6 @@ def test_without_the_true_effect_in_the_catalogue_the_answer_is_unknown_over_the
     assert result.findings[0].coordinate == "t"
 
 
-@pytest.mark.parametrize(
-    ("sways", "exclude"),
-    [
-        ({"effect": "lateral_play", "component": "EYX", "width": 6.0}, ("lateral_play",)),
-        (
-            {"effect": "backlash", "axis": "X", "width": 0.5, "form": "wind_up", "slope": 0.08},
-            ("backlash", "counterbalance"),
-        ),
-    ],
-    ids=["as much everywhere", "more on one side of the travel"],
-)
-def test_what_comes_back_by_another_way_is_unknown_over_the_axis_and_the_side_it_came_from(sways, exclude, tmp_path):
-    machine = plant.static_table()
-    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
-    runs = [
-        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
-        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
-    ]
-    plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [sways], seed=6)
-    result = diagnose(read_campaign(tmp_path / "c"), exclude=exclude)
-    assert [(f.name, f.coordinate) for f in result.findings] == [("unknown", "X velocity sign, X")]
-    assert result.fit.chi2_dof_after < 1.1
-
-
 def test_findings_that_foretell_nothing_are_doubted() -> None:
     fit = Fit(1.0, 0.6, 4.0, 1.4, 1.0, 1.1, {"feed": (1.0, 0.7), "place": (1.0, 2.0)})
     doubts = fit.doubts("µm")

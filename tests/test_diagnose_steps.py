@@ -25,7 +25,6 @@ from symfive.diagnose import (
 from symfive.diagnose._next_test import possible_tests
 from symfive.diagnose._places import reshapes
 from symfive.diagnose._search import Member, Naming
-from symfive.diagnose._unknown import unknowns
 from symfive.diagnose._words import facts_of
 from symfive.effects import make_effect
 from symfive.effects.unknown import Unknown
@@ -220,15 +219,6 @@ def test_a_term_without_a_name_reshapes_only_what_moves_the_same(over, place, di
     effect, what = named
     where = {"component": what} if len(what) == 3 else {"axis": what}
     assert reshapes(term, make_effect(effect, **where), preset("table-bc"), {}) is whether
-
-
-def test_a_linear_axis_has_no_harmonics_of_its_travel(tmp_path):
-    """f(low) = f(high) is true of a turn, not of 263 mm."""
-    campaign = read_campaign(CAMPAIGNS / "static-none" / "fit")
-    assert max(np.ptp(run.commands["X"]) for run in campaign.runs) > 200.0
-    both_ways = {term.over: term.basis for term in unknowns(campaign, ()) if len(term.over) == 2}
-    assert both_ways["X velocity sign", "X"] == ("polynomial", "polynomial")
-    assert both_ways["C velocity sign", "C"] == ("polynomial", "fourier")
 
 
 def test_a_static_bar_can_be_mounted_elsewhere_in_the_same_poses():

@@ -21,7 +21,7 @@ def controls(store: Store, ids: Sequence[str]) -> list[Line]:
         lines += _excluded("true effect excluded", "", [rounds[0] for rounds in runs])
         last = [rounds[-1] for rounds in runs]
         lines += _excluded("… and all names that explain the readings nearly as well", "none", last)
-    noisy = [store.get("recorded", i) for i in ids if store.has("recorded", i)]
+    noisy = [v for v in (store.get("recorded", i) for i in ids if store.has("recorded", i)) if v is not None]
     sources = {v["source"]: v["series"] for v in noisy}
     if noisy:
         what = f"noise of real instruments ({sum(sources.values())} series), no effect: a mismatch"

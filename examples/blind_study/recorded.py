@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 import plant
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.convert import convert
 
 from .cases import make_case
@@ -24,7 +25,7 @@ from .judge import judge
 
 Array = NDArray[np.float64]
 LEAST = 900
-"""Rows of a series at least: there and back they fill most runs without a repetition."""
+"""Rows of a series at least: a campaign of poses takes hardly more."""
 FAR = 5.0
 """Readings so many robust 1σ off count as outliers; they stay in the series, but not in its 1σ."""
 LEVEL = 1e-3
@@ -104,18 +105,35 @@ def _sigma(series: Array) -> float:
     return float(series[np.abs(series) < FAR * robust].std())
 
 
-def judge_recorded(seed: int, id: str) -> dict[str, Any]:
+def judge_recorded(seed: int, id: str) -> dict[str, Any] | None:
     """The verdict on a case without an effect whose noise is a real instrument's, scaled to what the case declares; which of the
-    instruments goes by the case's number."""
+    instruments goes by the case's number. None for recordings of a motion: they have more rows than were recorded at rest."""
     source = list(SOURCES)[int(id.rsplit("-", 1)[1]) % len(SOURCES)]
     case = make_case(seed, id)
-    series = recorded_noise(source)
-    noise = plant.NoiseOptions(recorded=series)
-    setting = case.setting
+    setting, series = case.setting, recorded_noise(source)
+    if setting.dynamic:
+        return None
+    pool = np.concatenate(series)
+    begin = int(np.random.default_rng([seed, case.seed]).integers(len(pool)))
     with tempfile.TemporaryDirectory() as folder:
         for place, runs in (("fit", setting.fit), ("heldout", setting.heldout)):
             plant.write_campaign(
-                Path(folder) / place, setting.machine, runs, setting.location, setting.motions, (), seed=case.seed,
-                noise_options=noise,
+                Path(folder) / "clean" / place, setting.machine, runs, setting.location, setting.motions, (), seed=case.seed,
+                noise_options=plant.QUIET,
             )  # fmt: skip
+            noisy, begin = _with_noise(read_campaign(Path(folder) / "clean" / place), pool, begin)
+            write_campaign(noisy, Path(folder) / place)
         return {"source": source, "series": len(series), **judge(Path(folder))}
+
+
+def _with_noise(clean: Campaign, pool: Array, begin: int) -> tuple[Campaign, int]:
+    """The campaign with the pool's values as noise, in a row from the one at `begin`, each once as long as there are any; and
+    where the next begins."""
+    runs = []
+    for run in clean.runs:
+        readings = {}
+        for name, values in run.readings.items():
+            fresh = pool[(begin + np.arange(len(values))) % len(pool)]
+            readings[name], begin = values + run.noise(run.instrument[0]) * fresh, begin + len(values)
+        runs.append(run.with_readings(readings))
+    return replace(clean, runs=tuple(runs)), begin

@@ -46,9 +46,6 @@ TIE = 0.05
 """Log evidence by which two that read alike may differ by rounding: neither takes the other's place."""
 OPEN, OPEN_SHARE = 10.0, 0.2
 """Rivals that come as near as this to a member, both in plain shapes, are tried in all theirs: log evidence, and its share."""
-NEARLY = 0.05
-"""A name that explains all but this share of what a term over its own axis does keeps its place: the term only follows its shape
-more closely."""
 MATERIAL = 0.15
 """An effect counts only if its readings about their mean have at least this rms in units of the declared noise: less
 changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
@@ -293,7 +290,7 @@ def _component(effect: Effect) -> str | None:
 def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
     """The best form of the most probable name, all its forms together; `own` unless another is better beyond rounding."""
     names: dict[tuple[str, str | None], list[Trial]] = {}
-    for trial in _worth_their_place(trials):
+    for trial in trials:
         names.setdefault((trial.effect.vocabulary, axis_of(trial.effect)), []).append(trial)
 
     def total(forms: Sequence[Trial]) -> float:
@@ -301,24 +298,11 @@ def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
         return float(max(evidence) if forms[0].effect.id == "unknown" else np.logaddexp.reduce(evidence))
 
     best = max(names.values(), key=total)
-    mine = next((forms for forms in names.values() if own in forms), None)
-    if mine is not None and total(best) <= total(mine) + TIE:
+    mine = next(forms for forms in names.values() if own in forms)
+    if total(best) <= total(mine) + TIE:
         best = mine
     first = max(best, key=lambda t: t.evidence)
     return own if own in best and first.evidence <= own.evidence + TIE else first
-
-
-def _worth_their_place(trials: Sequence[Trial]) -> list[Trial]:
-    """Without terms over one axis alone that explain hardly more than a name of that axis does."""
-    named: dict[frozenset[str | None], float] = {}
-    for trial in trials:
-        if trial.effect.id != "unknown":
-            axis = frozenset({axis_of(trial.effect)})
-            named[axis] = max(named.get(axis, -np.inf), trial.evidence)
-    return [
-        t for t in trials
-        if not isinstance(t.effect, Unknown) or named.get(t.effect.owners, -np.inf) <= (1.0 - NEARLY) * t.evidence
-    ]  # fmt: skip
 
 
 def _plain_trial(state: _State, without: Identification, base: float, member: Member) -> Trial | None:
@@ -372,8 +356,8 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
         return None
     best = max(trials, key=lambda t: t.evidence)
     if best.effect.id == "unknown":  # no name is given up before its other shapes were tried
-        named = [best_shape(state.after, base, t, state.forms) for t in trials if t.effect.id != "unknown"]
-        best = max(_worth_their_place([best, *named]), key=lambda t: t.evidence)
+        named = [t for t in trials if t.effect.id != "unknown"]
+        best = max([best, *(best_shape(state.after, base, t, state.forms) for t in named)], key=lambda t: t.evidence)
     log_p = next(s.log_p for s in significant if s.effect.key == best.effect.key) + float(np.log(seen.looks))
     return best, min(log_p, 0.0)
 

@@ -23,8 +23,7 @@ MOST_ROTARY = 3
 
 
 def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
-    """Terms over every axis that moves, there and back by different ways, its velocity, its way since it reversed, two rotary
-    axes together, and time.
+    """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time.
 
     They move the axis itself, the tool in the machine frame or in what a rotary axis carries, or the readings.
     """
@@ -54,11 +53,6 @@ def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
             yield _spline(f"{axis} velocity", "reading")
         if dynamic and axis in turning:
             yield _spline(f"{axis} since reversal", "axis", SIDES)
-        if axis in turning:
-            basis, order = _smooth(campaign, axis)
-            both_ways = {"over": (f"{axis} velocity sign", axis), "basis": ("polynomial", basis), "order": (1, order)}
-            yield both_ways
-            yield {**both_ways, "place": "axis", "tag": "axis"}
     rotary = [axis for axis in moving if campaign.machine.axes[axis].rotary]
     for pair in combinations(rotary, 2) if len(rotary) <= MOST_ROTARY else ():
         shapes = [_smooth(campaign, axis) for axis in pair]

@@ -28,9 +28,6 @@ class NoiseOptions:
     """Share of rows the recorder lost (whole rows; never the first two nor the last)."""
     quantum_um: float = 0.0
     """Resolution of the instrument."""
-    recorded: tuple[Array, ...] = ()
-    """Series of mean 0 and 1 sigma 1 that real instruments read at rest, in place of the white noise: each channel of
-    a run takes a stretch of one of them."""
 
 
 PLAIN = NoiseOptions()
@@ -45,8 +42,7 @@ def noise(t: Array, channels: int, white_um: float, options: NoiseOptions, rng: 
     """Noise of one run, (N, channels) um, on row times `t` (s)."""
     n = len(t)
     white = white_um if options.white_um is None else options.white_um
-    fresh = [_stretch(options.recorded, n, rng) for _ in range(channels)] if options.recorded else []
-    out = (np.stack(fresh, axis=1) if fresh else rng.normal(0.0, 1.0, (n, channels))) * white
+    out = rng.normal(0.0, 1.0, (n, channels)) * white
     gap = np.diff(t, prepend=t[:1])
     if options.coloured_um > 0.0:
         out += options.coloured_um * _ar1(np.exp(-gap / options.correlation_s), rng.normal(0.0, 1.0, (n, channels)))
@@ -71,13 +67,6 @@ def _ar1(keep: Array, white: Array) -> Array:
         z = keep[k] * z + fresh[k] * white[k]
         out[k] = z
     return out
-
-
-def _stretch(recorded: tuple[Array, ...], n: int, rng: np.random.Generator) -> Array:
-    """`n` readings in a row of one series from a random one on; where it ends, backwards."""
-    series = recorded[rng.integers(len(recorded))]
-    round_trip = np.concatenate([series, series[::-1]])
-    return round_trip[(rng.integers(len(round_trip)) + np.arange(n)) % len(round_trip)]
 
 
 def quantise(y: Array, quantum_um: float) -> Array:
