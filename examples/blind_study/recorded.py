@@ -17,7 +17,7 @@ import numpy as np
 import plant
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign, Run, read_campaign, write_campaign
+from symfive.campaign import Campaign, read_campaign, write_campaign
 from symfive.convert import convert
 
 from .cases import make_case
@@ -25,7 +25,7 @@ from .judge import judge
 
 Array = NDArray[np.float64]
 LEAST = 900
-"""Rows of a series at least: a campaign of poses takes hardly more."""
+"""Rows of a series at least: two R-test grids take 1008."""
 FAR = 5.0
 """Readings so many robust 1σ off count as outliers; they stay in the series, but not in its 1σ."""
 LEVEL = 1e-3
@@ -36,18 +36,20 @@ STOP = 5
 """Rows for which an axis stands at a stop of a slow scan."""
 
 
-def standstill(run: Run) -> Iterator[Array]:
-    """Readings of a run in which no axis moves, mean taken off."""
-    for values in run.readings.values():
-        yield values - values.mean()
+def standstill(campaign: Campaign) -> Iterator[Array]:
+    """Readings of the runs in which no axis moves, mean taken off."""
+    for run in campaign.runs:
+        if all(np.ptp(way) < STILL for way in run.commands.values()):
+            yield from (values - values.mean() for values in run.readings.values())
 
 
-def stops(run: Run) -> Iterator[Array]:
-    """Readings at the stops of a scan, one after the other, the mean of each stop taken off."""
-    moved = np.any([np.abs(np.diff(way)) > STILL for way in run.commands.values()], axis=0)
-    pieces = [p for p in np.split(np.arange(run.rows), np.flatnonzero(moved) + 1) if len(p) >= STOP]
-    for values in run.readings.values():
-        yield np.concatenate([values[p] - values[p].mean() for p in pieces] or [np.zeros(0)])
+def stops(campaign: Campaign) -> Iterator[Array]:
+    """Readings at the stops of slow scans, one after the other, the mean of each stop taken off."""
+    for run in (run for run in campaign.runs if run.dynamic):
+        moved = np.any([np.abs(np.diff(way)) > STILL for way in run.commands.values()], axis=0)
+        pieces = [p for p in np.split(np.arange(run.rows), np.flatnonzero(moved) + 1) if len(p) >= STOP]
+        for values in run.readings.values():
+            yield np.concatenate([values[p] - values[p].mean() for p in pieces] or [np.zeros(0)])
 
 
 def between_targets(campaign: Campaign) -> Iterator[Array]:
@@ -60,22 +62,10 @@ def between_targets(campaign: Campaign) -> Iterator[Array]:
         yield apart - np.median(apart)
 
 
-def _still(campaign: Campaign) -> Iterator[Array]:
-    for run in campaign.runs:
-        if all(np.ptp(way) < STILL for way in run.commands.values()):
-            yield from standstill(run)
-
-
-def _stops(campaign: Campaign) -> Iterator[Array]:
-    for run in campaign.runs:
-        if run.dynamic:
-            yield from stops(run)
-
-
 SOURCES = {
-    "jjxray-slit": _still,
-    "ess-rotary/wobbling": _still,
-    "ess-xyz": _stops,
+    "jjxray-slit": standstill,
+    "ess-rotary/wobbling": standstill,
+    "ess-xyz": stops,
     "irb120-tracker": between_targets,
 }
 """Recordings in which something stands still, and what is its noise."""
@@ -110,9 +100,10 @@ def judge_recorded(seed: int, id: str) -> dict[str, Any] | None:
     instruments goes by the case's number. None for recordings of a motion: they have more rows than were recorded at rest."""
     source = list(SOURCES)[int(id.rsplit("-", 1)[1]) % len(SOURCES)]
     case = make_case(seed, id)
-    setting, series = case.setting, recorded_noise(source)
+    setting = case.setting
     if setting.dynamic:
         return None
+    series = recorded_noise(source)
     pool = np.concatenate(series)
     begin = int(np.random.default_rng([seed, case.seed]).integers(len(pool)))
     with tempfile.TemporaryDirectory() as folder:

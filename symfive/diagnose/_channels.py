@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,21 +96,34 @@ class Channels:
 
     def axis_scores(self, axis: str, courses: Mapping[str, Array]) -> Array:
         """Score of an error of an axis that takes each of `courses`, run → (N, K), orthogonal to all that is fitted."""
-        index, size = self.axis_index(axis), len(self.board.result.model.parameters)
+        return self._course_scores([self.axis_index(axis)], courses)
+
+    def tool_scores(self, courses: Mapping[str, Array]) -> Array:
+        """The same of a shift of the tool in any direction."""
+        return self._course_scores([0, 1, 2], courses)
+
+    def _course_scores(self, channels: Sequence[int], courses: Mapping[str, Array]) -> Array:
+        """Score of something that takes each of `courses` in all `channels`, each with its own factor."""
+        size, wide = len(self.board.result.model.parameters), len(channels)
         base = self.board.base[:size]
         normal = self.board.gram[np.ix_(base, base)] + np.diag(self.board.prior[:size])
         count = len(next(iter(courses.values())).T)
-        cross, own, answer = np.zeros((size, count)), np.zeros(count), np.zeros(count)
+        cross, own, answer = np.zeros((size, count * wide)), np.zeros((count, wide, wide)), np.zeros(count * wide)
         for run in self.campaign.runs:
-            moved = self.board.tangents[run.id][:, :, index, None] * courses[run.id][:, None, :]
+            tangents = self.board.tangents[run.id][:, :, channels]
+            moved = np.einsum("ncd,nk->nckd", tangents, courses[run.id]).reshape(*tangents.shape[:2], -1)
             columns, (line, fitted) = self._flat(run, moved), self._fitted(run)
             residual = self._flat(run, self.residuals[run.id][:, :, None])[:, 0]
             cross[line.columns] += fitted.T @ columns
-            own += np.sum(columns**2, axis=0)
+            each = columns.reshape(-1, count, wide)
+            own += np.einsum("nkd,nke->kde", each, each)
             answer += columns.T @ residual
         solved = np.linalg.solve(normal, cross)
-        left = own - np.sum(cross * solved, axis=0)
-        return np.asarray((answer - self.board.gradient[:size] @ solved) ** 2 / (np.maximum(left, 0.0) + 1e-2))
+        taken = np.einsum("pkd,pke->kde", cross.reshape(size, count, wide), solved.reshape(size, count, wide))
+        slope = (answer - self.board.gradient[:size] @ solved).reshape(count, wide)
+        # tangents are per µm; a prior of 10 µm keeps unseen directions out, and rounding does not count
+        left = own - taken + (1e-2 + 1e-9 * own.max(axis=(1, 2), keepdims=True)) * np.eye(wide)
+        return np.asarray(np.einsum("kd,kd->k", slope, np.linalg.solve(left, slope[:, :, None])[:, :, 0]))
 
     def _fitted(self, run: Run) -> tuple[Linearisation, Array]:
         """A run's derivatives by what is fitted, and the same whitened."""

@@ -21,7 +21,7 @@ from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 
 __all__ = [
-    "DECISIVE", "Forms", "Trial", "amplitudes", "best_shape", "lacking", "newest", "refitted", "shaped", "start_of", "tried",
+    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted", "shaped", "start_of", "tried",
     "widened", "with_families",
 ]  # fmt: skip
 
@@ -79,15 +79,17 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
         return None
     if not np.isfinite(evidence):
         return None
-    if effect.id == "unknown":
-        evidence -= DECISIVE + float(np.log(score.looks))  # a name is given up only for decisive evidence
-    else:
-        evidence -= float(np.log(score.looks))
-        evidence -= float(np.log(max(forms.get((effect.vocabulary, axis_of(effect)), 1), 1)))
-        evidence -= float(np.log(shapes(effect, campaign)))
-        evidence += float(np.log(2.0 * effect.chance(campaign, named)))
+    evidence += beforehand(campaign, effect, score.looks, named, forms)
     size = _size(result, problem.model, effect, values)
     return Trial(effect, evidence, named, size, score.looks, left + _pull(problem, effect, values))
+
+
+def beforehand(campaign: Campaign, effect: Effect, looks: int, values: Mapping[str, float], forms: Forms) -> float:
+    """Log probability of an effect in its form and shape before the readings, up to what all names share."""
+    if effect.id == "unknown":
+        return -DECISIVE - float(np.log(looks))  # a name is given up only for decisive evidence
+    ways = looks * max(forms.get((effect.vocabulary, axis_of(effect)), 1), 1) * shapes(effect, campaign)
+    return float(np.log(2.0 * effect.chance(campaign, values) / ways))
 
 
 def _pull(problem: Problem, effect: Effect, values: Array) -> float:

@@ -33,7 +33,7 @@ def scan(board: Board) -> list[Finding]:
     """Peaks of all families for the residual of the board's fit."""
     channels = Channels(board)
     found: list[Finding] = []
-    for family in (_periods, _tones, _cycles, _shifts, _steps, resonances, bursts):
+    for family in (_periods, _tones, _cycles, _onsets, _shifts, _steps, resonances, bursts):
         for finding in family(channels):
             try:
                 found.append(Finding(finding.effect.prepare(board.model.campaign), finding.looks))
@@ -184,6 +184,28 @@ def _cycles(channels: Channels) -> Iterator[Finding]:
         period_sigma=0.5 * period**2 / span, tag="cycle",
     )  # fmt: skip
     yield Finding(effect, count // (FINE // PER_CYCLE))
+
+
+ONSETS = 20
+LASTS = (0.1, 0.3, 1.0)
+"""Time constants of a drift that begins in mid-campaign, as shares of what is left of it."""
+
+
+def _onsets(channels: Channels) -> Iterator[Finding]:
+    """A thermal drift whose heat comes on at one instant of the campaign's clock."""
+    runs = channels.campaign.runs
+    clocks = {run.id: run.start_s + np.asarray(run.time) for run in runs}
+    rows = np.sort(np.concatenate(list(clocks.values())))
+    begins = np.unique(np.quantile(rows, np.linspace(0.05, 0.9, ONSETS)))
+    ends = float(rows[-1])
+    if ends <= begins[-1]:
+        return
+    onset, tau = (x.ravel() for x in np.broadcast_arrays(begins[:, None], (ends - begins[:, None]) * np.array(LASTS)))
+    courses = {
+        id: 1.0 - np.exp(-np.maximum(clock[:, None] - onset, 0.0) / tau) for id, clock in clocks.items()
+    }
+    best = int(np.argmax(channels.tool_scores(courses)))
+    yield Finding(make_effect("thermal_drift", shape="delayed", onset_s=float(onset[best])), len(onset))
 
 
 PLACES, CREEPS = 150, 30

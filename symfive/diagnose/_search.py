@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
+from symfive.diagnose._catalogue import catalogue
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
@@ -18,6 +20,7 @@ from symfive.diagnose._refit import (
     Forms,
     Trial,
     amplitudes,
+    beforehand,
     best_shape,
     lacking,
     newest,
@@ -90,6 +93,7 @@ class _State:
     forms: Forms
     members: list[Member] = field(default_factory=list)
     dropped: set[str] = field(default_factory=set)
+    useless: set[str] = field(default_factory=set)
     added: int = 0
 
     @property
@@ -97,15 +101,16 @@ class _State:
         return self.after.model.campaign
 
     def open(self, score: Score) -> bool:
-        """Whether an effect may still join."""
+        """Whether an effect may still join: neither `dropped` for good nor `useless` in the present fit."""
         nameless = sum(m.effect.id == "unknown" for m in self.members)
-        return score.effect.key not in self.dropped and (score.effect.id != "unknown" or nameless < MAX_NAMELESS)
+        return score.effect.key not in self.dropped | self.useless and (score.effect.id != "unknown" or nameless < MAX_NAMELESS)
 
     def joined(self, after: Identification, log_p: float, looks: int = 1) -> None:
         """Take over the fit with one more member."""
         self.after = after
         self.members.append(Member(newest(after), log_p, looks))
         self.added += 1
+        self.useless.clear()
 
 
 @one_thread
@@ -128,6 +133,8 @@ def name_effects(
     _forward(state, location.survey)
     _simplify(state, location.survey)
     for _ in range(PASSES):
+        if _merge(state):
+            _forward(state, None)
         if not _contest(state):
             break
         _forward(state, None)
@@ -162,7 +169,7 @@ def _forward(state: _State, seen: Survey | None) -> None:
             continue
         trial, log_p = best
         if not _nearer(after, state.after) or _is_shape_of_another(after, state.members):
-            state.dropped.add(trial.effect.key)
+            state.useless.add(trial.effect.key)
             continue
         state.joined(after, log_p, trial.looks)
         seen = None
@@ -243,6 +250,42 @@ def _simplify(state: _State, first: Survey) -> None:
         _forward(state, None)
 
 
+def _merge(state: _State) -> bool:
+    """One effect in place of two with a name, of which it moves the same component as one, where it explains the readings as
+    well in one of its shapes: a sag that comes back by another way is easily read as a sag and a play. True where it was so."""
+    named = [m for m in state.members if m.effect.id != "unknown"]
+    for pair in combinations(named, 2):
+        bare = lacking(state.after, *(m.effect for m in pair))
+        kin = _kin(state, bare, pair)
+        if not kin:
+            continue
+        state.progress(f"one effect for {' and '.join(m.effect.key for m in pair)}")
+        base = evidence_of(bare.problem(), bare.values)
+        sized = [group for m in pair for group in amplitudes(state.campaign, m.effect)]
+        both = evidence_of(state.after.problem(), state.after.values, sized) - base
+        both += sum(beforehand(state.campaign, m.effect, m.looks, state.after.named, state.forms) for m in pair)
+        trials = [t for t in (tried(bare, base, s, state.forms) for s in kin) if t is not None]
+        best = max((best_shape(bare, base, t, state.forms) for t in trials), key=lambda t: t.evidence, default=None)
+        if best is not None and best.evidence > both:
+            state.after = shaped(bare, best)
+            first = next(i for i, m in enumerate(state.members) if m in pair)
+            kept = [m for m in state.members if m not in pair]
+            state.members = [*kept[:first], Member(newest(state.after), min(m.log_p for m in pair)), *kept[first:]]
+            state.progress(f"{best.effect.key} takes the place of {' and '.join(m.effect.key for m in pair)}")
+            return True
+    return False
+
+
+def _kin(state: _State, bare: Identification, members: Sequence[Member]) -> list[Score]:
+    """All of the catalogue that moves the component of one of the members."""
+    effects = [e for e in catalogue(state.campaign, bare.model.effects) if e.id not in state.exclude]
+    return [
+        Score.unscored(e, {p.name: 0.0 for p in e.parameters(state.campaign)}, 1)
+        for e in effects
+        if any(_moves_the_same(e, m.effect) for m in members)
+    ]
+
+
 def _contest(state: _State) -> bool:
     """Put every member to the test against all that could stand in its place; True where one was replaced.
 
@@ -254,8 +297,8 @@ def _contest(state: _State) -> bool:
         state.progress(f"rivals of {member.effect.key}")
         without = lacking(state.after, member.effect)
         scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
-        kin = {s.effect.key: s for s in scores if _moves_the_same(s.effect, member.effect)}
-        rivals = {s.effect.key: s for s in _best_of(scores)} | kin
+        kin = {s.effect.key: s for s in _kin(state, without, [member]) if s.effect.key != member.effect.key}
+        rivals = kin | {s.effect.key: s for s in _best_of(scores)}
         base = evidence_of(without.problem(), without.values)
         found = [t for t in (tried(without, base, s, state.forms) for s in rivals.values()) if t is not None]
         own = tried(without, base, _own_score(state.after, member), state.forms)
@@ -297,8 +340,8 @@ def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
         evidence = [t.evidence for t in forms]
         return float(max(evidence) if forms[0].effect.id == "unknown" else np.logaddexp.reduce(evidence))
 
-    best = max(names.values(), key=total)
     mine = next(forms for forms in names.values() if own in forms)
+    best = max(names.values(), key=total)
     if total(best) <= total(mine) + TIE:
         best = mine
     first = max(best, key=lambda t: t.evidence)

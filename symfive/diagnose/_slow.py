@@ -11,7 +11,7 @@ from symfive.diagnose._evidence import evidence_of, evidence_with_noise
 from symfive.diagnose._places import coordinate_of
 from symfive.diagnose._refit import DECISIVE, Forms, newest, refitted, shaped, start_of, tried, widened
 from symfive.diagnose._scores import Score
-from symfive.diagnose._variants import narrower
+from symfive.diagnose._variants import narrower, shapes, variants
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.model import Model
@@ -81,10 +81,13 @@ def physics_or_noise(
     nameless: tuple[float, Score] | None = None
     for score in candidates:
         progress(f"slow noise or {score.effect.key}")
-        unnamed = score.effect.id == "unknown"
-        trials.append(weighed_with_noise(score, score.effect, DIRECTIONS if unnamed else names))
-        if unnamed and (nameless is None or trials[-1][0] > nameless[0]):
-            nameless = trials[-1][0], score
+        if score.effect.id == "unknown":
+            trials.append(weighed_with_noise(score, score.effect, DIRECTIONS))
+            if nameless is None or trials[-1][0] > nameless[0]:
+                nameless = trials[-1][0], score
+            continue
+        for effect in (score.effect, *variants(score.effect)):
+            trials.append(weighed_with_noise(score, effect, names * shapes(effect.prepare(campaign), campaign)))
     if nameless is not None:
         single = [e for e in narrower(nameless[1].effect) if len(e.directions) == 1]
         trials += [weighed_with_noise(nameless[1], effect, DIRECTIONS) for effect in single]

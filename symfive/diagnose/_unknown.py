@@ -73,4 +73,4 @@ def _spline(over: str, place: str, intervals: int = INTERVALS) -> dict[str, Any]
 def _smooth(campaign: Campaign, axis: str) -> tuple[str, int]:
     """Harmonics of an axis that turns all the way round, else polynomials."""
     turn = max(float(np.ptp(run.commands[axis])) for run in campaign.runs)
-    return ("fourier", 3) if campaign.machine.axes[axis].rotary and turn > 200.0 else ("polynomial", 4)
+    return ("fourier", 3) if turn > 200.0 else ("polynomial", 4)

@@ -19,7 +19,7 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "friction": ({"shape": "stribeck"}, {"shape": "lugre"}),
     "reversal_spike": ({"shape": "pulse"},),
     "lateral_play": ({"shape": "pre_sliding"}, {"shape": "play"}),
-    "thermal_drift": ({"shape": "mixture"}, {"shape": "linear"}),
+    "thermal_drift": ({"shape": "exponential"}, {"shape": "mixture"}, {"shape": "linear"}, {"shape": "delayed"}),
     "setup_shift": ({"shape": "creep"},),
     "transmission_error": ({"harmonics": 2}, {"harmonics": 3}, {"harmonics": 8}, {"harmonics": 16}),
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),

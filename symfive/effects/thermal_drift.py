@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagate
+from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
     from symfive.model._row import Row
 
-SHAPES = ("exponential", "mixture", "linear")
+SHAPES = ("exponential", "mixture", "linear", "delayed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +26,8 @@ class ThermalDrift(Effect):
     """A shift of the tool in the machine frame, t on the campaign's clock.
 
     `shape`: `exponential`, amplitude·(1 - exp(-t/τ)); `mixture`, that and slow·(1 - exp(-t/τ_slow)), a
-    second, slower body; `linear`, rate·t, of which only the first part is seen. Vectors x, y, z. Typical 5–60
-    µm with τ of 5–60 min.
+    second, slower body; `linear`, rate·t, of which only the first part is seen; `delayed`, the first with the heat coming at
+    about `onset_s`, from where t counts. Vectors x, y, z. Typical 5–60 µm with τ of 5–60 min.
     """
 
     id = "thermal_drift"
@@ -34,28 +35,44 @@ class ThermalDrift(Effect):
     says = "tool relative to table drifts with time"
     hidden_by = "location errors (89 % of it) and the bar's own growth; a first pose repeated at the end parts them"
     shape: str = "exponential"
+    onset_s: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("shape", SHAPES)
-        return super().prepare(campaign)
+        effect = super().prepare(campaign)
+        if self.shape != "delayed":
+            return replace(effect, onset_s=0.0)
+        span = self.clock_span(campaign)
+        if not 0.0 <= self.onset_s < span:
+            raise InputError(
+                f"effect {self.id}: onset_s = {self.onset_s:g} lies outside the campaign", remedy=f"0 <= onset_s < {span:g}"
+            )
+        return effect if self.onset_s else replace(effect, onset_s=0.25 * span)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         if self.shape == "linear":
             return tuple(self.own(f"rate.{c}", "um/h", 30.0) for c in "xyz")
-        tau = (0.5 if self.shape == "exponential" else 0.15) * self.clock_span(campaign)
+        span = self.clock_span(campaign)
+        tau = (0.15 if self.shape == "mixture" else 0.5) * (span - self.onset_s)
         found = [self.own(f"amplitude.{c}", "um", 20.0) for c in "xyz"]
         found.append(self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
         if self.shape == "mixture":
             found += [self.own(f"slow.{c}", "um", 20.0) for c in "xyz"]
             found.append(self.own("slow_time_constant_s", "s", 5.0 * tau, mean=5.0 * tau, lower=tau))
+        if self.shape == "delayed":
+            found.append(self.own("onset_s", "s", 0.25 * span, mean=self.onset_s, lower=0.0, upper=span))
         return tuple(found)
 
     def apply(self, row: Row) -> None:
         def vector(name: str) -> Any:
             return ca.vertcat(*(self.parameter(row, f"{name}.{c}") for c in "xyz"))
 
+        since = row.clock
+        if self.shape == "delayed":
+            since = ca.fmax(row.clock - self.parameter(row, "onset_s"), 0.0)
+
         def rise(name: str) -> Any:
-            return 1.0 - ca.exp(-row.clock / self.parameter(row, name))
+            return 1.0 - ca.exp(-since / self.parameter(row, name))
 
         if self.shape == "linear":
             row.shift += vector("rate") * row.clock
@@ -88,7 +105,8 @@ class ThermalDrift(Effect):
         def length(p: NDArray[np.float64]) -> list[float]:
             if self.shape == "linear":
                 return [float(np.linalg.norm(p[:3])) * end / 3600.0]
-            bodies = [p[k : k + 3] * (1.0 - np.exp(-end / p[k + 3])) for k in range(0, len(p), 4)]
+            lasts = end - p[4] if self.shape == "delayed" else end
+            bodies = [p[k : k + 3] * (1.0 - np.exp(-lasts / p[k + 3])) for k in range(0, len(p) - 1, 4)]
             return [float(np.linalg.norm(sum(bodies)))]
 
         value, std = propagate(length, names, values, covariance)

@@ -42,8 +42,6 @@ def coordinates_of(finding: Finding, identification: Identification) -> list[Coo
         name, _, quantity = words.partition(" ")
         if words in ("t", "time"):
             found.append(_clock(runs))
-        elif words == name and any(c.axis == name for c in found):
-            continue  # it is drawn already, split by the direction of motion
         elif name in machine.axes:
             found.append(_of_axis(machine, runs, name, quantity))
     return found or [_rows(runs)]
