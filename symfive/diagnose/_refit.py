@@ -162,23 +162,32 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     campaign = result.model.campaign
     effect = _roomy(campaign, trial.effect, trial.values)
     plain = _narrowed(refitted(Model(campaign, (*result.model.added, effect)), trial.values, result))
+    best = _reshaped(result, plain)
+    if getattr(newest(best), "period", None) != getattr(effect, "period", None):  # of the right one all harmonics are open again
+        best = _reshaped(result, best)
+    return widened(best)
+
+
+def _reshaped(result: Identification, plain: Identification) -> Identification:
+    """The fit with its newest effect in the best of its other shapes, if that is decisively better."""
+    campaign = result.model.campaign
+    effect, named = newest(plain), plain.named
     best, best_evidence = plain, evidence_of(plain.problem(), plain.values)
-    others = {n: v for n, v in trial.values.items() if n in result.model.index}
-    for other in variants(newest(plain)):
+    others = {n: named[n] for n in result.model.index}
+    for other in variants(effect):
         try:
             prepared = other.prepare(campaign)
             model = Model(campaign, (*result.model.added, prepared))
             problem = plain.problem(model)
-            start = _best_start(problem, prepared, others | carried(effect, prepared, campaign, trial.values))
+            start = _best_start(problem, prepared, others | carried(effect, prepared, campaign, named))
             values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
             evidence = evidence_of(problem, values)
         except (ValueError, np.linalg.LinAlgError):
             continue
-        simpler = len(prepared.parameters(campaign)) < len(trial.effect.parameters(campaign))
+        simpler = len(prepared.parameters(campaign)) < len(effect.parameters(campaign))
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):
-            named = model.named(values)
-            best, best_evidence = refitted(model, named, plain), evidence
-    return widened(best)
+            best, best_evidence = refitted(model, model.named(values), plain), evidence
+    return best
 
 
 def _narrowed(result: Identification) -> Identification:

@@ -17,6 +17,7 @@ from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, reshapes
 from symfive.diagnose._refit import (
+    DECISIVE,
     Forms,
     Trial,
     amplitudes,
@@ -45,6 +46,8 @@ MAX_EFFECTS, MAX_NAMELESS, MAX_ADDED = 5, 2, 10
 TRIALS, MOST_TRIALS = 4, 8
 """Names tried at least; and at most, where their scores are nearly equal."""
 PASSES = 2
+MOST_NAMES = 2
+"""In place of a term without a name: what takes more of them is physics that the library lacks."""
 TIE = 0.05
 """Log evidence by which two that read alike may differ by rounding: neither takes the other's place."""
 OPEN, OPEN_SHARE = 10.0, 0.2
@@ -95,6 +98,8 @@ class _State:
     dropped: set[str] = field(default_factory=set)
     useless: set[str] = field(default_factory=set)
     added: int = 0
+    most: int = MAX_EFFECTS
+    nameless: int = MAX_NAMELESS
 
     @property
     def campaign(self) -> Campaign:
@@ -103,7 +108,9 @@ class _State:
     def open(self, score: Score) -> bool:
         """Whether an effect may still join: neither `dropped` for good nor `useless` in the present fit."""
         nameless = sum(m.effect.id == "unknown" for m in self.members)
-        return score.effect.key not in self.dropped | self.useless and (score.effect.id != "unknown" or nameless < MAX_NAMELESS)
+        return score.effect.key not in self.dropped | self.useless and (
+            score.effect.id != "unknown" or nameless < self.nameless
+        )
 
     def joined(self, after: Identification, log_p: float, looks: int = 1) -> None:
         """Take over the fit with one more member."""
@@ -132,6 +139,7 @@ def name_effects(
     state = _State(before, level, tuple(exclude), progress, names)
     _forward(state, location.survey)
     _simplify(state, location.survey)
+    _spell_out(state)
     for _ in range(PASSES):
         if _merge(state):
             _forward(state, None)
@@ -147,7 +155,7 @@ def _forward(state: _State, seen: Survey | None) -> None:
 
     What later members made needless does not come back: without that, two that stand in for a third take turns for ever.
     """
-    while len(state.members) < MAX_EFFECTS and state.added < MAX_ADDED:
+    while len(state.members) < state.most and state.added < MAX_ADDED:
         state.progress(f"scoring the catalogue, {len(state.members)} effects found")
         seen = seen or survey(state.after, state.exclude)
         best = _best(state, seen)
@@ -250,6 +258,39 @@ def _simplify(state: _State, first: Survey) -> None:
         _forward(state, None)
 
 
+def _spell_out(state: _State) -> None:
+    """Two names at most in place of a term without a name, where they explain the readings as well as it does.
+
+    Over two axes such a term explains two effects at once, and so goes before each of them.
+    """
+    for member in [m for m in state.members if m.effect.id == "unknown"]:
+        state.progress(f"names for {member.effect.key}")
+        bare = lacking(state.after, member.effect)
+        others = [m for m in state.members if m is not member]
+        few = sum(m.effect.id == "unknown" for m in others)
+        other = replace(
+            state, after=bare, members=[*others], dropped=set(state.dropped), useless=set(), added=0,
+            most=len(others) + MOST_NAMES, nameless=few,
+        )  # fmt: skip
+        _forward(other, None)
+        found = [m for m in other.members if m not in others]
+        if not found or len(other.members) != len(others) + len(found):
+            continue
+        if _together(bare, state.after, [member], state.forms) > _together(bare, other.after, found, state.forms):
+            continue
+        state.after, state.members = other.after, other.members
+        state.progress(f"{' and '.join(m.effect.key for m in found)} in place of {member.effect.key}")
+
+
+def _together(bare: Identification, after: Identification, members: Sequence[Member], forms: Forms) -> float:
+    """Log evidence of members against the fit without them, under its noise; every further one has to be decisive."""
+    campaign, problem = after.model.campaign, bare.problem(after.model)
+    sized = [group for m in members for group in amplitudes(campaign, m.effect)]
+    evidence = evidence_of(problem, after.values, sized) - evidence_of(bare.problem(), bare.values)
+    chances = sum(beforehand(campaign, m.effect, m.looks, after.named, forms) for m in members)
+    return evidence + chances - DECISIVE * (len(members) - 1)
+
+
 def _merge(state: _State) -> bool:
     """One effect in place of two with a name, of which it moves the same component as one, where it explains the readings as
     well in one of its shapes: a sag that comes back by another way is easily read as a sag and a play. True where it was so."""
@@ -261,9 +302,7 @@ def _merge(state: _State) -> bool:
             continue
         state.progress(f"one effect for {' and '.join(m.effect.key for m in pair)}")
         base = evidence_of(bare.problem(), bare.values)
-        sized = [group for m in pair for group in amplitudes(state.campaign, m.effect)]
-        both = evidence_of(state.after.problem(), state.after.values, sized) - base
-        both += sum(beforehand(state.campaign, m.effect, m.looks, state.after.named, state.forms) for m in pair)
+        both = _together(bare, state.after, pair, state.forms)
         trials = [t for t in (tried(bare, base, s, state.forms) for s in kin) if t is not None]
         best = max((best_shape(bare, base, t, state.forms) for t in trials), key=lambda t: t.evidence, default=None)
         if best is not None and best.evidence > both:
