@@ -127,12 +127,15 @@ def test_a_sag_that_comes_back_by_another_way_is_one_effect(tmp_path):
     assert found["amplitude_branch"].value == pytest.approx(0.2 * 9.0, rel=0.1)
 
 
-def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path):
+def test_heat_that_comes_late_is_one_drift_with_its_onset(tmp_path):
     heat = {"effect": "thermal_drift", "direction": [0.6, 0.0, 0.8], "amplitude": 12.0, "time_constant_s": 700.0}
     result = _simulated(tmp_path, [heat | {"form": "onset", "onset_s": 1100.0}], seed=11)
     assert [(f.name, f.axis) for f in result.findings] == [("thermal_drift", None)]
     assert result.fit.chi2_dof_after < 1.1
-    assert "shape" in result.findings[0].says
+    said = result.findings[0].parameters
+    assert 1002.0 < said["onset_s"].value < 1500.0  # in the pause; where there, nothing tells
+    assert said["onset_s"].value == pytest.approx(1100.0, abs=2.0 * said["onset_s"].std) and said["onset_s"].std < 150.0
+    assert said["amplitude"].value == pytest.approx(12.0, abs=2.0 * said["amplitude"].std)
 
 
 def test_without_the_true_effect_in_the_catalogue_the_answer_is_unknown_over_the_right_coordinate(tmp_path):

@@ -14,8 +14,12 @@ from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, locate, name_effects
 from symfive.diagnose._findings import doubted
 from symfive.diagnose._refit import Trial
-from symfive.diagnose._scores import log_tail
+from symfive.diagnose._scores import Score, log_tail
+from symfive.diagnose._search import Member, _merge, _State
+from symfive.effects import make_effect
+from symfive.identify import identify
 from symfive.machine import preset
+from symfive.model import Model
 from symfive.motion import RunMotion
 from symfive.motion._signals import ReversalAhead, ReversalTime
 from symfive.procedures import planar_circle
@@ -93,6 +97,52 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
         ("thermal_drift", None)
     ]
     assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
+
+
+def test_heat_that_comes_late_is_not_taken_for_slow_noise(tmp_path):
+    """Six circles within a few minutes: in each the drift is hardly more than a set-up that lies elsewhere."""
+    machine = plant.planar_table()
+    drift = {
+        "effect": "thermal_drift", "amplitude": 6.0, "direction": [0.8, -0.6, 0.0], "time_constant_s": 60.0, "form": "onset",
+        "onset_s": 70.0,
+    }  # fmt: skip
+    runs = [run | {"start_s": 40.0 * i} for i, run in enumerate(_circles(machine, (1500.0, 2500.0, 4000.0)))]
+    found = diagnose(_measured(tmp_path / "c", machine, runs, [drift]))
+    assert _names(found) == [("thermal_drift", None)]
+    said = found.findings[0].parameters
+    assert said["onset_s"].value == pytest.approx(70.0, abs=3.0 * said["onset_s"].std) and said["onset_s"].std < 10.0
+
+
+def test_a_curve_and_a_play_that_one_sag_explains_become_one_effect(tmp_path):
+    """Had the search found them first: a sag that comes back by another way is both."""
+    machine = plant.static_table()
+    sag = {"effect": "gravity_sag", "axis": "B", "component": "EXB", "amplitude": -6.0, "form": "hysteresis"}
+    campaign = _measured(tmp_path / "c", machine, _grids(machine), [sag])
+    both = [make_effect("error_motion", component="EXB"), make_effect("lateral_play", component="EXB")]
+    fit = identify(Model(campaign, both))
+    state = _State(fit, 0.01, (), print, {}, [Member(e, -20.0) for e in fit.model.added])
+    assert _merge(state) and not _merge(state)
+    assert [m.effect.key for m in state.members] == ["gravity_sag.B.EXB"]
+    assert state.after["gravity_sag.B.EXB.branch"] == pytest.approx(-1.2, abs=0.1)
+
+
+def test_what_did_not_help_one_fit_may_help_the_next(tmp_path):
+    """Under large noise a name may help only the noise; beside another one it is tried again."""
+    machine = plant.static_table()
+    fit = identify(_measured(tmp_path / "c", machine, _grids(machine), []))
+    step, play = (make_effect(e, component=c) for e, c in (("error_motion", "EXB"), ("lateral_play", "EYC")))
+    state = _State(fit, 0.01, (), print, {}, dropped={play.key}, useless={step.key})
+    assert not any(state.open(Score.unscored(e, {}, 1)) for e in (step, play))
+    state.joined(identify(Model(fit.model.campaign, [make_effect("scale_error", "X")])), -20.0)
+    assert [state.open(Score.unscored(e, {}, 1)) for e in (step, play)] == [True, False]
+
+
+def test_two_names_go_before_one_term_over_both_their_axes(tmp_path):
+    machine = plant.static_table()
+    bow = {"effect": "error_motion", "component": "EYB", "coefficients": [0.0, 6.0, 9.0]}
+    wave = {"effect": "error_motion", "component": "EZC", "harmonics": [[3, -6.0, 3.0]]}
+    found = diagnose(_measured(tmp_path / "c", machine, _bars(machine), [bow, wave]))
+    assert sorted(_names(found)) == [("error_motion", "B"), ("error_motion", "C")]
 
 
 @pytest.mark.slow

@@ -21,8 +21,8 @@ from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 
 __all__ = [
-    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted", "shaped", "start_of", "tried",
-    "widened", "with_families",
+    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted", "shaped", "start_of",
+    "tried", "widened", "with_families",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -163,7 +163,9 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     effect = _roomy(campaign, trial.effect, trial.values)
     plain = _narrowed(refitted(Model(campaign, (*result.model.added, effect)), trial.values, result))
     best = _reshaped(result, plain)
-    if getattr(newest(best), "period", None) != getattr(effect, "period", None):  # of the right one all harmonics are open again
+    if getattr(newest(best), "period", None) != getattr(
+        effect, "period", None
+    ):  # of the right one all harmonics are open again
         best = _reshaped(result, best)
     return widened(best)
 

@@ -192,20 +192,25 @@ LASTS = (0.1, 0.3, 1.0)
 
 
 def _onsets(channels: Channels) -> Iterator[Finding]:
-    """A thermal drift whose heat comes on at one instant of the campaign's clock."""
+    """A thermal drift whose heat comes on at one instant of the campaign's clock; in a pause if it could as well be there."""
     runs = channels.campaign.runs
     clocks = {run.id: run.start_s + np.asarray(run.time) for run in runs}
     rows = np.sort(np.concatenate(list(clocks.values())))
-    begins = np.unique(np.quantile(rows, np.linspace(0.05, 0.9, ONSETS)))
-    ends = float(rows[-1])
-    if ends <= begins[-1]:
+    span, end = float(np.ptp(rows)), float(rows[-1])
+    within = np.unique(np.quantile(rows, np.linspace(0.05, 0.9, ONSETS)))
+    before = np.flatnonzero(np.diff(rows) > span / ONSETS)
+    begins = np.concatenate([within, 0.5 * (rows[before] + rows[before + 1])])
+    sigmas = np.concatenate([np.full(len(within), 0.25 * span), (rows[before + 1] - rows[before]) / math.sqrt(12.0)])
+    begins, sigmas = begins[begins < end], sigmas[begins < end]
+    if not begins.size:
         return
-    onset, tau = (x.ravel() for x in np.broadcast_arrays(begins[:, None], (ends - begins[:, None]) * np.array(LASTS)))
-    courses = {
-        id: 1.0 - np.exp(-np.maximum(clock[:, None] - onset, 0.0) / tau) for id, clock in clocks.items()
-    }
-    best = int(np.argmax(channels.tool_scores(courses)))
-    yield Finding(make_effect("thermal_drift", shape="delayed", onset_s=float(onset[best])), len(onset))
+    onset, tau = (x.ravel() for x in np.broadcast_arrays(begins[:, None], (end - begins[:, None]) * np.array(LASTS)))
+    courses = {id: 1.0 - np.exp(-np.maximum(clock[:, None] - onset, 0.0) / tau) for id, clock in clocks.items()}
+    scores = channels.tool_scores(courses).reshape(-1, len(LASTS)).max(axis=1)
+    scores[len(within) :] += SLOWER
+    best = int(np.argmax(scores))
+    begin, sigma = float(begins[best]), float(sigmas[best])
+    yield Finding(make_effect("thermal_drift", shape="delayed", onset_s=begin, onset_sigma_s=sigma), len(onset))
 
 
 PLACES, CREEPS = 150, 30

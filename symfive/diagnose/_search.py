@@ -261,9 +261,9 @@ def _simplify(state: _State, first: Survey) -> None:
 def _spell_out(state: _State) -> None:
     """Two names at most in place of a term without a name, where they explain the readings as well as it does.
 
-    Over two axes such a term explains two effects at once, and so goes before each of them.
+    Over two axes, or two components of one, such a term explains two effects at once, and so goes before each of them.
     """
-    for member in [m for m in state.members if m.effect.id == "unknown"]:
+    for member in [m for m in state.members if isinstance(m.effect, Unknown) and _of_places(m.effect)]:
         state.progress(f"names for {member.effect.key}")
         bare = lacking(state.after, member.effect)
         others = [m for m in state.members if m is not member]
@@ -280,6 +280,11 @@ def _spell_out(state: _State) -> None:
             continue
         state.after, state.members = other.after, other.members
         state.progress(f"{' and '.join(m.effect.key for m in found)} in place of {member.effect.key}")
+
+
+def _of_places(term: Unknown) -> bool:
+    """Whether a term is one of axis positions or of time alone, not of velocities or of what follows a reversal."""
+    return all(" " not in coordinate for coordinate in term.over)
 
 
 def _together(bare: Identification, after: Identification, members: Sequence[Member], forms: Forms) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
 
 SHAPES = ("exponential", "mixture", "linear", "delayed")
+SHORTEST = 0.1
+"""Share of the campaign that is left after the onset, at least: of a part of the runs the onset may lie beyond their end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +30,8 @@ class ThermalDrift(Effect):
 
     `shape`: `exponential`, amplitude·(1 - exp(-t/τ)); `mixture`, that and slow·(1 - exp(-t/τ_slow)), a
     second, slower body; `linear`, rate·t, of which only the first part is seen; `delayed`, the first with the heat coming at
-    about `onset_s`, from where t counts. Vectors x, y, z. Typical 5–60 µm with τ of 5–60 min.
+    about `onset_s` (prior 1σ `onset_sigma_s`; 0: a quarter of the campaign), from where t counts. Vectors x, y, z. Typical
+    5–60 µm with τ of 5–60 min.
     """
 
     id = "thermal_drift"
@@ -36,31 +40,32 @@ class ThermalDrift(Effect):
     hidden_by = "location errors (89 % of it) and the bar's own growth; a first pose repeated at the end parts them"
     shape: str = "exponential"
     onset_s: float = 0.0
+    onset_sigma_s: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("shape", SHAPES)
         effect = super().prepare(campaign)
         if self.shape != "delayed":
-            return replace(effect, onset_s=0.0)
-        span = self.clock_span(campaign)
-        if not 0.0 <= self.onset_s < span:
+            return replace(effect, onset_s=0.0, onset_sigma_s=0.0)
+        if not (0.0 <= self.onset_s < math.inf and 0.0 <= self.onset_sigma_s < math.inf):
             raise InputError(
-                f"effect {self.id}: onset_s = {self.onset_s:g} lies outside the campaign", remedy=f"0 <= onset_s < {span:g}"
+                f"effect {self.id}: its onset is no time", remedy="write onset_s = …, in s from the campaign's start"
             )
-        return effect if self.onset_s else replace(effect, onset_s=0.25 * span)
+        usual = 0.25 * self.clock_span(campaign)
+        return replace(effect, onset_s=self.onset_s or usual, onset_sigma_s=self.onset_sigma_s or usual)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         if self.shape == "linear":
             return tuple(self.own(f"rate.{c}", "um/h", 30.0) for c in "xyz")
         span = self.clock_span(campaign)
-        tau = (0.15 if self.shape == "mixture" else 0.5) * (span - self.onset_s)
+        tau = (0.15 if self.shape == "mixture" else 0.5) * max(span - self.onset_s, SHORTEST * span)
         found = [self.own(f"amplitude.{c}", "um", 20.0) for c in "xyz"]
         found.append(self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
         if self.shape == "mixture":
             found += [self.own(f"slow.{c}", "um", 20.0) for c in "xyz"]
             found.append(self.own("slow_time_constant_s", "s", 5.0 * tau, mean=5.0 * tau, lower=tau))
         if self.shape == "delayed":
-            found.append(self.own("onset_s", "s", 0.25 * span, mean=self.onset_s, lower=0.0, upper=span))
+            found.append(self.own("onset_s", "s", self.onset_sigma_s, mean=self.onset_s, lower=0.0))
         return tuple(found)
 
     def apply(self, row: Row) -> None:
@@ -105,7 +110,7 @@ class ThermalDrift(Effect):
         def length(p: NDArray[np.float64]) -> list[float]:
             if self.shape == "linear":
                 return [float(np.linalg.norm(p[:3])) * end / 3600.0]
-            lasts = end - p[4] if self.shape == "delayed" else end
+            lasts = max(end - p[4], 0.0) if self.shape == "delayed" else end
             bodies = [p[k : k + 3] * (1.0 - np.exp(-lasts / p[k + 3])) for k in range(0, len(p) - 1, 4)]
             return [float(np.linalg.norm(sum(bodies)))]
 
