@@ -261,30 +261,32 @@ def _simplify(state: _State, first: Survey) -> None:
 def _spell_out(state: _State) -> None:
     """Two names at most in place of a term without a name, where they explain the readings as well as it does.
 
-    Over two axes, or two components of one, such a term explains two effects at once, and so goes before each of them.
+    Over two axes, or two components of one, such a term explains two effects at once, and so goes before each of them. Where
+    two such terms are needed, the library lacks something.
     """
-    for member in [m for m in state.members if isinstance(m.effect, Unknown) and _of_places(m.effect)]:
-        state.progress(f"names for {member.effect.key}")
-        bare = lacking(state.after, member.effect)
-        others = [m for m in state.members if m is not member]
-        few = sum(m.effect.id == "unknown" for m in others)
-        other = replace(
-            state, after=bare, members=[*others], dropped=set(state.dropped), useless=set(), added=0,
-            most=len(others) + MOST_NAMES, nameless=few,
-        )  # fmt: skip
-        _forward(other, None)
-        found = [m for m in other.members if m not in others]
-        if not found or len(other.members) != len(others) + len(found):
-            continue
-        if _together(bare, state.after, [member], state.forms) > _together(bare, other.after, found, state.forms):
-            continue
+    nameless = [m for m in state.members if isinstance(m.effect, Unknown)]
+    if len(nameless) != 1 or not _of_places(nameless[0].effect):
+        return
+    (member,) = nameless
+    state.progress(f"names for {member.effect.key}")
+    bare = lacking(state.after, member.effect)
+    others = [m for m in state.members if m is not member]
+    other = replace(
+        state, after=bare, members=[*others], dropped=set(state.dropped), useless=set(), added=0,
+        most=len(others) + MOST_NAMES, nameless=0,
+    )  # fmt: skip
+    _forward(other, None)
+    found = [m for m in other.members if m not in others]
+    if not found or len(other.members) != len(others) + len(found):
+        return
+    if _together(bare, state.after, [member], state.forms) <= _together(bare, other.after, found, state.forms):
         state.after, state.members = other.after, other.members
         state.progress(f"{' and '.join(m.effect.key for m in found)} in place of {member.effect.key}")
 
 
-def _of_places(term: Unknown) -> bool:
+def _of_places(term: Effect) -> bool:
     """Whether a term is one of axis positions or of time alone, not of velocities or of what follows a reversal."""
-    return all(" " not in coordinate for coordinate in term.over)
+    return isinstance(term, Unknown) and all(" " not in coordinate for coordinate in term.over)
 
 
 def _together(bare: Identification, after: Identification, members: Sequence[Member], forms: Forms) -> float:
