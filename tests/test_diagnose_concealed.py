@@ -14,8 +14,9 @@ from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, locate, name_effects
 from symfive.diagnose._findings import doubted
 from symfive.diagnose._refit import Trial
+from symfive.diagnose._regroup import merge
 from symfive.diagnose._scores import Score, log_tail
-from symfive.diagnose._search import Member, _merge, _State
+from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
 from symfive.identify import identify
 from symfive.machine import preset
@@ -120,8 +121,8 @@ def test_a_curve_and_a_play_that_one_sag_explains_become_one_effect(tmp_path):
     campaign = _measured(tmp_path / "c", machine, _grids(machine), [sag])
     both = [make_effect("error_motion", component="EXB"), make_effect("lateral_play", component="EXB")]
     fit = identify(Model(campaign, both))
-    state = _State(fit, 0.01, (), print, {}, [Member(e, -20.0) for e in fit.model.added])
-    assert _merge(state) and not _merge(state)
+    state = State(fit, 0.01, (), print, {}, [Member(e, -20.0) for e in fit.model.added])
+    assert merge(state) and not merge(state)
     assert [m.effect.key for m in state.members] == ["gravity_sag.B.EXB"]
     assert state.after["gravity_sag.B.EXB.branch"] == pytest.approx(-1.2, abs=0.1)
 
@@ -131,7 +132,7 @@ def test_what_did_not_help_one_fit_may_help_the_next(tmp_path):
     machine = plant.static_table()
     fit = identify(_measured(tmp_path / "c", machine, _grids(machine), []))
     step, play = (make_effect(e, component=c) for e, c in (("error_motion", "EXB"), ("lateral_play", "EYC")))
-    state = _State(fit, 0.01, (), print, {}, dropped={play.key}, useless={step.key})
+    state = State(fit, 0.01, (), print, {}, dropped={play.key}, useless={step.key})
     assert not any(state.open(Score.unscored(e, {}, 1)) for e in (step, play))
     state.joined(identify(Model(fit.model.campaign, [make_effect("scale_error", "X")])), -20.0)
     assert [state.open(Score.unscored(e, {}, 1)) for e in (step, play)] == [True, False]

@@ -14,7 +14,9 @@ from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.machine import Machine
 
-__all__ = ["LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "link_of", "reshapes"]
+__all__ = [
+    "LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "link_of", "moves_the_same", "reshapes",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -121,3 +123,13 @@ def _moved(machine: Machine, effect: Effect, values: Mapping[str, float]) -> set
     turns = component[1] in "ABC" if component else axis is not None and machine.axes[axis].rotary
     along = direction_of(machine, effect, values) or (0.0, 0.0, 0.0)
     return {(turns, c) for c, share in zip("xyz", along, strict=True) if abs(share) > SIDEWAYS}
+
+
+def moves_the_same(a: Effect, b: Effect) -> bool:
+    """Whether two effects move the same component: then each may be a shape of the other, whatever its plain shape scores."""
+    return _component(a) is not None and _component(a) == _component(b)
+
+
+def _component(effect: Effect) -> str | None:
+    """The component that an effect moves, if it moves one; a scale error is the linear part of the positioning error."""
+    return f"E{effect.axis}{effect.axis}" if effect.id == "scale_error" else getattr(effect, "component", None)

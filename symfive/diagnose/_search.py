@@ -5,35 +5,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose._catalogue import catalogue
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, reshapes
-from symfive.diagnose._refit import (
-    DECISIVE,
-    Forms,
-    Trial,
-    amplitudes,
-    beforehand,
-    best_shape,
-    lacking,
-    newest,
-    refitted,
-    shaped,
-    tried,
-    with_families,
-)
+from symfive.diagnose._refit import Trial, best_shape, lacking, newest, refitted, shaped, tried, with_families
+from symfive.diagnose._regroup import kin, merge, simplify, spell_out
 from symfive.diagnose._scores import Score
 from symfive.diagnose._slow import changes_slowly, large_noise, name_or_noise, physics_or_noise, slow_noise, whitened
+from symfive.diagnose._state import MAX_ADDED, Member, State
 from symfive.diagnose._variants import plain
-from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
 from symfive.threads import one_thread
@@ -41,13 +27,9 @@ from symfive.threads import one_thread
 __all__ = ["Member", "Naming", "name_effects"]
 
 Array = NDArray[np.float64]
-MAX_EFFECTS, MAX_NAMELESS, MAX_ADDED = 5, 2, 10
-"""At once; of these without a name (what two of them leave, a third does not explain); and in all, those dropped again too."""
 TRIALS, MOST_TRIALS = 4, 8
 """Names tried at least; and at most, where their scores are nearly equal."""
 PASSES = 2
-MOST_NAMES = 2
-"""In place of a term without a name: what takes more of them is physics that the library lacks."""
 TIE = 0.05
 """Log evidence by which two that read alike may differ by rounding: neither takes the other's place."""
 OPEN, OPEN_SHARE = 10.0, 0.2
@@ -55,17 +37,6 @@ OPEN, OPEN_SHARE = 10.0, 0.2
 MATERIAL = 0.15
 """An effect counts only if its readings about their mean have at least this rms in units of the declared noise: less
 changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
-
-
-@dataclass(frozen=True)
-class Member:
-    """An effect found. `log_p` of its score before it joined, corrected for all places looked at; `trials` the exact
-    refits of all that could stand in its place, under the noise of the final fit, best first."""
-
-    effect: Effect
-    log_p: float
-    looks: int = 1
-    trials: tuple[Trial, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,41 +56,6 @@ class Naming:
         )
 
 
-@dataclass
-class _State:
-    """The search while it runs."""
-
-    after: Identification
-    level: float
-    exclude: tuple[str, ...]
-    progress: Callable[[str], None]
-    forms: Forms
-    members: list[Member] = field(default_factory=list)
-    dropped: set[str] = field(default_factory=set)
-    useless: set[str] = field(default_factory=set)
-    added: int = 0
-    most: int = MAX_EFFECTS
-    nameless: int = MAX_NAMELESS
-
-    @property
-    def campaign(self) -> Campaign:
-        return self.after.model.campaign
-
-    def open(self, score: Score) -> bool:
-        """Whether an effect may still join: neither `dropped` for good nor `useless` in the present fit."""
-        nameless = sum(m.effect.id == "unknown" for m in self.members)
-        return score.effect.key not in self.dropped | self.useless and (
-            score.effect.id != "unknown" or nameless < self.nameless
-        )
-
-    def joined(self, after: Identification, log_p: float, looks: int = 1) -> None:
-        """Take over the fit with one more member."""
-        self.after = after
-        self.members.append(Member(newest(after), log_p, looks))
-        self.added += 1
-        self.useless.clear()
-
-
 @one_thread
 def name_effects(
     found: Location | Detection | Identification | Campaign,
@@ -136,21 +72,22 @@ def name_effects(
     location = found if isinstance(found, Location) else locate(found, exclude=exclude, progress=progress)
     before = location.detection.fit
     names = Counter((s.effect.vocabulary, axis_of(s.effect)) for s in location.survey.scores)
-    state = _State(before, level, tuple(exclude), progress, names)
+    state = State(before, level, tuple(exclude), progress, names)
     _forward(state, location.survey)
-    _simplify(state, location.survey)
-    _spell_out(state)
+    if simplify(state, location.survey):
+        _forward(state)
+    spell_out(state, _forward)
     for _ in range(PASSES):
-        if _merge(state):
-            _forward(state, None)
+        if merge(state):
+            _forward(state)
         if not _contest(state):
             break
-        _forward(state, None)
+        _forward(state)
     _prune(state, state.members)
     return Naming(before, state.after, tuple(state.members), location)
 
 
-def _forward(state: _State, seen: Survey | None) -> None:
+def _forward(state: State, seen: Survey | None = None) -> None:
     """Add effects until none that is left is significant and material. `seen`: the survey of the present fit, if at hand.
 
     What later members made needless does not come back: without that, two that stand in for a third take turns for ever.
@@ -206,7 +143,7 @@ def _nearer(after: Identification, before: Identification) -> bool:
     return left[0] < left[1]
 
 
-def _behind_noise(state: _State, first: Identification | None) -> tuple[Identification, float] | None:
+def _behind_noise(state: State, first: Identification | None) -> tuple[Identification, float] | None:
     """A name, cycle or burst, with its log p, that goes before the `first` one found, if any: where the noise is large without
     a name, or still with it, the noise may have swallowed what the readings really hold."""
     named = first is not None and newest(first).id != "unknown"
@@ -220,7 +157,7 @@ def _behind_noise(state: _State, first: Identification | None) -> tuple[Identifi
     return name_or_noise(state.after, candidates, first, state.forms, state.level, state.progress)
 
 
-def _slow(state: _State) -> tuple[Identification, float] | None:
+def _slow(state: State) -> tuple[Identification, float] | None:
     """An effect over time that was taken for noise, with its log p."""
     if not slow_noise(state.after):
         return None
@@ -231,108 +168,7 @@ def _slow(state: _State) -> tuple[Identification, float] | None:
     return physics_or_noise(state.after, candidates, state.level, state.progress)
 
 
-def _simplify(state: _State, first: Survey) -> None:
-    """One term without a name in place of several names, where it explains the readings as well as all of them together.
-
-    Physics that the library lacks is often mimicked by a handful of effects; each by itself then has decisive evidence.
-    """
-    if len(state.members) < 2:
-        return
-    state.progress("one unknown against several names")
-    bare = state.after
-    for member in state.members:
-        bare = lacking(bare, member.effect)
-    sized = [group for m in state.members for group in amplitudes(state.campaign, m.effect)]
-    full = evidence_of(state.after.problem(), state.after.values, sized)
-    nameless = [s for s in first.scores if s.effect.id == "unknown"]
-    base = evidence_of(bare.problem(), bare.values)
-    trials = [
-        t
-        for t in (tried(bare, base, s, state.forms) for s in sorted(nameless, key=lambda s: -s.drop)[:2])
-        if t is not None
-    ]
-    best = max(trials, key=lambda t: t.evidence, default=None)
-    if best is not None and best.evidence > full - base:
-        state.after = shaped(bare, best)
-        state.members = [Member(newest(state.after), min(m.log_p for m in state.members))]
-        _forward(state, None)
-
-
-def _spell_out(state: _State) -> None:
-    """Two names at most in place of a term without a name, where they explain the readings as well as it does.
-
-    Over two axes, or two components of one, such a term explains two effects at once, and so goes before each of them. Where
-    two such terms are needed, the library lacks something.
-    """
-    nameless = [m for m in state.members if isinstance(m.effect, Unknown)]
-    if len(nameless) != 1 or not _of_places(nameless[0].effect):
-        return
-    (member,) = nameless
-    state.progress(f"names for {member.effect.key}")
-    bare = lacking(state.after, member.effect)
-    others = [m for m in state.members if m is not member]
-    other = replace(
-        state, after=bare, members=[*others], dropped=set(state.dropped), useless=set(), added=0,
-        most=len(others) + MOST_NAMES, nameless=0,
-    )  # fmt: skip
-    _forward(other, None)
-    found = [m for m in other.members if m not in others]
-    if not found or len(other.members) != len(others) + len(found):
-        return
-    if _together(bare, state.after, [member], state.forms) <= _together(bare, other.after, found, state.forms):
-        state.after, state.members = other.after, other.members
-        state.progress(f"{' and '.join(m.effect.key for m in found)} in place of {member.effect.key}")
-
-
-def _of_places(term: Effect) -> bool:
-    """Whether a term is one of axis positions or of time alone, not of velocities or of what follows a reversal."""
-    return isinstance(term, Unknown) and all(" " not in coordinate for coordinate in term.over)
-
-
-def _together(bare: Identification, after: Identification, members: Sequence[Member], forms: Forms) -> float:
-    """Log evidence of members against the fit without them, under its noise; every further one has to be decisive."""
-    campaign, problem = after.model.campaign, bare.problem(after.model)
-    sized = [group for m in members for group in amplitudes(campaign, m.effect)]
-    evidence = evidence_of(problem, after.values, sized) - evidence_of(bare.problem(), bare.values)
-    chances = sum(beforehand(campaign, m.effect, m.looks, after.named, forms) for m in members)
-    return evidence + chances - DECISIVE * (len(members) - 1)
-
-
-def _merge(state: _State) -> bool:
-    """One effect in place of two with a name, of which it moves the same component as one, where it explains the readings as
-    well in one of its shapes: a sag that comes back by another way is easily read as a sag and a play. True where it was so."""
-    named = [m for m in state.members if m.effect.id != "unknown"]
-    for pair in combinations(named, 2):
-        bare = lacking(state.after, *(m.effect for m in pair))
-        kin = _kin(state, bare, pair)
-        if not kin:
-            continue
-        state.progress(f"one effect for {' and '.join(m.effect.key for m in pair)}")
-        base = evidence_of(bare.problem(), bare.values)
-        both = _together(bare, state.after, pair, state.forms)
-        trials = [t for t in (tried(bare, base, s, state.forms) for s in kin) if t is not None]
-        best = max((best_shape(bare, base, t, state.forms) for t in trials), key=lambda t: t.evidence, default=None)
-        if best is not None and best.evidence > both:
-            state.after = shaped(bare, best)
-            first = next(i for i, m in enumerate(state.members) if m in pair)
-            kept = [m for m in state.members if m not in pair]
-            state.members = [*kept[:first], Member(newest(state.after), min(m.log_p for m in pair)), *kept[first:]]
-            state.progress(f"{best.effect.key} takes the place of {' and '.join(m.effect.key for m in pair)}")
-            return True
-    return False
-
-
-def _kin(state: _State, bare: Identification, members: Sequence[Member]) -> list[Score]:
-    """All of the catalogue that moves the component of one of the members."""
-    effects = [e for e in catalogue(state.campaign, bare.model.effects) if e.id not in state.exclude]
-    return [
-        Score.unscored(e, {p.name: 0.0 for p in e.parameters(state.campaign)}, 1)
-        for e in effects
-        if any(_moves_the_same(e, m.effect) for m in members)
-    ]
-
-
-def _contest(state: _State) -> bool:
+def _contest(state: State) -> bool:
     """Put every member to the test against all that could stand in its place; True where one was replaced.
 
     Under the noise of the full fit, with all other members in the model, the evidence is sharper than it was when the
@@ -343,8 +179,8 @@ def _contest(state: _State) -> bool:
         state.progress(f"rivals of {member.effect.key}")
         without = lacking(state.after, member.effect)
         scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
-        kin = {s.effect.key: s for s in _kin(state, without, [member]) if s.effect.key != member.effect.key}
-        rivals = kin | {s.effect.key: s for s in _best_of(scores)}
+        close = {s.effect.key: s for s in kin(state, without, [member]) if s.effect.key != member.effect.key}
+        rivals = close | {s.effect.key: s for s in _best_of(scores)}
         base = evidence_of(without.problem(), without.values)
         found = [t for t in (tried(without, base, s, state.forms) for s in rivals.values()) if t is not None]
         own = tried(without, base, _own_score(state.after, member), state.forms)
@@ -353,7 +189,8 @@ def _contest(state: _State) -> bool:
         simple = _plain_trial(state, without, base, member) or own
         least = min(own.evidence, simple.evidence - max(OPEN, OPEN_SHARE * simple.evidence))
         found = [
-            best_shape(without, base, t, state.forms) if t.evidence > least or t.effect.key in kin else t for t in found
+            best_shape(without, base, t, state.forms) if t.evidence > least or t.effect.key in close else t
+            for t in found
         ]
         trials = sorted([own, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
@@ -364,16 +201,6 @@ def _contest(state: _State) -> bool:
             state.progress(f"{best.effect.key} takes the place of {member.effect.key}")
             swapped = True
     return swapped
-
-
-def _moves_the_same(a: Effect, b: Effect) -> bool:
-    """Whether two effects move the same component: then each may be a shape of the other, whatever its plain shape scores."""
-    return _component(a) is not None and _component(a) == _component(b)
-
-
-def _component(effect: Effect) -> str | None:
-    """The component that an effect moves, if it moves one; a scale error is the linear part of the positioning error."""
-    return f"E{effect.axis}{effect.axis}" if effect.id == "scale_error" else getattr(effect, "component", None)
 
 
 def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
@@ -394,7 +221,7 @@ def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
     return own if own in best and first.evidence <= own.evidence + TIE else first
 
 
-def _plain_trial(state: _State, without: Identification, base: float, member: Member) -> Trial | None:
+def _plain_trial(state: State, without: Identification, base: float, member: Member) -> Trial | None:
     """A member in its plain shape, to which its rivals in theirs compare."""
     effect = plain(member.effect)
     if effect == member.effect:
@@ -430,7 +257,7 @@ def _own_score(result: Identification, member: Member) -> Score:
     return Score.unscored(member.effect, step, member.looks)
 
 
-def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
+def _best(state: State, seen: Survey) -> tuple[Trial, float] | None:
     """The effect with the greatest evidence among those that are significant and material, by exact refits."""
     limit = float(np.log(state.level / seen.looks))
     significant = [s for s in seen.scores if s.log_p < limit and state.open(s)]
@@ -451,7 +278,7 @@ def _best(state: _State, seen: Survey) -> tuple[Trial, float] | None:
     return best, min(log_p, 0.0)
 
 
-def _prune(state: _State, members: Sequence[Member]) -> None:
+def _prune(state: State, members: Sequence[Member]) -> None:
     """Drop effects that others have made needless."""
     for member in tuple(members):
         without = lacking(state.after, member.effect)
