@@ -157,9 +157,8 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     for f in unique.values():
         score = second.score(f.effect)
         scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks)), looks=f.looks))
-    scores = list(
-        {s.effect.key: s for s in sorted(scores, key=lambda s: -s.log_p)}.values()
-    )  # of two shapes the better
+    # of two shapes of one effect the better
+    scores = list({s.effect.key: s for s in sorted(scores, key=lambda s: -s.log_p)}.values())
     scores += [second.score(effect) for effect in nameless]
     for secant in secants:
         finite = second.score_secant(secant)

@@ -163,9 +163,8 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     effect = _roomy(campaign, trial.effect, trial.values)
     plain = _narrowed(refitted(Model(campaign, (*result.model.added, effect)), trial.values, result))
     best = _reshaped(result, plain)
-    if getattr(newest(best), "period", None) != getattr(
-        effect, "period", None
-    ):  # of the right one all harmonics are open again
+    if getattr(newest(best), "period", None) != getattr(effect, "period", None):
+        # with the right period all its harmonics are open again
         best = _reshaped(result, best)
     return widened(best)
 
