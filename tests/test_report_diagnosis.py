@@ -21,7 +21,7 @@ from symfive.diagnose import (
     Suspect,
     detect,
 )  # fmt: skip
-from symfive.diagnose._words import facts_of
+from symfive.diagnose._words import facts_of, sentence_of
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
@@ -133,6 +133,17 @@ def test_what_is_printed_is_verdict_list_and_next_step(found):
     assert "foretold worse with them (1.67 → 1.9 µm rms): take them" in str(worse)
     clean = diagnosis_text(replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=1.0))).splitlines()
     assert clean[0].startswith("The model explains") and "nothing found. Next: " in clean[-1]
+
+
+def test_a_size_that_no_machine_has_is_spoken_of(found):
+    finding, usual = found.findings[1], found.after
+    assert not any(
+        "usual size" in text for text in (facts_of(finding, usual)["how large"], sentence_of(finding, usual))
+    )
+    factor = np.where([p.name.startswith("gravity_sag") for p in usual.parameters], 100.0, 1.0)
+    huge = replace(usual, values=factor * usual.values)
+    for said in (facts_of(finding, huge)["how large"], sentence_of(finding, huge)):
+        assert "times its usual size" in said and "slip of units" in said
 
 
 def test_rivals_and_the_next_test_stand_with_the_finding(found):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from symfive.identify import Identification
@@ -16,6 +17,8 @@ __all__ = ["facts_of", "place_words", "sentence_of"]
 SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
 SHOWN_RIVAL = 0.01
 """A less probable rival is not named in words."""
+HUGE = 30.0
+"""What is so many times its usual size is hardly that: its unit or its cause is another one."""
 _QUANTITIES = {
     "velocity sign": "the direction in which {} moves", "velocity": "the velocity of {}",
     "acceleration": "the acceleration of {}", "": "the position of {}",
@@ -32,6 +35,8 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors, f"{percent(finding.share)} of the deviation's mean square"]
     if finding.shape_differs:
         sizes.append(f"its shape differs from the library's by {percent_or_more(finding.shape_differs)}")
+    if (usual := _times_usual(finding, after)) > HUGE:
+        sizes.append(f"{plain_number(usual, '')} times its usual size: look for a slip of units or for another cause")
     hidden = [f"the fit without it had taken {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
     hidden += [f"in general: {finding.effect.hidden_by.rstrip('.')}"] if finding.effect.hidden_by else []
@@ -56,6 +61,8 @@ def sentence_of(finding: Finding, after: Identification) -> str:
     text = ", ".join([*words, *numbers[:2], _sure(finding)])
     if finding.shape_differs:
         text += f"; its shape differs from the library's by {percent_or_more(finding.shape_differs)}"
+    if (usual := _times_usual(finding, after)) > HUGE:
+        text += f"; it would be {plain_number(usual, '')} times its usual size, so look for a slip of units or for another cause"
     if finding.moved:
         text += f"; it had hidden in the geometry ({_moves(finding, after)[0]})"
     elif finding.visible < 0.5:
@@ -82,6 +89,12 @@ def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
         else:
             (faint if isinstance(q.std, (int, float)) and abs(q.value) < 2.0 * q.std else clear).append(said)
     return words, clear or faint, vectors
+
+
+def _times_usual(finding: Finding, after: Identification) -> float:
+    """How many times its usual size an effect has; 0 of a term without a name."""
+    effect = replace(finding.effect, spread=1.0)
+    return 0.0 if effect.id == "unknown" else effect.in_sigmas(after.model.campaign, after.named)
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:
