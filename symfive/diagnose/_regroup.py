@@ -76,8 +76,10 @@ def spell_out(state: State, forward: Callable[[State], None]) -> None:
 
 
 def _of_places(term: Effect) -> bool:
-    """Whether a term is one of axis positions or of time alone, not of velocities or of what follows a reversal."""
-    return isinstance(term, Unknown) and all(" " not in coordinate for coordinate in term.over)
+    """Whether a term is one of axis positions or of time alone: not of velocities, of what follows a reversal, a burst, a cycle."""
+    if not isinstance(term, Unknown) or term.only_within or term.period_s:
+        return False
+    return all(" " not in coordinate for coordinate in term.over)
 
 
 def _together(bare: Identification, after: Identification, members: Sequence[Member], forms: Forms) -> float:
