@@ -76,7 +76,7 @@ def spell_out(state: State, forward: Callable[[State], None]) -> None:
 
 
 def _of_places(term: Effect) -> bool:
-    """Whether a term is one of axis positions or of time alone: not of velocities, of what follows a reversal, a burst, a cycle."""
+    """Whether a term is one of axis positions or of time alone: no velocity, no way since a reversal, no burst, no cycle."""
     if not isinstance(term, Unknown) or term.only_within or term.period_s:
         return False
     return all(" " not in coordinate for coordinate in term.over)
