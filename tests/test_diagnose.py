@@ -164,3 +164,8 @@ def test_findings_that_foretell_nothing_are_doubted() -> None:
     assert [d.split(" that ")[0] for d in doubts] == ["A run", "A place"]
     assert "1 → 1.1 µm" in doubts[0] and "beyond the places recorded" in doubts[1]
     assert not Fit(1.0, 0.6, 4.0, 1.4, None, None).doubts("µm")
+
+
+def test_findings_that_do_not_hold_at_another_place_are_doubted_though_they_help_there() -> None:
+    (said,) = Fit(3.0, 0.5, 36.0, 1.0, 3.0, 0.52, {"place": (3.0, 1.2)}).doubts("µm")
+    assert "foretold to 1.2 µm" in said and "leaves 0.5 µm" in said and "beyond the places recorded" in said

@@ -28,8 +28,8 @@ __all__ = [
 
 SCHEMA = "symfive.diagnosis/1"
 Array = NDArray[np.float64]
-WORSE = 0.01
-"""Share by which left-out readings must be foretold worse before it is said: less may be chance."""
+WORSE, BEYOND = 0.01, 1.5
+"""Left-out readings foretold worse by this share are spoken of (less may be chance), and so many times worse than fitted ones."""
 EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
 SHOWN_SHARE = 0.01
@@ -162,19 +162,26 @@ class Fit:
     heldout_by: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def doubts(self, unit: str) -> tuple[str, ...]:
-        """What speaks against the findings: readings that were left out and are foretold worse with them."""
-        runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
-        held = {"run": runs, **self.heldout_by}
-        return tuple(
-            f"A {what} that was left out of the fit is foretold worse with them ({change(before, after, unit)} {unit} rms): "
-            + (
-                "take them as a hint, not as proven."
-                if what == "run"
-                else f"do not trust them beyond the {what}s recorded."
-            )
-            for what, (before, after) in held.items()
-            if before is not None and after is not None and after > (1.0 + WORSE) * before
-        )
+        """What speaks against the findings: readings that were left out and are foretold worse with them, or far worse than those
+        that were fitted."""
+        said = []
+        for what, (before, after) in {
+            "run": (self.heldout_rms_before_um, self.heldout_rms_after_um),
+            **self.heldout_by,
+        }.items():
+            if before is None or after is None:
+                continue
+            one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"
+            if after > (1.0 + WORSE) * before:
+                advice = "take them as a hint, not as proven" if what == "run" else beyond
+                said.append(f"{one} is foretold worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
+            elif after > BEYOND * self.rms_after_um:
+                sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
+                said.append(
+                    f"{one} is foretold to {sizes[0]} {unit} rms only, where the fit leaves {sizes[1]} {unit}: "
+                    + ("something changes from run to run." if what == "run" else f"{beyond}.")
+                )
+        return tuple(said)
 
 
 @dataclass(frozen=True)
