@@ -121,9 +121,10 @@ class Channels:
         solved = np.linalg.solve(normal, cross)
         taken = np.einsum("pkd,pke->kde", cross.reshape(size, count, wide), solved.reshape(size, count, wide))
         slope = (answer - self.board.gradient[:size] @ solved).reshape(count, wide)
-        # tangents are per µm; a prior of 10 µm keeps unseen directions out, and rounding does not count
-        left = own - taken + (1e-2 + 1e-9 * own.max(axis=(1, 2), keepdims=True)) * np.eye(wide)
-        return np.asarray(np.einsum("kd,kd->k", slope, np.linalg.solve(left, slope[:, :, None])[:, :, 0]))
+        power, ways = np.linalg.eigh(own - taken)
+        along = np.einsum("kde,kd->ke", ways, slope)
+        # tangents are per µm; a prior of 10 µm keeps unseen directions out
+        return np.asarray(np.sum(along**2 / (np.maximum(power, 0.0) + 1e-2), axis=1))
 
     def _fitted(self, run: Run) -> tuple[Linearisation, Array]:
         """A run's derivatives by what is fitted, and the same whitened."""
