@@ -30,7 +30,7 @@ class Member:
 
 @dataclass
 class State:
-    """The search while it runs."""
+    """The search while it runs: the fit `after` all members so far; `most` may be, and `nameless` of them without a name."""
 
     after: Identification
     level: float
