@@ -127,6 +127,15 @@ def test_a_sag_that_comes_back_by_another_way_is_one_effect(tmp_path):
     assert found["amplitude_branch"].value == pytest.approx(0.2 * 9.0, rel=0.1)
 
 
+def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path):
+    """A sag whose way back takes over bit by bit over 60° and more."""
+    sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 30.0, "form": "hysteresis"}
+    result = _simulated(tmp_path, [sag | {"branch": 0.3, "distance_deg": 60.0}], seed=11)
+    assert [(f.name, f.axis) for f in result.findings] == [("gravity_sag", "B")]
+    assert result.fit.chi2_dof_after < 1.1
+    assert "shape" in result.findings[0].says
+
+
 def test_heat_that_comes_late_is_one_drift_with_its_onset(tmp_path):
     heat = {"effect": "thermal_drift", "direction": [0.6, 0.0, 0.8], "amplitude": 12.0, "time_constant_s": 700.0}
     result = _simulated(tmp_path, [heat | {"form": "onset", "onset_s": 1100.0}], seed=11)

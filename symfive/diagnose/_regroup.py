@@ -32,9 +32,7 @@ def simplify(state: State, first: Survey) -> bool:
     if len(state.members) < 2:
         return False
     state.progress("one unknown against several names")
-    bare = state.after
-    for member in state.members:
-        bare = lacking(bare, member.effect)
+    bare = lacking(state.after, *(m.effect for m in state.members))
     sized = [group for m in state.members for group in amplitudes(state.campaign, m.effect)]
     full = evidence_of(state.after.problem(), state.after.values, sized)
     nameless = [s for s in first.scores if s.effect.id == "unknown"]
@@ -83,12 +81,11 @@ def _of_places(term: Effect) -> bool:
 
 
 def _together(bare: Identification, after: Identification, members: Sequence[Member], forms: Forms) -> float:
-    """Log evidence of members against the fit without them, under its noise; every further one has to be decisive."""
+    """Log evidence of a fit with members under the noise of the `bare` one without them; every further one has to be decisive."""
     campaign, problem = after.model.campaign, bare.problem(after.model)
     sized = [group for m in members for group in amplitudes(campaign, m.effect)]
-    evidence = evidence_of(problem, after.values, sized) - evidence_of(bare.problem(), bare.values)
     chances = sum(beforehand(campaign, m.effect, m.looks, after.named, forms) for m in members)
-    return evidence + chances - DECISIVE * (len(members) - 1)
+    return evidence_of(problem, after.values, sized) + chances - DECISIVE * (len(members) - 1)
 
 
 def merge(state: State) -> bool:
@@ -102,7 +99,7 @@ def merge(state: State) -> bool:
             continue
         state.progress(f"one effect for {' and '.join(m.effect.key for m in pair)}")
         base = evidence_of(bare.problem(), bare.values)
-        both = _together(bare, state.after, pair, state.forms)
+        both = _together(bare, state.after, pair, state.forms) - base
         trials = [t for t in (tried(bare, base, s, state.forms) for s in related) if t is not None]
         best = max((best_shape(bare, base, t, state.forms) for t in trials), key=lambda t: t.evidence, default=None)
         if best is not None and best.evidence > both:

@@ -164,11 +164,9 @@ class Fit:
     def doubts(self, unit: str) -> tuple[str, ...]:
         """What speaks against the findings: readings that were left out and are foretold worse with them, or far worse than those
         that were fitted."""
+        runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
         said = []
-        for what, (before, after) in {
-            "run": (self.heldout_rms_before_um, self.heldout_rms_after_um),
-            **self.heldout_by,
-        }.items():
+        for what, (before, after) in {"run": runs, **self.heldout_by}.items():
             if before is None or after is None:
                 continue
             one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"

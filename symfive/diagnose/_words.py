@@ -36,7 +36,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     if finding.shape_differs:
         sizes.append(f"its shape differs from the library's by {percent_or_more(finding.shape_differs)}")
     if (usual := _times_usual(finding, after)) > HUGE:
-        sizes.append(f"{plain_number(usual, '')} times its usual size: look for a slip of units or for another cause")
+        sizes.append(f"{plain_number(usual)} times its usual size: look for a slip of units or for another cause")
     hidden = [f"the fit without it had taken {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
     hidden += [f"in general: {finding.effect.hidden_by.rstrip('.')}"] if finding.effect.hidden_by else []
@@ -62,7 +62,7 @@ def sentence_of(finding: Finding, after: Identification) -> str:
     if finding.shape_differs:
         text += f"; its shape differs from the library's by {percent_or_more(finding.shape_differs)}"
     if (usual := _times_usual(finding, after)) > HUGE:
-        text += f"; it would be {plain_number(usual, '')} times its usual size, so look for a slip of units or for another cause"
+        text += f"; it would be {plain_number(usual)} times its usual size, so look for a slip of units or for another cause"
     if finding.moved:
         text += f"; it had hidden in the geometry ({_moves(finding, after)[0]})"
     elif finding.visible < 0.5:
