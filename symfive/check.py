@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from symfive.campaign import Run, campaign_problems
+from symfive.campaign import Campaign, Run, campaign_problems
 from symfive.errors import InputError
 from symfive.machine import Axis, ErrorTerm, Machine, error_names, machine_problems, unknown_keys
 from symfive.numbers import plain_number, unit_words
@@ -26,7 +26,7 @@ class Check:
     """What the files at `path` declare and what is wrong with them.
 
     `machine` and `runs` as far as they can be read (a wrong entry is left out); `problems` in words with file and line;
-    `notes` on what is kept without being known.
+    `notes` on what is kept without being known, and on what is legal but hardly meant (`symfive.plausible`).
     """
 
     path: Path
@@ -92,6 +92,10 @@ def check(path: Path | str) -> Check:
         if machine
         else ()
     )
+    if machine is not None and runs and not found:
+        from symfive.plausible import doubts
+
+        notes += doubts(Campaign(machine=machine, runs=runs))
     return Check(path, machine, runs, tuple(found), notes)
 
 

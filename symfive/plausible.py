@@ -1,0 +1,81 @@
+"""What is legal in a campaign but hardly meant: places, feeds, readings, priors that do not fit instrument or machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from symfive.campaign import Campaign, Run
+from symfive.inference import Problem
+from symfive.machine import Machine
+from symfive.model import Model
+from symfive.numbers import plain_number
+
+__all__ = ["doubts"]
+
+TINY, SLIP = 0.1, 10.0
+"""Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
+units are 57, 60 and 1000)."""
+UNITS = {"ball_bar": "the bar", "r_test": "the ball"}
+
+
+def doubts(campaign: Campaign) -> tuple[str, ...]:
+    """What to look at before anything is measured or believed, in words; nothing where all is plausible.
+
+    A prior 1σ smaller than the noise (mm or rad instead of µm or µrad?); an axis commanded faster than it can go; a ball bar or
+    an R-test that would be beyond its stroke on the machine as the file has it; readings beyond that stroke, or that hardly
+    change (a wrong unit).
+    """
+    return (*_small_priors(campaign), *(said for run in campaign.runs for said in _of_run(campaign, run)))
+
+
+def _small_priors(campaign: Campaign) -> Iterator[str]:
+    noise = min(run.noise(name) for run in campaign.runs for name in run.instrument)
+    for term in campaign.machine.errors.values():
+        if 0.0 < term.sigma < TINY * noise:
+            unit = "µrad, not rad" if term.angular else "µm, not mm"
+            yield f"{term.name}: the prior 1σ {plain_number(term.sigma)} is far below the noise; it is in {unit}"
+
+
+def _of_run(campaign: Campaign, run: Run) -> Iterator[str]:
+    machine = campaign.machine
+    for name in machine.axis_names if run.dynamic else ():
+        axis, speed = machine.axes[name], run.fastest(run.commands[name])
+        if axis.max_feed is not None and speed > SLIP * axis.max_feed:
+            sizes = f"{plain_number(speed)} {axis.unit}/min where its max_feed is {plain_number(axis.max_feed)}"
+            yield f"run {run.id}: {name} is commanded at up to {sizes}; look at t_s and the units of {name}"
+    instrument = next((name for name in run.instrument if name in UNITS), None)
+    if instrument is not None:
+        yield from _of_stroke(campaign, run, instrument)
+
+
+def _of_stroke(campaign: Campaign, run: Run, instrument: str) -> Iterator[str]:
+    stroke = _stroke_um(campaign.machine, instrument)
+    model = Model(campaign.select(run.id))
+    own = next(columns for name, columns in Problem.of(model).parts(run) if name == instrument)
+    foretold = model.predict_run(run, model.prior_mean)[:, own]
+    row, _ = np.unravel_index(int(np.argmax(np.abs(foretold))), foretold.shape)
+    most = float(np.max(np.abs(foretold)))
+    what, limit = UNITS[instrument], f"{plain_number(1e-3 * stroke)} mm"
+    if most > stroke:
+        yield (
+            f"run {run.id}: with its balls and commands {what} would be {plain_number(1e-3 * most)} mm off at row {row + 1} "
+            f"(stroke ±{limit}); look at table_ball, tool_ball, length, the feed and the units of the commands"
+        )
+        return
+    if not run.measured:
+        return
+    readings = model.readings(run)[:, own]
+    if float(np.max(np.abs(readings))) > 2.0 * stroke:
+        size = plain_number(1e-3 * float(np.max(np.abs(readings))))
+        yield f"run {run.id}: readings of up to {size} mm are beyond the stroke of ±{limit}; they are in µm"
+    scatter, noise = float(np.std(readings - foretold)), run.noise(instrument)
+    if len(readings) > 2 and scatter < TINY * noise:
+        sizes = f"by {plain_number(scatter)} µm only where noise_um is {plain_number(noise)}"
+        yield f"run {run.id}: the readings depart from the machine's {sizes}; they are in µm, not mm"
+
+
+def _stroke_um(machine: Machine, instrument: str) -> float:
+    workspace = machine.workspace
+    return 1e3 * (workspace.bar_stroke if instrument == "ball_bar" else workspace.sensor_range)

@@ -1,0 +1,70 @@
+"""What `check` says of files that are legal but hardly meant."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from symfive.campaign import Campaign, read_campaign
+from symfive.check import check
+from symfive.plausible import doubts
+
+CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
+
+NAMES = sorted(folder.name for folder in CAMPAIGNS.iterdir())
+
+
+def slipped(campaign: Campaign, **change) -> tuple[str, ...]:
+    """The doubts where the first run is changed."""
+    return doubts(replace(campaign, runs=(replace(campaign.runs[0], **change), *campaign.runs[1:])))
+
+
+@pytest.fixture(scope="module")
+def bar() -> Campaign:
+    return read_campaign(CAMPAIGNS / "static-ball-bar-two-heights" / "fit")
+
+
+@pytest.fixture(scope="module")
+def nests() -> Campaign:
+    return read_campaign(CAMPAIGNS / "static-none" / "fit")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_said_of_what_is_meant(name):
+    assert check(CAMPAIGNS / name / "fit").notes == ()
+
+
+def test_balls_that_do_not_fit_the_commands(bar, nests):
+    x, y, z = bar.runs[0].tool_ball
+    (said,) = slipped(bar, tool_ball=(x, y, z - 30.0))
+    assert (
+        said.startswith(f"run {bar.runs[0].id}: with its balls and commands the bar would be") and "tool_ball" in said
+    )
+    (said,) = slipped(nests, table_ball=(0.0, 0.0, 0.0))
+    assert "the ball would be" in said and "(stroke ±1 mm)" in said
+
+
+def test_commands_in_radian(nests):
+    (said,) = slipped(nests, commands={**nests.runs[0].commands, "C": nests.runs[0].commands["C"] / 57.3})
+    assert "units of the commands" in said
+
+
+def test_readings_in_mm_or_nm(bar):
+    readings = bar.runs[0].readings
+    (said,) = slipped(bar, readings={k: v / 1e3 for k, v in readings.items()})
+    assert "they are in µm, not mm" in said
+    (said,) = slipped(bar, readings={k: v * 1e3 for k, v in readings.items()})
+    assert "beyond the stroke" in said
+
+
+def test_a_feed_beyond_the_axis():
+    circles = read_campaign(CAMPAIGNS / "dynamic-none" / "fit")
+    said = slipped(circles, time=circles.runs[0].time / 60.0)
+    assert "is commanded at up to" in said[0] and "max_feed" in said[0]
+
+
+def test_a_prior_in_mm(bar):
+    name, term = next(iter(bar.machine.errors.items()))
+    machine = replace(bar.machine, errors={**bar.machine.errors, name: replace(term, sigma=term.sigma / 1e4)})
+    (said,) = doubts(replace(bar, machine=machine))
+    assert said.startswith(f"{name}: the prior 1σ") and "not mm" in said
