@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 import plant
 import pytest
+from scipy.stats import chi2
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, locate, name_effects
+from symfive.diagnose._evidence import likelihood_ratio
 from symfive.diagnose._findings import doubted
-from symfive.diagnose._refit import Trial
+from symfive.diagnose._refit import Trial, refitted
 from symfive.diagnose._regroup import merge
 from symfive.diagnose._scores import Score, log_tail
+from symfive.diagnose._slow import whitened
 from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
 from symfive.identify import identify
@@ -98,6 +101,25 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
         ("thermal_drift", None)
     ]
     assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
+
+
+def test_the_likelihood_ratio_of_a_drift_keeps_its_rate_under_slow_noise(tmp_path):
+    """Twelve campaigns of noise alone: χ² or less; with a drift, far beyond."""
+    machine = plant.static_table()
+    quiet = plant.NoiseOptions(coloured_um=0.2, correlation_s=50.0)
+    drift = {"effect": "thermal_drift", "amplitude": 8.0, "direction": [-0.55, 0.63, 0.55], "time_constant_s": 900.0}
+
+    def chance(seed: int, effects: list[dict]) -> float:
+        campaign = _measured(tmp_path / f"{seed}", machine, _bars(machine)[:2], effects, seed=seed, options=quiet)
+        plain = identify(Model(campaign), noise="repeats")
+        effect = make_effect("thermal_drift", shape="linear").prepare(campaign)
+        found = refitted(Model(campaign, (effect,)), plain.named, whitened(plain))
+        ratio, dof = likelihood_ratio(found, plain, effect)
+        return float(chi2.sf(max(ratio, 0.0), dof))
+
+    alone = [chance(seed, []) for seed in range(12)]
+    assert sum(p < 0.1 for p in alone) <= 4 and min(alone) > 1e-3  # binomial: 0.5 % and 1.2 % of such tests would fail
+    assert chance(12, [drift]) < 1e-3
 
 
 def test_heat_that_comes_late_is_not_taken_for_slow_noise(tmp_path):

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.diagnose._remainder import remainder
+from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.inference import Information, Problem, whiten
 from symfive.model import Model
 
-__all__ = ["Groups", "evidence_of", "evidence_with_noise", "evidence_without", "marginal", "weighed"]
+__all__ = [
+    "Groups", "evidence_of", "evidence_with_noise", "evidence_without", "likelihood_ratio", "marginal", "weighed",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 SCALINGS = 4
@@ -60,17 +63,39 @@ def evidence_without(problem: Problem, values: Array, dropped: Sequence[Collecti
 def evidence_with_noise(result: Identification, without: Identification) -> float:
     """Log marginal likelihood of a fit under its own noise over that of another fit under its own, both over the readings
     that neither takes for outliers: what the one calls an effect, the other may call slow noise."""
-    problems = [result.problem(), without.problem()]
+    more, less = _under_their_noise(result, without)
+    return more - less
+
+
+def likelihood_ratio(result: Identification, without: Identification, effect: Effect) -> tuple[float, int]:
+    """2 log of the same ratio where the effect's own parameters are at their best, not weighed by their prior; and their number.
+
+    All that the fits share is integrated out, as in a restricted likelihood (H. D. Patterson & R. Thompson 1971): else slow
+    noise, which leaves a set-up less well known, would look worse than it is. Where noise is all there is, the ratio is χ²
+    distributed (S. S. Wilks 1938).
+    """
+    own = frozenset(p.name for p in effect.parameters(result.model.campaign))
+    more, less = _under_their_noise(result, without, own)
+    return 2.0 * (more - less), len(own)
+
+
+def _under_their_noise(
+    first: Identification, second: Identification, best: frozenset[str] = frozenset()
+) -> tuple[float, float]:
+    """Log marginal likelihoods of two fits, each under its own noise, over readings that neither takes for outliers; parameters
+    among the `best` are not integrated out."""
+    problems = [first.problem(), second.problem()]
     left_out = {run: mask | problems[1].left_out[run] for run, mask in problems[0].left_out.items()}
     found = []
-    for problem, fit in zip(problems, (result, without), strict=True):
+    for problem, fit in zip(problems, (first, second), strict=True):
         problem.left_out = left_out
         blocks = problem.blocks(fit.values)
         information = problem.information(blocks)
-        precision = problem.prior_precision
-        departure = fit.values - problem.model.prior_mean
-        pull = information.gradient - precision * departure
-        curvature = information.matrix + np.diag(precision)
+        rest = np.array([p.name not in best for p in problem.model.parameters])
+        precision = problem.prior_precision[rest]
+        departure = (fit.values - problem.model.prior_mean)[rest]
+        pull = information.gradient[rest] - precision * departure
+        curvature = information.matrix[np.ix_(rest, rest)] + np.diag(precision)
         cost = information.square + float(departure**2 @ precision) - float(pull @ np.linalg.solve(curvature, pull))
         spread = float(np.linalg.slogdet(curvature)[1]) - float(np.sum(np.log(precision)))
         logs = 0.0
@@ -78,7 +103,7 @@ def evidence_with_noise(result: Identification, without: Identification) -> floa
             _, one = whiten(np.zeros((len(block.residual), 1)), problem.noises[key], block.interval)
             logs += one * block.residual.shape[1]
         found.append(-0.5 * (cost + spread + logs))
-    return found[0] - found[1]
+    return found[0], found[1]
 
 
 @dataclass(frozen=True)

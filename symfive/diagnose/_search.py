@@ -154,18 +154,18 @@ def _behind_noise(state: State, first: Identification | None) -> tuple[Identific
     names = [s for s in still if s.effect.id != "unknown" and not changes_slowly(s.effect)]
     candidates = sorted(names, key=lambda s: s.log_p)[:TRIALS]
     candidates += [s for s in still if isinstance(s.effect, Unknown) and (s.effect.period_s or s.effect.only_within)]
-    return name_or_noise(state.after, candidates, first, state.forms, state.level, state.progress)
+    return name_or_noise(state.after, candidates, len(names), first, state.forms, state.level, state.progress)
 
 
 def _slow(state: State) -> tuple[Identification, float] | None:
     """An effect over time that was taken for noise, with its log p."""
-    if not slow_noise(state.after):
+    if not slow_noise(state.after, state.level):
         return None
     seen = survey(whitened(state.after), state.exclude)
     scores = [s for s in seen.scores if changes_slowly(s.effect) and state.open(s)]
-    nameless = [s for s in scores if s.effect.id == "unknown"]
-    candidates = [*_best_of([s for s in scores if s.effect.id != "unknown"]), *nameless]
-    return physics_or_noise(state.after, candidates, state.level, state.progress)
+    named = [s for s in scores if s.effect.id != "unknown"]
+    candidates = [*_best_of(named), *(s for s in scores if s.effect.id == "unknown")]
+    return physics_or_noise(state.after, candidates, len(named), state.level, state.progress)
 
 
 def _contest(state: State) -> bool:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
-from symfive.diagnose._evidence import evidence_of, evidence_with_noise
+from symfive.diagnose._evidence import evidence_of, evidence_with_noise, likelihood_ratio
 from symfive.diagnose._places import coordinate_of
 from symfive.diagnose._refit import DECISIVE, Forms, newest, refitted, shaped, start_of, tried, widened
 from symfive.diagnose._scores import Score
@@ -22,8 +23,8 @@ SLOW = 0.1
 """Noise whose correlation lasts longer than this part of a run may be something that drifts."""
 SLOWLY = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "unknown")
 """What changes while nothing moves."""
-LARGE, SMALL = 0.5, 0.15
-"""Slow noise in units of the declared: few instruments have a large one, any may have a small one; less does not matter."""
+LARGE = 0.5
+"""Slow noise in units of the declared: few instruments have a larger one, any may have a smaller."""
 DIRECTIONS = 4
 """All three, or a single one."""
 SLOW_NOISE = 0.2
@@ -35,15 +36,22 @@ def changes_slowly(effect: Effect) -> bool:
     return effect.id in SLOWLY and coordinate_of(effect) in ("time", "t")
 
 
-def slow_noise(fit: Identification) -> float:
-    """The largest part of the noise that changes as slowly as the runs last, in units of the declared noise; 0 without any.
+def slow_noise(fit: Identification, level: float) -> float:
+    """The largest part of the noise that changes as slowly as the runs last, in units of the declared noise; 0 where all of it is
+    less than an effect that is significant at `level` would bring into the readings.
 
     No score under such noise would find what drifts: the noise's own parameters have swallowed it.
     """
-    lasting = {run.id: float(run.time[-1] - run.time[0]) for run in fit.model.campaign.runs}
-    parts = (n.coloured / n.declared for (run, _), n in fit.noises.items() if n.time_constant > SLOW * lasting[run])
-    largest = max(parts, default=0.0)
-    return largest if largest > SMALL else 0.0
+    largest = hidden = 0.0
+    problem = fit.problem()
+    for run in fit.model.campaign.runs:
+        for name, columns in problem.parts(run):
+            noise = fit.noises[run.id, name]
+            if noise.time_constant > SLOW * float(run.time[-1] - run.time[0]):
+                share = noise.coloured / noise.declared
+                hidden += share**2 * run.rows * (columns.stop - columns.start)
+                largest = max(largest, share)
+    return largest if hidden > -2.0 * np.log(level) else 0.0
 
 
 def large_noise(fit: Identification) -> bool:
@@ -59,70 +67,100 @@ def whitened(fit: Identification) -> Identification:
 def physics_or_noise(
     fit: Identification,
     candidates: Sequence[Score],
+    names: int,
     level: float,
     progress: Callable[[str], None],
 ) -> tuple[Identification, float] | None:
-    """The best of effects over time, with the noise found anew, if its odds against slow noise are high enough; with their log.
-
-    By Markov's inequality slow noise gives odds above K at a rate below 1/K, and few instruments have a large one. The best term
-    without a name is tried along single directions too: an instrument's noise prefers none.
+    """The most probable of effects over time, with the noise found anew, where slow noise alone would hardly look like it; with
+    the log of that chance. The candidates are the best of so many `names`, and all terms without one; the best of these is tried
+    along single directions too: an instrument's noise prefers none.
     """
     campaign, white = fit.model.campaign, whitened(fit)
-    share = SLOW_NOISE if slow_noise(fit) > LARGE else 1.0
-    names = max(1, sum(s.effect.id != "unknown" for s in candidates))
+    share = float(np.log(SLOW_NOISE)) if slow_noise(fit, level) > LARGE else 0.0
+    tests: list[_Test] = []
 
-    def weighed_with_noise(score: Score, effect: Effect, choices: int) -> tuple[float, Identification]:
+    def test(score: Score, effect: Effect) -> _Test:
         model = Model(campaign, (*white.model.added, effect.prepare(campaign)))
         found = widened(refitted(model, white.named | start_of(model, score), white))
-        choice = DECISIVE if effect.id == "unknown" else 0.0
-        return evidence_with_noise(found, fit) - choice - float(np.log(choices)), found
+        looks = DIRECTIONS if effect.id == "unknown" else score.looks
+        tests.append(_Test.of(found, fit, names, looks, DECISIVE, share))
+        return tests[-1]
 
-    trials = []
-    nameless: tuple[float, Score] | None = None
+    nameless: list[tuple[float, Score]] = []
     for score in candidates:
         progress(f"slow noise or {score.effect.key}")
         if score.effect.id == "unknown":
-            trials.append(weighed_with_noise(score, score.effect, DIRECTIONS))
-            if nameless is None or trials[-1][0] > nameless[0]:
-                nameless = trials[-1][0], score
+            nameless.append((test(score, score.effect).odds, score))
             continue
         for effect in (score.effect, *variants(score.effect)):
-            trials.append(weighed_with_noise(score, effect, names * shapes(effect.prepare(campaign), campaign)))
-    if nameless is not None:
-        single = [e for e in narrower(nameless[1].effect) if len(e.directions) == 1]
-        trials += [weighed_with_noise(nameless[1], effect, DIRECTIONS) for effect in single]
-    best = max(trials, key=lambda t: t[0], default=None)
-    if best is None or best[0] < float(np.log(share / level)):
-        return None
-    return best[1], min(float(np.log(share)) - best[0], 0.0)
+            test(score, effect)
+    if nameless:
+        _, score = max(nameless, key=lambda n: n[0])
+        for effect in (e for e in narrower(score.effect) if len(e.directions) == 1):
+            test(score, effect)
+    return _best(tests, 0.0, level)
 
 
 def name_or_noise(
     fit: Identification,
     candidates: Sequence[Score],
+    names: int,
     first: Identification | None,
     forms: Forms,
     level: float,
     progress: Callable[[str], None],
 ) -> tuple[Identification, float] | None:
-    """The best name (or cycle, or burst) that large coloured noise had swallowed, each with the noise found anew, if its odds
-    against that noise and against the `first` effect found under it are high enough; with their log."""
+    """The most probable name (or cycle, or burst) that large coloured noise had swallowed, each with the noise found anew, where
+    that noise would hardly look like it and the `first` effect found under it is less probable; with the log of that chance.
+    The candidates are the best of so many `names`, and all cycles and bursts."""
     white = whitened(fit)
     base = evidence_of(white.problem(), white.values)
-    least = float(np.log(1.0 / level))
-    given_up = DECISIVE
+    least, given_up = 0.0, DECISIVE
     if first is not None:
         least = max(least, evidence_with_noise(first, fit))
         given_up = 0.0 if newest(first).id == "unknown" else DECISIVE
-    best: tuple[float, Identification] | None = None
+    tests = []
     for score in candidates:
         progress(f"coloured noise or {score.effect.key}")
         trial = tried(white, base, score, forms)
         if trial is None:
             continue
-        found = shaped(white, trial)
-        evidence = evidence_with_noise(found, fit) - float(np.log(len(candidates) * score.looks))
-        evidence -= given_up if score.effect.id == "unknown" else 0.0
-        if evidence > max(least, best[0] if best else 0.0):
-            best = evidence, found
-    return (best[1], -best[0]) if best else None
+        looks = score.looks * (len(candidates) if score.effect.id == "unknown" else 1)
+        tests.append(_Test.of(shaped(white, trial), fit, names, looks, given_up))
+    return _best(tests, least, level)
+
+
+@dataclass(frozen=True)
+class _Test:
+    """A fit with an effect against one with coloured noise in its place: its log `odds`, and the log `chance` that such noise
+    gives as much."""
+
+    found: Identification
+    odds: float
+    chance: float
+
+    @classmethod
+    def of(
+        cls, found: Identification, fit: Identification, names: int, looks: int, given_up: float, share: float = 0.0
+    ) -> _Test:
+        """`looks` at places for an effect that is one of so many `names`, `share` the log probability of such noise beforehand.
+
+        The chance of a name is that of its likelihood ratio. A term without one can follow any noise: there the odds have to do
+        (by Markov's inequality noise gives odds above K at a rate below 1/K), and must pay for the name that is `given_up`.
+        """
+        effect = newest(found)
+        odds = evidence_with_noise(found, fit) - share
+        if effect.id == "unknown":
+            odds -= given_up + float(np.log(looks))
+            return cls(found, odds, -odds)
+        ways = looks * shapes(effect, fit.model.campaign)
+        ratio, dof = likelihood_ratio(found, fit, effect)
+        chance = float(chi2.logsf(max(ratio, 0.0), dof)) + float(np.log(names * ways))
+        return cls(found, odds - float(np.log(ways)), chance)
+
+
+def _best(tests: Sequence[_Test], least: float, level: float) -> tuple[Identification, float] | None:
+    """The most probable of those that noise hardly gives, if its log odds exceed the `least`; with the log of that chance."""
+    passed = [t for t in tests if t.odds > least and t.chance < np.log(level)]
+    best = max(passed, key=lambda t: t.odds, default=None)
+    return (best.found, best.chance) if best else None
