@@ -66,13 +66,13 @@ def name_effects(
 ) -> Naming:
     """Find effects until nothing significant and material is left, and weigh each against all that could stand in its place.
 
-    `level` is the rate of false names over the whole catalogue; `exclude` takes effects (by id) out of the catalogue, as a
-    control.
+    `level` is the rate of false names over the whole catalogue, half of it under the noise of the fit and half under noise
+    found anew; `exclude` takes effects (by id) out of the catalogue, as a control.
     """
     location = found if isinstance(found, Location) else locate(found, exclude=exclude, progress=progress)
     before = location.detection.fit
     names = Counter((s.effect.vocabulary, axis_of(s.effect)) for s in location.survey.scores)
-    state = State(before, level, tuple(exclude), progress, names)
+    state = State(before, 0.5 * level, tuple(exclude), progress, names)
     _forward(state, location.survey)
     if simplify(state, location.survey):
         _forward(state)
