@@ -13,7 +13,9 @@ import json
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -46,10 +48,11 @@ THRESHOLDED = """
 import sys, time, json, warnings, numpy
 warnings.filterwarnings('ignore')
 import pysindy
-data = numpy.load(sys.argv[1]); start = time.process_time()
-model = pysindy.STLSQ(threshold=float(sys.argv[2]), max_iter=50)
-model.fit(data['columns'], data['y'][:, None])
-print(json.dumps([time.process_time() - start, numpy.ravel(model.coef_).tolist()]))
+for line in sys.stdin:
+    data = numpy.load(line.strip()); start = time.process_time()
+    model = pysindy.STLSQ(threshold=float(sys.argv[1]), max_iter=50)
+    model.fit(data['columns'], data['y'][:, None])
+    print(json.dumps([time.process_time() - start, numpy.ravel(model.coef_).tolist()]), flush=True)
 """
 SHIFTS = 10
 """Instants per run at which an artefact may have moved."""
@@ -278,17 +281,29 @@ def fit_all(system: System) -> list[Name]:
     return list(dict.fromkeys(name for _, name in sorted(found, key=lambda f: -f[0])))
 
 
+@cache
+def _peer(python: str) -> subprocess.Popen[str]:
+    """A process of that `python` that answers one path after the other; it ends with this one."""
+    command = [python, "-c", THRESHOLDED, str(THRESHOLD)]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+
+
 def pysindy(system: System, python: str) -> tuple[list[Name], float]:
     """What PySINDy of that `python` keeps, the largest first, and its seconds; RuntimeError where it is not there."""
     columns, y, owner = dictionary(system)
+    peer = _peer(python)
+    assert peer.stdin and peer.stdout and peer.stderr
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "system.npz"
         np.savez(path, columns=columns, y=y)
-        command = [python, "-c", THRESHOLDED, str(path), str(THRESHOLD)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
-    seconds, values = json.loads(done.stdout.splitlines()[-1])
+        with suppress(BrokenPipeError):
+            print(path, file=peer.stdin, flush=True)
+        answer = peer.stdout.readline()
+    if not answer:
+        _peer.cache_clear()
+        raise RuntimeError((peer.stderr.read().strip().splitlines() or ["no message"])[-1])
+    seconds, values = json.loads(answer)
     order = sorted(np.flatnonzero(values), key=lambda i: -abs(values[i]))
     return list(dict.fromkeys(system.families[owner[i]][0] for i in order)), seconds
 
