@@ -95,7 +95,10 @@ def check(path: Path | str) -> Check:
     if machine is not None and runs and not found:
         from symfive.plausible import doubts
 
-        notes += doubts(Campaign(machine=machine, runs=runs))
+        try:
+            notes += doubts(Campaign(machine=machine, runs=runs))
+        except InputError as error:
+            found = [error]
     return Check(path, machine, runs, tuple(found), notes)
 
 

@@ -17,7 +17,9 @@ __all__ = ["doubts"]
 TINY, SLIP = 0.1, 10.0
 """Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
 units are 57, 60 and 1000)."""
-UNITS = {"ball_bar": "the bar", "r_test": "the ball"}
+MOST_ROWS = 100_000
+"""Of a longer run only the first rows are looked at."""
+WHAT = {"ball_bar": "the bar", "r_test": "the ball"}
 
 
 def doubts(campaign: Campaign) -> tuple[str, ...]:
@@ -27,7 +29,8 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
     an R-test that would be beyond its stroke on the machine as the file has it; readings beyond that stroke, or that hardly
     change (a wrong unit).
     """
-    return (*_small_priors(campaign), *(said for run in campaign.runs for said in _of_run(campaign, run)))
+    runs = (run if run.rows <= MOST_ROWS else run.part(0, MOST_ROWS) for run in campaign.runs)
+    return (*_small_priors(campaign), *(said for run in runs for said in _of_run(campaign.machine, run)))
 
 
 def _small_priors(campaign: Campaign) -> Iterator[str]:
@@ -38,26 +41,25 @@ def _small_priors(campaign: Campaign) -> Iterator[str]:
             yield f"{term.name}: the prior 1σ {plain_number(term.sigma)} is far below the noise; it is in {unit}"
 
 
-def _of_run(campaign: Campaign, run: Run) -> Iterator[str]:
-    machine = campaign.machine
+def _of_run(machine: Machine, run: Run) -> Iterator[str]:
     for name in machine.axis_names if run.dynamic else ():
         axis, speed = machine.axes[name], run.fastest(run.commands[name])
         if axis.max_feed is not None and speed > SLIP * axis.max_feed:
             sizes = f"{plain_number(speed)} {axis.unit}/min where its max_feed is {plain_number(axis.max_feed)}"
             yield f"run {run.id}: {name} is commanded at up to {sizes}; look at t_s and the units of {name}"
-    instrument = next((name for name in run.instrument if name in UNITS), None)
+    instrument = next((name for name in run.instrument if name in WHAT), None)
     if instrument is not None:
-        yield from _of_stroke(campaign, run, instrument)
+        yield from _of_stroke(machine, run, instrument)
 
 
-def _of_stroke(campaign: Campaign, run: Run, instrument: str) -> Iterator[str]:
-    stroke = _stroke_um(campaign.machine, instrument)
-    model = Model(campaign.select(run.id))
+def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
+    stroke = _stroke_um(machine, instrument)
+    model = Model(Campaign(machine=machine, runs=(run,)))
     own = next(columns for name, columns in Problem.of(model).parts(run) if name == instrument)
     foretold = model.predict_run(run, model.prior_mean)[:, own]
     row, _ = np.unravel_index(int(np.argmax(np.abs(foretold))), foretold.shape)
     most = float(np.max(np.abs(foretold)))
-    what, limit = UNITS[instrument], f"{plain_number(1e-3 * stroke)} mm"
+    what, limit = WHAT[instrument], f"{plain_number(1e-3 * stroke)} mm"
     if most > stroke:
         yield (
             f"run {run.id}: with its balls and commands {what} would be {plain_number(1e-3 * most)} mm off at row {row + 1} "
