@@ -14,6 +14,7 @@ full force, the loop is linear and its rows follow in closed form.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,6 +24,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.compiled import Mapped
 from symfive.motion._loop import LOOP, linear_recurrence, linear_states, step_matrices
 
 __all__ = ["FRICTION", "add_friction", "states_with_friction"]
@@ -104,9 +106,33 @@ def _block(substeps: int, wanted: tuple[str, ...], yields: bool) -> Any:
     return ca.Function("block", [packed, commands, rates, constants], [rows[-1], ca.horzcat(*rows[1:])])
 
 
+class _Blocks:
+    """Several blocks one after the other, with arrays in and out: CasADi's own conversions take as long as the rows."""
+
+    def __init__(self, block: Any, count: int) -> None:
+        function = block.mapaccum(count)
+        self._buffer, self._trigger = function.buffer()
+        self._sources = [np.zeros(function.numel_in(i)) for i in range(4)]
+        self._last, self._rows = np.zeros(function.numel_out(0)), np.zeros((count * ROWS, block.size1_in(0)))
+        for i, source in enumerate(self._sources):
+            self._buffer.set_arg(i, source.data)
+        for i, result in enumerate((self._last, self._rows)):
+            self._buffer.set_res(i, result.data)
+        self._lock = threading.Lock()
+
+    def __call__(self, start: Array, inputs: Array, constants: Array) -> Array:
+        """States and tangents after each row (count·ROWS, n) from those at the start, command and rate (2, count·ROWS)."""
+        with self._lock:
+            for source, value in zip(self._sources[:3], (start, *inputs), strict=True):
+                source[:] = value
+            self._sources[3].reshape(-1, len(constants))[:] = constants
+            self._trigger()
+            return self._rows.copy()
+
+
 @lru_cache(maxsize=256)
-def _blocks(substeps: int, wanted: tuple[str, ...], yields: bool, count: int) -> Any:
-    return _block(substeps, wanted, yields).mapaccum(count)
+def _blocks(substeps: int, wanted: tuple[str, ...], yields: bool, count: int) -> _Blocks:
+    return _Blocks(_block(substeps, wanted, yields), count)
 
 
 @lru_cache(maxsize=32)
@@ -203,10 +229,8 @@ class _Rows:
             inputs = np.zeros((2, reach))
             inputs[:, : last - first] = self.inputs[first:last].T
             rows = _blocks(substeps, self.wanted, self.states.shape[1] == 4, blocks)
-            start = self.states[first].ravel(order="F")
-            out = rows(start, inputs[:1], inputs[1:], np.repeat(constants[:, None], blocks, axis=1))[1]
-            found = np.asarray(out)[:, : last - first].T.reshape(last - first, -1, self.states.shape[1])
-            self.states[first + 1 : last + 1] = found.transpose(0, 2, 1)
+            found = rows(self.states[first].ravel(order="F"), inputs, constants)[: last - first]
+            self.states[first + 1 : last + 1] = found.reshape(last - first, -1, self.states.shape[1]).transpose(0, 2, 1)
             return last
 
         return advance
@@ -262,23 +286,20 @@ def add_friction(motion: Array, states: Array, friction: Array, wanted: tuple[st
 
 
 @lru_cache(maxsize=1)
-def _force() -> Any:
-    """((v, z), friction 4, h) → the force of a contact that yields, its slopes in both."""
+def _force() -> Mapped:
+    """Rows of (v, z), friction 4, h → the force of a contact that yields, its slopes in both."""
     moving, friction, h = ca.SX.sym("m", 2), ca.SX.sym("friction", 4), ca.SX.sym("h")
     v, z = ca.vertsplit(moving)
     rate = v - ca.fabs(v) * z / _stribeck(v, friction)
     value = z + ca.sqrt(_stiffness(friction, h)) * rate
-    return ca.Function(
-        "force", [moving, friction, h], [value, ca.jacobian(value, moving), ca.jacobian(value, friction)]
-    )
+    results = [value, ca.densify(ca.jacobian(value, moving)), ca.densify(ca.jacobian(value, friction))]
+    return Mapped(ca.Function("force", [moving, friction, h], results), held=(1, 2))
 
 
 def _take_yielding(motion: Array, states: Array, friction: Array, wanted: tuple[str, ...], h: float) -> None:
-    n = len(motion)
-    parts = _force().map(n)(states[:, [1, 3], 0].T, np.repeat(friction[:, None], n, axis=1), np.full((1, n), h))
-    value, by_motion, by_friction = (np.asarray(part) for part in parts)
-    motion[:, 2, 0] -= value[0]
+    value, by_motion, by_friction = _force()(states[:, [1, 3], 0], friction, np.array([h]))
+    motion[:, 2, 0] -= value[:, 0]
     for i, name in enumerate(wanted):
-        motion[:, 2, 1 + i] -= np.sum(by_motion.reshape(n, 2) * states[:, [1, 3], 1 + i], axis=1)
+        motion[:, 2, 1 + i] -= np.sum(by_motion * states[:, [1, 3], 1 + i], axis=1)
         if name in FRICTION:
-            motion[:, 2, 1 + i] -= by_friction.reshape(n, 4)[:, FRICTION.index(name)]
+            motion[:, 2, 1 + i] -= by_friction[:, FRICTION.index(name)]
