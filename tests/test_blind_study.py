@@ -100,6 +100,21 @@ def test_what_reads_the_same_is_found_by_the_generator() -> None:
     assert ("location_error", "Y") in span.aliases(whole, spec, whole.change(spec))["same"]
 
 
+@pytest.mark.parametrize("form", ["hard", "presliding"])
+def test_a_tilt_in_play_seen_at_one_height_reads_like_a_backlash(form: str) -> None:
+    setting = draw_setting(np.random.default_rng(2), ("xc",), lean=True)
+    spec = {
+        "effect": "lateral_play",
+        "component": "EBX",
+        "width": 50.0,
+        "form": form,
+        "distance": 100.0,
+        "takeup": 10.0,
+    }
+    whole = span.Span.of(setting)
+    assert ("backlash", "X") in span.aliases(whole, spec, whole.change(spec))["same"]
+
+
 def test_only_what_is_a_convention_is_inseparable() -> None:
     """Which of two axes is straight nobody can measure, a scale error that reads like a sag on one grid somebody can."""
     setting = draw_setting(np.random.default_rng(2), ("r_test",), lean=True)

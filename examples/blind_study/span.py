@@ -196,7 +196,7 @@ def aliases(span: Span, spec: Spec, change: Sequence[Array]) -> dict[str, list[N
     """
     target, own = span.orthogonal(change), name_of(spec)
     found: dict[str, set[Name]] = {"same": set(), "close": set()}
-    freedom = [(name, *_left(span, family, target)) for name, family in families(span.setting)]
+    freedom = [(name, *_left(span, family, target)) for name, family in families(span.setting, spec)]
     least = min((rank for name, left, rank in freedom if name == own and left < APART), default=1)
     for name, left, rank in freedom:
         if name != own and rank <= least:
@@ -247,20 +247,24 @@ def _left(span: Span, family: Sequence[Spec], target: Array) -> tuple[float, int
     return float(np.linalg.norm(target - inside @ (inside.T @ target))), rank
 
 
-def families(setting: Setting) -> list[tuple[Name, list[Spec]]]:
-    """Linear families of explanations in the plant's own forms, small enough for a tangent; the vocabulary's words."""
+def families(setting: Setting, spec: Spec) -> list[tuple[Name, list[Spec]]]:
+    """Linear families of explanations in the plant's own forms, small enough for a tangent; the vocabulary's words.
+
+    Plays yield before they slide where that of `spec` does, over the same way.
+    """
+    yields = {k: spec[k] for k in ("form", "distance")} if spec.get("form") == "presliding" else {}
     found: list[list[Spec]] = []
     errors = setting.machine["errors"]
     for axis in setting.moving():
         low, high = setting.reach(axis)
         rotary = axis in "ABC"
-        found.append([{"effect": "backlash", "axis": axis, "width": 10.0}])
+        found.append([{"effect": "backlash", "axis": axis, "width": 10.0, **yields}])
         if not rotary:
             found.append([{"effect": "scale_error", "axis": axis, "ppm": 10.0}])
         for letter in "XYZABC":
             component = f"E{letter}{axis}"
             if letter != axis:
-                found.append([{"effect": "lateral_play", "component": component, "width": 5.0}])
+                found.append([{"effect": "lateral_play", "component": component, "width": 5.0, **yields}])
             if component in errors:
                 continue
             if rotary and high - low > 200.0:
