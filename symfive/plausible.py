@@ -53,31 +53,26 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
 
 
 def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
-    stroke = _stroke_um(machine, instrument)
+    stroke = machine.workspace.stroke(bar=instrument == "ball_bar")
     model = Model(Campaign(machine=machine, runs=(run,)))
     own = next(columns for name, columns in Problem.of(model).parts(run) if name == instrument)
     foretold = model.predict_run(run, model.prior_mean)[:, own]
     row, _ = np.unravel_index(int(np.argmax(np.abs(foretold))), foretold.shape)
-    most = float(np.max(np.abs(foretold)))
-    what, limit = WHAT[instrument], f"{plain_number(1e-3 * stroke)} mm"
+    most = 1e-3 * float(np.max(np.abs(foretold)))
+    what, limit = WHAT[instrument], f"{plain_number(stroke)} mm"
     if most > stroke:
         yield (
-            f"run {run.id}: with its balls and commands {what} would be {plain_number(1e-3 * most)} mm off at row {row + 1} "
+            f"run {run.id}: with its balls and commands {what} would be {plain_number(most)} mm off at row {row + 1} "
             f"(stroke ±{limit}); look at table_ball, tool_ball, length, the feed and the units of the commands"
         )
         return
     if not run.measured:
         return
     readings = model.readings(run)[:, own]
-    if float(np.max(np.abs(readings))) > 2.0 * stroke:
-        size = plain_number(1e-3 * float(np.max(np.abs(readings))))
-        yield f"run {run.id}: readings of up to {size} mm are beyond the stroke of ±{limit}; they are in µm"
+    largest = 1e-3 * float(np.max(np.abs(readings)))
+    if largest > 2.0 * stroke:
+        yield f"run {run.id}: readings of up to {plain_number(largest)} mm are beyond the stroke of ±{limit}; they are in µm"
     scatter, noise = float(np.std(readings - foretold)), run.noise(instrument)
     if len(readings) > 2 and scatter < TINY * noise:
         sizes = f"by {plain_number(scatter)} µm only where noise_um is {plain_number(noise)}"
         yield f"run {run.id}: the readings depart from the machine's {sizes}; they are in µm, not mm"
-
-
-def _stroke_um(machine: Machine, instrument: str) -> float:
-    workspace = machine.workspace
-    return 1e3 * (workspace.bar_stroke if instrument == "ball_bar" else workspace.sensor_range)

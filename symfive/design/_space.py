@@ -85,8 +85,7 @@ class Space:
 
     def in_range(self, z: Array, k: Array, rows: Array | None = None) -> NDArray[np.bool_]:
         """Whether 3σ of the priors keep the reading inside the sensor's range or the bar's stroke."""
-        workspace = self.machine.workspace
-        limit = workspace.bar_stroke if self.instrument == "ball_bar" else workspace.sensor_range
+        limit = self.machine.workspace.stroke(bar=self.instrument == "ball_bar")
         seen = (self.kernel.rows(z, k) if rows is None else rows)[:, : len(self.shared), :]
         expected = self.noise_um * 1e-3 * np.sqrt(np.einsum("npy,npy->ny", seen, seen)).max(axis=1)
         return np.asarray(SIGMAS_IN_RANGE * expected <= limit)

@@ -47,7 +47,7 @@ def slow_noise(fit: Identification, level: float) -> float:
     for run in fit.model.campaign.runs:
         for name, columns in problem.parts(run):
             noise = fit.noises[run.id, name]
-            if noise.time_constant > SLOW * float(run.time[-1] - run.time[0]):
+            if noise.time_constant > SLOW * run.duration:
                 share = noise.coloured / noise.declared
                 hidden += share**2 * run.rows * (columns.stop - columns.start)
                 largest = max(largest, share)

@@ -55,6 +55,10 @@ class Workspace:
             positive("workspace: spindle_nose", **self.spindle_nose)
             object.__setattr__(self, "spindle_nose", freeze(self.spindle_nose))
 
+    def stroke(self, *, bar: bool) -> float:
+        """How far a reading may go to either side, mm: of a ball bar, or of an R-test's sensors."""
+        return self.bar_stroke if bar else self.sensor_range
+
 
 @dataclass(frozen=True, kw_only=True)
 class EffectEntry:

@@ -148,9 +148,7 @@ class _Writer:
 
     def _way(self, row: int, seconds: float) -> list[Step]:
         """From the pose before to this one in blocks so short that the ball stays where it belongs."""
-        workspace = self.machine.workspace
-        bar = "ball_bar" in self.run.instrument
-        allowed = CHORD_SHARE * (workspace.bar_stroke if bar else workspace.sensor_range)
+        allowed = CHORD_SHARE * self.machine.workspace.stroke(bar="ball_bar" in self.run.instrument)
         if all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names):
             return [self._pose(row, seconds)]
         blocks = 1
