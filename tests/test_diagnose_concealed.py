@@ -89,6 +89,20 @@ def test_a_sag_far_larger_than_usual_is_not_pulled_back_by_its_prior(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_scale_that_geometry_hides_but_for_a_hair_is_named_though_it_is_far_beyond_usual(tmp_path):
+    """Of an effect of usual size these readings hold nothing; of one a hundred times as large its curvature."""
+    machine = plant.static_table()
+    wrong = {"effect": "scale_error", "axis": "X", "ppm": -3000.0}
+    measured = _measured(tmp_path / "c", machine, _bars(machine), [wrong])
+    before = locate(measured)
+    seen = next(o for o in before.observability if o.form == "scale_error.X")
+    assert seen.sigmas < 1.0 and seen.visible < 1e-3
+    found = diagnose(measured)
+    assert _names(found)[0] == ("scale_error", "X")
+    said = found.findings[0].parameters["ppm"]
+    assert abs(said.value + 3000.0) < 3.0 * said.std and said.std < 600.0
+
+
 def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     """Three bars at rest: noise that wanders as slowly as a run lasts would explain the drift, too."""
     machine = plant.static_table()

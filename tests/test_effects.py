@@ -20,6 +20,7 @@ from symfive.errors import InputError
 from symfive.machine import machine_from_data, preset
 from symfive.model import Model, effect_to_data, effects_from_data, signature
 from symfive.motion import PreSliding, RunMotion
+from symfive.procedures import campaign_of, planar_circle
 from symfive.report.signature import plot_signature
 
 NO_SETUP = {"table_ball": [0.0] * 3, "tool_ball": [0.0] * 3, "length": 0.0, "zero": [0.0] * 3}
@@ -474,6 +475,31 @@ def test_further_harmonics_join_those_of_the_baseline() -> None:
     plan = campaign("planar")
     effect = make_effect("error_motion", component="EXX", basis="polynomial", order=3)
     assert [p.name for p in effect.parameters(plan)] == ["error_motion.EXX.P2", "error_motion.EXX.P3"]
+
+
+def test_an_error_motion_however_large_leaves_location_errors_what_they_are_at_the_axis_zero() -> None:
+    """A polynomial vanishes at zero, with its slope there where a squareness has the slope."""
+    tilt = campaign("static")
+    rows = {run.id: run.commands["B"] == 0.0 for run in tilt.runs}
+    assert sum(int(np.sum(at)) for at in rows.values()) > 5
+    model = Model(tilt, [make_effect("error_motion", component="EXB", basis="polynomial", order=3)])
+    moved = model.contribution(model.effects[-1], model.vector({f"error_motion.EXB.P{k}": 1000.0 for k in (1, 2, 3)}))
+    assert max(np.abs(moved[id][at]).max(initial=0.0) for id, at in rows.items()) < 1e-6
+    assert max(np.abs(moved[id]).max() for id in rows) > 100.0
+
+    machine = preset("three-axis")
+    square = replace(machine, errors={"EC0X": machine.errors["EC0X"]})
+    circle = Model(
+        campaign_of(square, planar_circle(square, centre=(0.0, 0.0, 110.0))),
+        [make_effect("error_motion", component="EYX", basis="polynomial", order=3)],
+    )
+    (effect,) = circle.effects
+    for id, y in circle.contribution(effect, circle.vector({"error_motion.EYX.P3": 1000.0})).items():
+        run = circle.campaign.run(id)
+        x, across = run.commands["X"], np.abs(run.commands["Y"]) / np.hypot(run.commands["X"], run.commands["Y"])
+        near = (np.abs(x) < 70.0) & (np.abs(x) > 20.0)
+        bow = np.abs(y[near, 0] / across[near] / x[near] ** 3)
+        assert np.ptp(bow) < 0.25 * bow.mean()  # the axis lags behind its command
 
 
 @every_case

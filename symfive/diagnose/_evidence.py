@@ -60,10 +60,10 @@ def evidence_without(problem: Problem, values: Array, dropped: Sequence[Collecti
     return [whole.at_mean(gone).evidence(names=[n for n in names if n not in gone]) for gone in dropped]
 
 
-def evidence_with_noise(result: Identification, without: Identification) -> float:
+def evidence_with_noise(result: Identification, without: Identification, sized: Groups = ()) -> float:
     """Log marginal likelihood of a fit under its own noise over that of another fit under its own, both over the readings
-    that neither takes for outliers: what the one calls an effect, the other may call slow noise."""
-    more, less = _under_their_noise(result, without)
+    that neither takes for outliers: what the one calls an effect, the other may call slow noise. `sized` as in `weighed`."""
+    more, less = _under_their_noise(result, without, sized=sized)
     return more - less
 
 
@@ -80,19 +80,19 @@ def likelihood_ratio(result: Identification, without: Identification, effect: Ef
 
 
 def _under_their_noise(
-    first: Identification, second: Identification, best: frozenset[str] = frozenset()
+    first: Identification, second: Identification, best: frozenset[str] = frozenset(), sized: Groups = ()
 ) -> tuple[float, float]:
     """Log marginal likelihoods of two fits, each under its own noise, over readings that neither takes for outliers; parameters
-    among the `best` are not integrated out."""
+    among the `best` are not integrated out. The priors of the groups in `sized` are as wide as these are in the first fit."""
     problems = [first.problem(), second.problem()]
     left_out = {run: mask | problems[1].left_out[run] for run, mask in problems[0].left_out.items()}
     found = []
-    for problem, fit in zip(problems, (first, second), strict=True):
+    for problem, fit, groups in zip(problems, (first, second), (sized, ()), strict=True):
         problem.left_out = left_out
         blocks = problem.blocks(fit.values)
         information = problem.information(blocks)
         rest = np.array([p.name not in best for p in problem.model.parameters])
-        precision = problem.prior_precision[rest]
+        precision = _widths(problem.model, fit.values, groups)[rest] ** -2.0
         departure = (fit.values - problem.model.prior_mean)[rest]
         pull = information.gradient[rest] - precision * departure
         curvature = information.matrix[np.ix_(rest, rest)] + np.diag(precision)
@@ -145,10 +145,7 @@ class _Linear:
         a model is judged by how far down it brings the residual, and not against the noise of a poorer one.
         """
         model, information = self.model, self.information
-        sigma = model.prior_sigma.copy()
-        for group in sized:
-            own = [model.index[name] for name in group]
-            sigma[own] *= max(float(np.sqrt(np.mean((self.values[own] / sigma[own]) ** 2))), 1e-3)
+        sigma = _widths(model, self.values, sized)
         kept = np.array([model.index[name] for name in names or model.index], dtype=np.int64)
         sigma = sigma[kept]
         departure = (self.values - model.prior_mean)[kept] / sigma
@@ -163,3 +160,13 @@ class _Linear:
             evidence = -0.5 * (cost + information.count * np.log(scale) + float(np.linalg.slogdet(curvature)[1]))
             scale = float(np.clip(left / max(information.count, 1), self.least, 1.0))
         return float(evidence)
+
+
+def _widths(model: Model, values: Array, sized: Groups) -> Array:
+    """The priors' 1σ, of each group in `sized` as wide as its values are."""
+    sigma = model.prior_sigma.copy()
+    for group in sized:
+        own = [model.index[name] for name in group]
+        away = (values - model.prior_mean)[own] / sigma[own]
+        sigma[own] *= max(float(np.sqrt(np.mean(away**2))), 1e-3)
+    return sigma

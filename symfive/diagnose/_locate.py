@@ -33,6 +33,10 @@ __all__ = ["Location", "Observability", "Survey", "Suspect", "locate", "observab
 Array = NDArray[np.float64]
 ALIAS = 0.999
 CLEAR = float(np.log(1e-3))
+UNUSUAL = (10.0, 100.0)
+"""How many times its usual size an effect may be, beside its usual one: the rarer, the more."""
+DULL = 0.5
+"""Effective degrees of freedom up to which the readings say nothing of an effect."""
 SEEN = 3.0
 """σ by which an effect of usual size must stand out to be told apart from anything."""
 
@@ -148,6 +152,7 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     plain = [e for e in catalogue(campaign, held) if e.id not in exclude]
     board = score_catalogue(result, plain, shapes, probes(campaign))
     scores = [board.score(e) for e in plain]
+    unusual = [_unusual(board, e, times) for e in plain for times in UNUSUAL]
     taken = {e.key for e in held}
     found = [f for f in (scan(board) if scanning else []) if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}
@@ -157,14 +162,21 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     for f in unique.values():
         score = second.score(f.effect)
         scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks)), looks=f.looks))
-    # of two shapes of one effect the better
-    scores = list({s.effect.key: s for s in sorted(scores, key=lambda s: -s.log_p)}.values())
+    # of two shapes or sizes of one effect the better
+    ranked = sorted((s for s in (*scores, *unusual) if s.dof > DULL), key=lambda s: -s.log_p)
+    scores = list({s.effect.key: s for s in ranked}.values())
     scores += [second.score(effect) for effect in nameless]
     for secant in secants:
         finite = second.score_secant(secant)
         scores = [finite if s.effect.key == finite.effect.key and s.drop < finite.drop else s for s in scores]
-    seen = sorted((s for s in scores if s.dof > 0.5), key=lambda s: s.log_p)
-    return Survey(board, tuple(seen), max(1, len(seen)))
+    seen = sorted((s for s in scores if s.dof > DULL), key=lambda s: s.log_p)
+    return Survey(board, tuple(seen), max(1, int(np.ceil(len(seen) * (1.0 + sum(1.0 / times for times in UNUSUAL))))))
+
+
+def _unusual(board: Board, effect: Effect, times: float) -> Score:
+    """The score of an effect that may be so many times its usual size: its share of the rate of false alarms is so much less."""
+    score = board.score(replace(effect, spread=times * effect.spread))
+    return replace(score, log_p=score.log_p + float(np.log(times)))
 
 
 def _secants(result: Identification, scores: Sequence[Score]) -> list[Secant]:

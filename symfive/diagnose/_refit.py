@@ -131,10 +131,9 @@ def _size(result: Identification, model: Model, effect: Effect, values: Array) -
 def amplitudes(campaign: Campaign, effect: Effect) -> Groups:
     """An effect's amplitudes, together; those of a term without a name by direction or column."""
     groups: dict[str, list[str]] = {}
-    for p in effect.parameters(campaign):
-        if p.mean == 0.0:
-            channel = p.name.removeprefix(effect.key + ".").split(".")[0] if effect.id == "unknown" else ""
-            groups.setdefault(channel, []).append(p.name)
+    for p in effect.amplitudes(campaign):
+        channel = p.name.removeprefix(effect.key + ".").split(".")[0] if effect.id == "unknown" else ""
+        groups.setdefault(channel, []).append(p.name)
     return list(groups.values())
 
 

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from symfive.diagnose._evidence import evidence_of, evidence_with_noise, likelihood_ratio
 from symfive.diagnose._places import coordinate_of
-from symfive.diagnose._refit import DECISIVE, Forms, newest, refitted, shaped, start_of, tried, widened
+from symfive.diagnose._refit import DECISIVE, Forms, amplitudes, newest, refitted, shaped, start_of, tried, widened
 from symfive.diagnose._scores import Score
 from symfive.diagnose._variants import narrower, shapes, variants
 from symfive.effects import Effect
@@ -117,7 +117,7 @@ def name_or_noise(
     base = evidence_of(white.problem(), white.values)
     least, given_up = 0.0, DECISIVE
     if first is not None:
-        least = max(least, evidence_with_noise(first, fit))
+        least = max(least, _odds(first, fit))
         given_up = 0.0 if newest(first).id == "unknown" else DECISIVE
     tests = []
     for score in candidates:
@@ -149,7 +149,7 @@ class _Test:
         (by Markov's inequality noise gives odds above K at a rate below 1/K), and must pay for the name that is `given_up`.
         """
         effect = newest(found)
-        odds = evidence_with_noise(found, fit) - share
+        odds = _odds(found, fit) - share
         if effect.id == "unknown":
             odds -= given_up + float(np.log(looks))
             return cls(found, odds, -odds)
@@ -157,6 +157,13 @@ class _Test:
         ratio, dof = likelihood_ratio(found, fit, effect)
         chance = float(chi2.logsf(max(ratio, 0.0), dof)) + float(np.log(names * ways))
         return cls(found, odds - float(np.log(ways)), chance)
+
+
+def _odds(found: Identification, fit: Identification) -> float:
+    """Log evidence of a fit with an effect over one without, each under its own noise. How large an effect is says nothing for
+    or against a name; for a term without one the odds alone have to do, so its prior stays."""
+    effect = newest(found)
+    return evidence_with_noise(found, fit, () if effect.id == "unknown" else amplitudes(found.model.campaign, effect))
 
 
 def _best(tests: Sequence[_Test], least: float, level: float) -> tuple[Identification, float] | None:

@@ -37,7 +37,8 @@ class Effect:
     effects of one kind and axis apart. `spread` multiplies the prior 1σ of its amplitudes.
 
     At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
-    usual size.
+    usual size. Its amplitudes are the parameters whose prior mean is 0; or all of them where it `departs` from what
+    is set on the machine or the instrument.
     """
 
     id: ClassVar[str]
@@ -47,6 +48,7 @@ class Effect:
     reported_as: ClassVar[str] = ""
     needs_axis: ClassVar[bool] = False
     dynamic_only: ClassVar[bool] = False
+    departs: ClassVar[bool] = False
     axis: str | None = None
     tag: str = ""
     spread: float = field(default=1.0, compare=False)
@@ -142,10 +144,13 @@ class Effect:
         amplitudes = [p.name for p in self.parameters(campaign) if p.unit in ("um", "urad") and p.mean == 0.0]
         return max((abs(value(name)) for name in amplitudes), default=0.0)
 
+    def amplitudes(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        """Those of its parameters that say how large it is, of any unit."""
+        return tuple(p for p in self.parameters(campaign) if self.departs or p.mean == 0.0)
+
     def in_sigmas(self, campaign: Campaign, values: Values) -> float:
-        """The largest of what is zero where it does nothing, of any unit, in units of its prior's 1σ."""
-        amplitudes = [p for p in self.parameters(campaign) if p.mean == 0.0]
-        return max((abs(values[p.name]) / p.sigma for p in amplitudes), default=0.0)
+        """The largest of its amplitudes in units of its prior's 1σ."""
+        return max((abs(values[p.name] - p.mean) / p.sigma for p in self.amplitudes(campaign)), default=0.0)
 
     def chance(self, campaign: Campaign, values: Values) -> float:
         """How probable the signs of its amplitudes are beforehand."""
@@ -156,8 +161,8 @@ class Effect:
         return row.parameter(f"{self.key}.{name}")
 
     def own(self, name: str, unit: str, sigma: float, **more: Any) -> Parameter:
-        """A parameter of this effect; one whose prior mean is 0 is an amplitude."""
-        scale = self.spread if more.get("mean", 0.0) == 0.0 else 1.0
+        """A parameter of this effect."""
+        scale = self.spread if self.departs or more.get("mean", 0.0) == 0.0 else 1.0
         return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=scale * sigma, kind="effect", **more)
 
     def start_of_contact(self, run: Run, axis: str) -> tuple[Parameter, ...]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
+import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
@@ -35,8 +36,9 @@ class ErrorMotion(Effect):
     `basis` and `order` as in the machine file, one per axis in `over` (a single one holds for all); `knots`
     for `bspline`. `sigma` is the prior 1σ of a coefficient; by default it allows for motions of typical size over the
     part of the travel that is in use. Functions that the baseline already has are left out, so a higher order adds the higher
-    ones only. Typical straightness 1–10 µm, angular error motions 5–20 µrad, run-out of a rotary axis 0.5–5
-    µm.
+    ones only. A polynomial is taken less its value at the axis' zero (and its slope there, where a squareness or the baseline
+    has that): however large an error motion is, the location errors stay what they are at zero. Typical straightness
+    1–10 µm, angular error motions 5–20 µrad, run-out of a rotary axis 0.5–5 µm.
     """
 
     id = "error_motion"
@@ -122,9 +124,24 @@ class ErrorMotion(Effect):
     def apply(self, row: Row) -> None:
         basis, names = self._functions(row.machine)
         values = basis.values(*(row.axis[name] for name in basis.over))
-        for name, value in zip(basis.names, values, strict=True):
+        for name, value in zip(basis.names, self._from_zero(row, basis, values, names), strict=True):
             if name in names:
                 row.add_motion(self.component, self.parameter(row, name) * value)
+
+    def _from_zero(self, row: Row, basis: Basis, values: list[Any], names: tuple[str, ...]) -> list[Any]:
+        """Polynomials less their tangent at the axis' zero, to which location errors refer; its slope stays where `P1` has it."""
+        if self._term.basis != ("polynomial",):
+            return values
+        axis, q = row.machine.axes[basis.over[0]], ca.SX.sym("q")
+        low, high = axis.travel
+        zero = min(max(0.0, low), high) * (np.pi / 180.0 if axis.rotary else 1.0)
+        functions = ca.vertcat(*basis.values(q))
+        tangent = ca.Function("tangent", [q], [functions, ca.jacobian(functions, q)])
+        constant, slope = (np.asarray(part, dtype=float).ravel() for part in tangent(zero))
+        if "P1" in names:
+            slope = np.zeros(len(slope))
+        along = row.axis[axis.name] - zero
+        return [value - c - k * along for value, c, k in zip(values, constant, slope, strict=True)]
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`component`, and each function's coefficient by its name (`cos2`: the harmonic 2 of cos)."""

@@ -37,6 +37,7 @@ class ServoMismatch(Effect):
     hidden_by = "squareness with one direction of travel, backlash with one feed, location errors of a rotary axis"
     needs_axis = True
     dynamic_only = True
+    departs = True
     gains: tuple[str, ...] = ("position_gain", "velocity_gain", "feedforward")
 
     def prepare(self, campaign: Campaign) -> Self:
