@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,12 @@ from scipy.stats import chi2
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, locate, name_effects
+from symfive.diagnose._channels import Channels, probes
 from symfive.diagnose._evidence import likelihood_ratio
 from symfive.diagnose._findings import doubted
 from symfive.diagnose._refit import Trial, refitted
 from symfive.diagnose._regroup import merge
-from symfive.diagnose._scores import Score, log_tail
+from symfive.diagnose._scores import Score, log_tail, score_catalogue
 from symfive.diagnose._slow import whitened
 from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
@@ -276,6 +278,24 @@ def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_pa
     place = found.findings[0].parameters["at"]
     assert abs(place.value + 10.0) < 2.0 * place.std
     assert found.findings[0].parameters["height"].value == pytest.approx(9.0, rel=0.05)
+
+
+def test_a_scan_scores_a_step_exactly_though_the_fit_takes_its_rows_for_outliers(tmp_path):
+    machine = plant.static_table()
+    step = {"effect": "compensation_table_step", "axis": "Y", "at": 36.5, "ramp": 2.0, "step": 9.0}
+    fit = locate(_measured(tmp_path / "c", machine, _bars(machine), [step])).detection.fit
+    assert len(fit.outliers) > 5
+    campaign = fit.model.campaign
+    used = np.unique(np.concatenate([run.commands["Y"] for run in campaign.runs]))
+    gaps = [(a, b) for a, b in pairwise(used[(used > 10.0) & (used < 70.0)]) if b - a > 1.0]
+    exact = [make_effect("table_step", "Y", at=float(a), ramp=float(b - a)) for a, b in gaps]
+    wide = [replace(e, spread=2.0) for e in exact]  # the scan's prior is 10 µm
+    channels = Channels(score_catalogue(fit, [], probes=probes(campaign)))
+    middles = np.array([0.5 * (a + b) for a, b in gaps])
+    scanned = channels.axis_scores("Y", {r.id: np.asarray(r.commands["Y"][:, None] > middles, float) for r in campaign.runs})
+    scores = [score_catalogue(fit, [e]).score(e).drop for e in wide]
+    assert max(scores) > 100.0
+    assert scanned == pytest.approx(scores, rel=0.01, abs=0.1)
 
 
 def test_a_step_is_looked_for_where_the_fit_leaves_it_and_not_where_it_is_swallowed(tmp_path):

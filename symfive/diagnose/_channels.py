@@ -12,7 +12,7 @@ from symfive.campaign import Campaign, Run
 from symfive.diagnose._catalogue import AxisOffset, ToolShift, moving_axes
 from symfive.diagnose._scores import Board
 from symfive.effects import Effect
-from symfive.inference import Problem, whiten
+from symfive.inference import whiten
 from symfive.model import Linearisation
 
 __all__ = ["Channels", "Finding", "peaks", "probes"]
@@ -38,7 +38,7 @@ class Channels:
 
     def __init__(self, board: Board) -> None:
         self.board = board
-        self.problem = Problem.of(board.result.model)
+        self.problem = board.result.problem()
         self.campaign = board.model.campaign
         self.axes = moving_axes(self.campaign)
         self.twice: dict[str, Array] = {}
@@ -46,15 +46,15 @@ class Channels:
         self.residuals: dict[str, Array] = {}
         self._lines: dict[str, tuple[Linearisation, Array]] = {}
         for run in self.campaign.runs:
-            residual = np.asarray(board.result.residuals[run.id])
-            for outlier in board.result.outliers:
-                if outlier.run == run.id:
-                    names = [c.name for c in board.result.model.columns(run)]
-                    residual = residual.copy()
-                    residual[outlier.row, names.index(outlier.column)] = 0.0
+            residual = self._kept(run, np.asarray(board.result.residuals[run.id]))
             self.residuals[run.id] = residual
-            self.twice[run.id] = self._white(run, self._white(run, residual)[::-1])[::-1]
-            self.power[run.id] = np.sum(self._white(run, board.tangents[run.id]) ** 2, axis=1)
+            self.twice[run.id] = self._kept(run, self._white(run, self._white(run, residual)[::-1])[::-1])
+            self.power[run.id] = np.sum(self._white(run, self._kept(run, board.tangents[run.id])) ** 2, axis=1)
+
+    def _kept(self, run: Run, table: Array) -> Array:
+        """A table (N, ny, …) with what the fit leaves out as outliers at zero: it carries no information."""
+        left_out = self.problem.left_out[run.id]
+        return np.where(left_out.reshape(*left_out.shape, *(1,) * (table.ndim - 2)), 0.0, table)
 
     def _white(self, run: Run, table: Array) -> Array:
         """Each instrument's columns (N, ny, …) whitened by its own noise; columns that are not fitted are zero."""
@@ -134,8 +134,8 @@ class Channels:
         return self._lines[run.id]
 
     def _flat(self, run: Run, table: Array) -> Array:
-        """Columns (N, ny, m) whitened, as (N·ny, m)."""
-        return self._white(run, table).reshape(-1, table.shape[2])
+        """Columns (N, ny, m) without the outliers, whitened, as (N·ny, m)."""
+        return self._white(run, self._kept(run, table)).reshape(-1, table.shape[2])
 
     def energy(self, run: Run) -> tuple[Array, int]:
         """Square of the whitened residual, summed over the columns that are fitted (N,), and how many these are."""
