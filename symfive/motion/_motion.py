@@ -62,6 +62,14 @@ def _remembered(
     return response
 
 
+@lru_cache(maxsize=128)
+def _whole(steps: bytes, command: bytes) -> Array:
+    """`filled`, remembered: a recording's gaps stay the same."""
+    full = filled(np.frombuffer(steps, dtype=np.int64), np.frombuffer(command))
+    full.flags.writeable = False
+    return full
+
+
 _KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float | None, ...], Any]]] = WeakKeyDictionary()
 """Of every run: what was computed, with the parameters that move it → machine, their values, result; for all models."""
 
@@ -143,7 +151,7 @@ class RunMotion:
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
         if len(command) != self.run.steps[-1] + 1:
-            command = filled(self.run.steps, command)
+            command = _whole(self.run.steps.tobytes(), np.ascontiguousarray(command).tobytes())
         lead = self._lead(command)
         command, first = np.concatenate([lead, command]), len(lead)
         finer = command
