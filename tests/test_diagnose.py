@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import plant
 import pytest
 
-from symfive.campaign import read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
 from symfive.diagnose import Diagnosis, diagnose
 from symfive.diagnose._result import Fit
 from symfive.identify import fitted_model, predict
+from symfive.machine import preset
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 
@@ -178,3 +180,30 @@ def test_findings_that_foretell_nothing_are_doubted() -> None:
 def test_findings_that_do_not_hold_at_another_place_are_doubted_though_they_help_there() -> None:
     (said,) = Fit(3.0, 0.5, 36.0, 1.0, 3.0, 0.52, {"place": (3.0, 1.2)}).doubts("µm")
     assert "foretold to 1.2 µm" in said and "leaves 0.5 µm" in said and "beyond the places recorded" in said
+
+
+def test_a_curve_of_the_drives_force_is_found_beside_friction_that_keeps_its_values():
+    """The library knows two levels of friction; what bends over the speed is named as unknown, over the speed, in the drive."""
+    plain = preset("three-axis")
+    machine = replace(plain, axes={name: replace(axis, drive=None) for name, axis in plain.axes.items()})
+    time = np.arange(2400) * 0.01
+    way = 40.0 * np.sin(1.3 * time) * (1.0 + np.sin(0.31 * time))
+    speed = np.gradient(way, time)
+    acceleration = np.gradient(speed, time)
+    noise = np.random.default_rng(3).normal(0.0, 0.3, len(time))
+    friction = 20.0 * np.clip(speed / 0.1, -1.0, 1.0) - 3.0
+    curve = 6.0 * np.exp(-np.abs(speed) / 15.0)
+    force = 95e-3 * acceleration + 0.2 * speed + friction + curve + noise
+    run = Run(
+        id="x", instrument=("drive_force",), sampling="dynamic", time=time, noise_um=0.3, readings={"X_force_N": force},
+        commands={**dict.fromkeys(machine.axis_names, np.zeros(len(time))), "X": way},
+        options={"axis": "X", "force_terms": ("mass", "viscous")},
+    )  # fmt: skip
+    found = diagnose(Campaign(machine=machine, runs=(run,)))
+    first, second = found.findings[:2]
+    assert (first.name, first.axis, second.name, second.coordinate) == ("friction", "X", "unknown", "X velocity")
+    assert first.confidence > 0.9 and found.fit.rms_after_um < 1.1 * 0.3
+    own = np.column_stack([np.ones(len(time)), np.clip(speed / 0.1, -1.0, 1.0), speed, acceleration])
+    level, coulomb = np.linalg.lstsq(own, force, rcond=None)[0][:2]  # what the published model would say
+    assert first.parameters["coulomb"].value == pytest.approx(coulomb, abs=0.15)
+    assert first.parameters["offset"].value == pytest.approx(level, abs=0.15)

@@ -292,7 +292,9 @@ def test_a_scan_scores_a_step_exactly_though_the_fit_takes_its_rows_for_outliers
     wide = [replace(e, spread=2.0) for e in exact]  # the scan's prior is 10 µm
     channels = Channels(score_catalogue(fit, [], probes=probes(campaign)))
     middles = np.array([0.5 * (a + b) for a, b in gaps])
-    scanned = channels.axis_scores("Y", {r.id: np.asarray(r.commands["Y"][:, None] > middles, float) for r in campaign.runs})
+    scanned = channels.axis_scores(
+        "Y", {r.id: np.asarray(r.commands["Y"][:, None] > middles, float) for r in campaign.runs}
+    )
     scores = [score_catalogue(fit, [e]).score(e).drop for e in wide]
     assert max(scores) > 100.0
     assert scanned == pytest.approx(scores, rel=0.01, abs=0.1)

@@ -563,6 +563,29 @@ def test_force_friction_is_a_level_for_each_direction_where_the_baseline_has_non
         make_effect("force_friction", "X").prepare(full)
 
 
+def test_an_unknown_of_a_drives_force_takes_nothing_from_offset_direction_and_speed() -> None:
+    machine = preset("three-axis")
+    time = np.arange(900) * 0.01
+    commands = {name: np.zeros(900) for name in machine.axis_names}
+    commands["X"] = 40.0 * np.sin(2.0 * np.pi * time) + 15.0 * np.sin(5.0 * time)
+    bare = Run(
+        id="x", instrument=("drive_force",), sampling="dynamic", time=time, commands=commands, noise_um=0.3,
+        options={"axis": "X"},
+    )  # fmt: skip
+    plan = Campaign(machine=machine, runs=(bare,))
+    model = Model(plan, [make_effect("unknown", over=("X velocity",), place="force", order=6)])
+    names = [p.name for p in model.effects[0].parameters(plan)]
+    assert {p.unit for p in model.parameters if p.name in names} == {"N"}
+    speed = np.gradient(commands["X"], time)
+    own = np.column_stack([np.ones(900), np.sign(speed), speed])
+    at = model.contribution(model.effects[0], model.vector(dict.fromkeys(names, 5.0) | {names[0]: -9.0}))["x"][:, 0]
+    taken = own @ np.linalg.lstsq(own, at, rcond=None)[0]
+    assert np.std(at) > 0.5 and np.std(taken) < 0.2 * np.std(at)  # the drive lags behind its command
+    assert_exact(model, names)
+    with pytest.raises(InputError, match="no run records the drive force of Y"):
+        make_effect("unknown", over=("Y",), place="force").prepare(plan)
+
+
 def test_signature_is_drawn() -> None:
     figure = plot_signature(make_effect("backlash", "X"), campaign("planar"), {"width": 12.0})
     assert len(figure.axes) == 2 and figure.axes[0].lines

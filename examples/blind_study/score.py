@@ -175,7 +175,8 @@ def _overlap(
 
 
 def _geometry(verdict: Mapping[str, Any], oracle: Mapping[str, Any] | None, truth: Mapping[str, float]) -> Row | None:
-    """Departures from the oracle in its own sigmas, before and after; None without an oracle or a geometry."""
+    """Departures from the oracle in its own sigmas, before and after, and in `both` the oracle's and the verdict's; None without
+    an oracle or a geometry."""
     if not oracle or not oracle.get("geometry"):
         return None
     reference = oracle["geometry"]
@@ -183,13 +184,15 @@ def _geometry(verdict: Mapping[str, Any], oracle: Mapping[str, Any] | None, trut
     if not names:
         return None
 
-    def departure(which: Mapping[str, Any]) -> list[float]:
-        return [abs(which[n][0] - reference[n][0]) / reference[n][1] for n in names]
+    def departure(which: Mapping[str, Any], own: bool = False) -> float:
+        return max(
+            abs(which[n][0] - reference[n][0]) / np.hypot(reference[n][1], which[n][1] if own else 0.0) for n in names
+        )
 
-    before, after = departure(verdict["before"]), departure(verdict["after"])
     known = [n for n in names if n in truth]
     return {
-        "before": max(before), "after": max(after),
+        "before": departure(verdict["before"]), "after": departure(verdict["after"]),
+        "both": departure(verdict["after"], own=True),
         "truth_z": [(verdict["after"][n][0] - truth[n]) / verdict["after"][n][1] for n in known],
     }  # fmt: skip
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of
+from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of, leaves
 from symfive.diagnose._refit import amplitudes, lacking
 from symfive.diagnose._result import Finding, RivalName, mean_square
 from symfive.diagnose._search import Member, Naming
@@ -107,7 +107,7 @@ def _finding(found: Naming, member: Member, share: float, without: Identificatio
     covariance = _pairs(after, effect)
     contribution = after.model.contribution(effect, after.values)
     holds = 1.0
-    if effect.id != "unknown" and any(m.effect.id == "unknown" for m in found.members):
+    if effect.id != "unknown" and any(m.effect.id == "unknown" and not leaves(m.effect, effect) for m in found.members):
         holds = BESIDE_NAMELESS
     rivals, alias, nearest, confidence = _rivals(campaign, effect, member, holds)
     shape = _shape_share(after, effect, contribution)

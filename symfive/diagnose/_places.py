@@ -15,7 +15,8 @@ from symfive.effects.unknown import Unknown
 from symfive.machine import Machine
 
 __all__ = [
-    "LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "link_of", "moves_the_same", "reshapes",
+    "LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "leaves", "link_of", "moves_the_same",
+    "reshapes",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ class Interval:
 
 def link_of(effect: Effect) -> str:
     """Which link of the chain the effect belongs to."""
-    if effect.id == "force_friction":
+    if effect.id == "force_friction" or getattr(effect, "place", "") == "force":
         return LINKS[0]
     return LINKS[3] if effect.id in _SETUP else _STAGE_LINKS[effect.stage]
 
@@ -113,6 +114,11 @@ def reshapes(term: Unknown, named: Effect, machine: Machine, values: Mapping[str
     if coordinate_of(named) != term.over[0] or not term.owners <= {axis_of(named)}:
         return False
     return term.place == "reading" or _moved(machine, term, values) <= _moved(machine, named, values)
+
+
+def leaves(term: Effect, named: Effect) -> bool:
+    """Whether a term without a name takes nothing from a named effect: a drive's force less what its friction holds."""
+    return named.id == "force_friction" and bool(getattr(term, "less", ())) and term.axis == named.axis
 
 
 def _moved(machine: Machine, effect: Effect, values: Mapping[str, float]) -> set[tuple[bool, str]]:

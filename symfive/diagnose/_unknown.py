@@ -25,7 +25,8 @@ MOST_ROTARY = 3
 def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
     """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time.
 
-    They move the axis itself, the tool in the machine frame or in what a rotary axis carries, or the readings.
+    They move the axis itself, the tool in the machine frame or in what a rotary axis carries, the readings, or the force of
+    a drive.
     """
     taken = {effect.key for effect in held}
     for options in _terms(campaign):
@@ -51,6 +52,8 @@ def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
         if dynamic:
             yield _spline(f"{axis} velocity", "structure")
             yield _spline(f"{axis} velocity", "reading")
+        for over in (axis, f"{axis} velocity"):
+            yield _spline(over, "force")
         if dynamic and axis in turning:
             yield _spline(f"{axis} since reversal", "axis", SIDES)
     rotary = [axis for axis in moving if campaign.machine.axes[axis].rotary]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import SimpleNamespace
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
     from symfive.motion import Signal
 
 Array = NDArray[np.float64]
-PLACES = ("axis", "structure", "reading")
+PLACES = ("axis", "structure", "reading", "force")
+FORCE, FORCE_SHARE = "drive_force", 0.05
 VELOCITY = " velocity"
 SINCE = " since reversal"
 SIGN = " velocity sign"
@@ -38,7 +40,7 @@ FINEST = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown(Effect):
-    """Σ coefficient·function over the coordinates `over`: a shift of the tool, or of each reading column.
+    """Σ coefficient·function over the coordinates `over`: a shift of the tool, of each reading column, or of a drive's force.
 
     A coordinate is an axis (`B`), its velocity (`B velocity`), the side from which it came (`B velocity sign`), its way since it
     reversed (`B since reversal`, with the sign of the motion, in equal steps of its logarithm) or `t` (the campaign's clock;
@@ -47,9 +49,11 @@ class Unknown(Effect):
     n has n intervals. They have no constant part, which zeros and set-ups hold.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
     covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
-    machine frame (of the frame that the axis `carrier` carries, where one is named), `reading` each column. With
+    machine frame (of the frame that the axis `carrier` carries, where one is named), `reading` each column, `force` the
+    recorded force of the drive whose axis the coordinates speak of; there `less` takes from each function what offset,
+    direction and speed of the motion hold of it, so that friction keeps its own values beside it. With
     `only_within` it acts within the span alone. Prior 1σ of a coefficient: `sigma_um` (for a rotary axis as many µm
-    at 100 mm), less for the higher ones of a series, since slopes are bounded.
+    at 100 mm; of a force as many N or Nm), less for the higher ones of a series, since slopes are bounded.
     """
 
     id = "unknown"
@@ -66,6 +70,8 @@ class Unknown(Effect):
     only_within: bool = False
     period_s: float = 0.0
     period_sigma: float = 0.0
+    less: tuple[tuple[float, ...], ...] = ()
+    sigma_force: float = 0.0
 
     @property
     def key(self) -> str:
@@ -80,7 +86,7 @@ class Unknown(Effect):
     @property
     def stage(self) -> str:  # type: ignore[override]
         """Where it enters."""
-        return self.place
+        return "reading" if self.place == "force" else self.place
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("place", PLACES)
@@ -91,8 +97,13 @@ class Unknown(Effect):
                     f'{self.key}: coordinate "{name}" is unknown',
                     remedy=f'use "t", an axis ({", ".join(machine.axis_names)}) or one of them with {_QUANTITIES}',
                 )
-        if self.place == "axis" and _owner(self.over[0]) not in machine.axes:
+        if self.place in ("axis", "force") and _owner(self.over[0]) not in machine.axes:
             raise InputError(f"{self.key}: time moves no axis", remedy='write place = "structure"')
+        if self.place == "force" and not any(map(self.applies, campaign.runs)):
+            raise InputError(
+                f"{self.key}: no run records the drive force of {_owner(self.over[0])}",
+                remedy='record drive_force, or write place = "structure"',
+            )
         if self.carrier and (self.carrier not in machine.axes or self.place != "structure"):
             raise InputError(
                 f"{self.key}: no axis {self.carrier} carries it", remedy='name an axis, with place = "structure"'
@@ -110,11 +121,36 @@ class Unknown(Effect):
             spans = tuple((float(v.min()), float(v.max())) for v in values)
         if len(spans) != len(self.over) or any(low >= high for low, high in spans):
             raise InputError(f"{self.key}: the campaign does not move there", remedy="choose a coordinate that changes")
-        return replace(
-            super().prepare(campaign), span=spans, axis=_owner(self.over[0]) if self.place == "axis" else None
-        )
+        axis = _owner(self.over[0]) if self.place in ("axis", "force") else None
+        prepared = replace(super().prepare(campaign), span=spans, axis=axis)
+        if self.place != "force" or len(self.less) == len(prepared._basis(machine).names):
+            return prepared  # what was prepared for a campaign stays so for some of its runs
+        less = replace(prepared, less=())._held_by_the_drive(campaign)
+        return replace(prepared, less=less, sigma_force=self.sigma_force or prepared._usual_force(campaign))
+
+    def _usual_force(self, campaign: Campaign) -> float:
+        """A share of the force that was recorded, N or Nm; 1 in a plan."""
+        name = f"{self.axis}_{'torque_Nm' if self.its_axis(campaign).rotary else 'force_N'}"
+        read = [run.readings[name] for run in campaign.runs if self.applies(run) and name in run.readings]
+        return FORCE_SHARE * float(np.sqrt(np.mean(np.concatenate(read) ** 2))) if read else 1.0
+
+    def _held_by_the_drive(self, campaign: Campaign) -> tuple[tuple[float, ...], ...]:
+        """What of each function offset, direction and speed hold in the campaign's rows (least squares)."""
+        runs = [run for run in campaign.runs if self.applies(run)]
+        functions, own = self._table(campaign.machine, runs), self._of_the_drive(runs, campaign.machine)
+        return tuple(tuple(map(float, part)) for part in np.linalg.lstsq(own, functions, rcond=None)[0].T)
+
+    def _of_the_drive(self, runs: Sequence[Run], machine: Machine) -> Array:
+        """Offset, direction and speed in all rows of some runs (N, 3)."""
+        axis = str(self.axis)
+        columns = [
+            np.concatenate([_values(f"{axis}{what}", run, machine) for run in runs]) for what in (SIGN, VELOCITY)
+        ]
+        return np.column_stack([np.ones(len(columns[0])), *columns])
 
     def applies(self, run: Run) -> bool:
+        if self.place == "force":
+            return FORCE in run.instrument and run.options.get("axis") == _owner(self.over[0])
         return run.dynamic or not any(name.endswith(VELOCITY) for name in self.over)
 
     def _basis(self, machine: Machine) -> Basis:
@@ -130,8 +166,8 @@ class Unknown(Effect):
 
     def _channels(self, campaign: Campaign) -> dict[str, float]:
         """Directions or columns it moves, with µm (or µrad) per unit of the column."""
-        if self.place == "axis":
-            return {"axis": 1.0}
+        if self.place in ("axis", "force"):
+            return {self.place: 1.0}
         if self.place == "structure":
             return dict.fromkeys(self.directions, 1.0)
         found: dict[str, float] = {}
@@ -143,8 +179,10 @@ class Unknown(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         names = self._basis(campaign.machine).names
-        rotary = self.place == "axis" and self.its_axis(campaign).rotary
+        rotary = self.axis is not None and self.its_axis(campaign).rotary
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
+        if self.place == "force":
+            unit, sigma = "Nm" if rotary else "N", self.sigma_force
         found = [
             self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels(campaign) for name in names
         ]
@@ -153,14 +191,20 @@ class Unknown(Effect):
         return tuple(found)
 
     def signals(self) -> tuple[Signal, ...]:
-        found: list[Signal] = [Velocity(_owner(name)) for name in self.over if name.endswith(VELOCITY)]
-        found += [Direction(_owner(name)) for name in self.over if name.endswith((SINCE, SIGN))]
+        over = (
+            self.over if self.place != "force" else (*self.over, *(f"{self.axis}{what}" for what in (SIGN, VELOCITY)))
+        )
+        found: list[Signal] = [Velocity(_owner(name)) for name in over if name.endswith(VELOCITY)]
+        found += [Direction(_owner(name)) for name in over if name.endswith((SINCE, SIGN))]
         found += [ReversalDistance(_owner(name)) for name in self.over if name.endswith(SINCE)]
         return tuple(found)
 
     def apply(self, row: Row) -> None:
         basis = self._basis(row.machine)
         functions = ca.vertcat(*basis.values(*(self._held(row, i) for i in range(len(self.over)))))
+        if self.less:
+            motion = [1.0, *(self._coordinate(row, f"{self.axis}{what}") for what in (SIGN, VELOCITY))]
+            functions -= ca.DM(self.less) @ ca.vertcat(*motion)
         within = self._within(row) if self.only_within else 1.0
 
         def term(channel: str) -> Any:
@@ -175,6 +219,9 @@ class Unknown(Effect):
                     row.add_motion(f"E{c.upper()}{self.carrier}", term(c))
                 else:
                     row.shift["xyz".index(c)] += term(c)
+        elif self.place == "force":
+            for i in (i for i, source in enumerate(row.sources) if source == FORCE):
+                row.readings[i] += term("force")
         else:
             for i in row.sensed:
                 row.readings[i] += term(row.columns[i].name)
@@ -218,6 +265,18 @@ class Unknown(Effect):
             return row.signal(Velocity(axis)) / row.machine.axes[axis].to_internal
         return row.signal(Position(name))
 
+    def _table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
+        """The functions in all rows of some runs (N, number of functions)."""
+        points = []
+        for name, (_, high) in zip(self.over, self.span, strict=True):
+            unit = machine.axes[name].to_internal if name in machine.axes else 1.0
+            there = unit * np.concatenate([_values(name, run, machine) for run in runs])
+            if period:
+                there = 2.0 * np.pi * there / period
+            points.append(np.sign(there) * _steps(np.abs(there) / high, np) if name.endswith(SINCE) else there)
+        table = self._basis(machine).matrix(*points)
+        return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
+
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`over`, its `rms` over the campaign's rows, the main `direction` of a shift, and the `carrier` in whose frame it is."""
         machine, basis = campaign.machine, self._basis(campaign.machine)
@@ -225,18 +284,7 @@ class Unknown(Effect):
         period = self.period_s
         if self.period_sigma:
             period = values[f"{self.key}.period"]
-        points = []
-        for name, (_, high) in zip(self.over, self.span, strict=True):
-            unit = machine.axes[name].to_internal if name in machine.axes else 1.0
-            values_there = unit * np.concatenate([_values(name, run, machine) for run in runs])
-            if period:
-                values_there = 2.0 * np.pi * values_there / period
-            points.append(
-                np.sign(values_there) * _steps(np.abs(values_there) / high, np)
-                if name.endswith(SINCE)
-                else values_there
-            )
-        matrix = basis.matrix(*points)
+        matrix = self._table(machine, runs, period)
         amplitudes = self.parameters(campaign)[: -1 if self.period_sigma else None]
         names = [p.name for p in amplitudes]
 
