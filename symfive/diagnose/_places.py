@@ -15,13 +15,14 @@ from symfive.effects.unknown import Unknown
 from symfive.machine import Machine
 
 __all__ = [
-    "LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "leaves", "link_of", "moves_the_same",
-    "reshapes",
+    "DRIVE", "LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "leaves", "link_of",
+    "moves_the_same", "reshapes",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 
-LINKS = ("drive", "behind the drive", "structure", "instrument and set-up")
+DRIVE = "drive"
+LINKS = (DRIVE, "behind the drive", "structure", "instrument and set-up")
 """The links of the chain from the command to the reading (P. Andolfatto, S. Lavernhe & J. Mayer 2011)."""
 _STAGE_LINKS = {"drive": LINKS[0], "axis": LINKS[1], "structure": LINKS[2], "reading": LINKS[3], "recording": LINKS[3]}
 SIDEWAYS = 0.3
@@ -41,7 +42,7 @@ class Interval:
 def link_of(effect: Effect) -> str:
     """Which link of the chain the effect belongs to."""
     if effect.id == "force_friction" or getattr(effect, "place", "") == "force":
-        return LINKS[0]
+        return DRIVE
     return LINKS[3] if effect.id in _SETUP else _STAGE_LINKS[effect.stage]
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from symfive.diagnose import Finding
+from symfive.diagnose._places import DRIVE, link_of
 from symfive.diagnose._words import place_words
 from symfive.machine import Machine
 
@@ -36,10 +37,10 @@ class _Place:
 def guilty(finding: Finding, machine: Machine) -> _Place:
     """The link that a finding accuses, from the stage at which its effect enters and its axis."""
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
-    if stage in ("reading", "recording"):
-        part, axis = "instrument", None
-    elif stage == "drive":
+    if DRIVE in (stage, link_of(finding.effect)):
         part = "drive"
+    elif stage in ("reading", "recording"):
+        part, axis = "instrument", None
     else:
         part = ("axis" if stage == "axis" else "structure") if axis else "loop"
     timed = any(word in ("t", "time") for word in finding.coordinate.split(", "))
