@@ -15,14 +15,13 @@ from symfive.effects.unknown import Unknown
 from symfive.machine import Machine
 
 __all__ = [
-    "DRIVE", "LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "intervals_of", "leaves", "link_of",
+    "LINKS", "Interval", "axis_of", "coordinate_of", "direction_of", "in_the_drive", "intervals_of", "leaves", "link_of",
     "moves_the_same", "reshapes",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 
-DRIVE = "drive"
-LINKS = (DRIVE, "behind the drive", "structure", "instrument and set-up")
+LINKS = ("drive", "behind the drive", "structure", "instrument and set-up")
 """The links of the chain from the command to the reading (P. Andolfatto, S. Lavernhe & J. Mayer 2011)."""
 _STAGE_LINKS = {"drive": LINKS[0], "axis": LINKS[1], "structure": LINKS[2], "reading": LINKS[3], "recording": LINKS[3]}
 SIDEWAYS = 0.3
@@ -42,8 +41,13 @@ class Interval:
 def link_of(effect: Effect) -> str:
     """Which link of the chain the effect belongs to."""
     if effect.id == "force_friction" or getattr(effect, "place", "") == "force":
-        return DRIVE
+        return LINKS[0]
     return LINKS[3] if effect.id in _SETUP else _STAGE_LINKS[effect.stage]
+
+
+def in_the_drive(effect: Effect) -> bool:
+    """Whether it acts in the position loops, or shows in the force of a drive."""
+    return effect.stage == "drive" or link_of(effect) == LINKS[0]
 
 
 def axis_of(effect: Effect) -> str | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from symfive.diagnose._places import DRIVE, link_of
+from symfive.diagnose._places import in_the_drive
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import in_words, name_words, percent, percent_or_more, plain_number, rounded, unit_words
@@ -110,7 +110,7 @@ def _moves(finding: Finding, after: Identification) -> list[str]:
 def place_words(finding: Finding, machine: Machine) -> str:
     """The link of the chain that a finding accuses, from the stage at which its effect enters and its axis."""
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
-    if DRIVE in (stage, link_of(finding.effect)):
+    if in_the_drive(finding.effect):
         return f"the drive of {axis}" if axis else "all drives alike"
     if stage in ("reading", "recording"):
         return "the instrument's reading" if stage == "reading" else "the recorder"

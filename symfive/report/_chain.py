@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from symfive.diagnose import Finding
-from symfive.diagnose._places import DRIVE, link_of
+from symfive.diagnose._places import in_the_drive
 from symfive.diagnose._words import place_words
 from symfive.machine import Machine
 
@@ -37,7 +37,7 @@ class _Place:
 def guilty(finding: Finding, machine: Machine) -> _Place:
     """The link that a finding accuses, from the stage at which its effect enters and its axis."""
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
-    if DRIVE in (stage, link_of(finding.effect)):
+    if in_the_drive(finding.effect):
         part = "drive"
     elif stage in ("reading", "recording"):
         part, axis = "instrument", None
