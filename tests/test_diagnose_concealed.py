@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +21,7 @@ from symfive.diagnose._findings import doubted
 from symfive.diagnose._refit import Trial, refitted
 from symfive.diagnose._regroup import merge
 from symfive.diagnose._scores import Score, log_tail, score_catalogue
-from symfive.diagnose._slow import whitened
+from symfive.diagnose._slow import _Test, whitened
 from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
 from symfive.identify import identify
@@ -266,6 +267,14 @@ def test_the_tail_of_chi_squared_is_a_number_however_far_out():
         assert -5.1e4 < log_tail(1e5, dof) < -4.9e4
         slope = (log_tail(3000.0, dof) - log_tail(1400.0, dof)) / 1600.0
         assert slope == pytest.approx(-0.5, abs=0.02)
+
+
+def test_the_chance_that_noise_does_as_much_is_a_number_however_small(tmp_path, monkeypatch):
+    fit = identify(_measured(tmp_path / "c", plant.static_table(), _grids(plant.static_table()), []))
+    found = refitted(Model(fit.model.campaign, [make_effect("scale_error", "X")]), fit.named, fit)
+    monkeypatch.setattr(sys.modules[_Test.__module__], "likelihood_ratio", lambda *_: (5000.0, 1))
+    chance = _Test.of(found, fit, 10, 1, 5.0).chance
+    assert -2510.0 < chance < -2490.0
 
 
 @pytest.mark.slow

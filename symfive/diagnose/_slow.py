@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from symfive.diagnose._evidence import evidence_of, evidence_with_noise, likelihood_ratio
 from symfive.diagnose._places import coordinate_of
 from symfive.diagnose._refit import DECISIVE, Forms, amplitudes, newest, refitted, shaped, start_of, tried, widened
-from symfive.diagnose._scores import Score
+from symfive.diagnose._scores import Score, log_tail
 from symfive.diagnose._variants import narrower, shapes, variants
 from symfive.effects import Effect
 from symfive.identify import Identification
@@ -155,7 +154,7 @@ class _Test:
             return cls(found, odds, -odds)
         ways = looks * shapes(effect, fit.model.campaign)
         ratio, dof = likelihood_ratio(found, fit, effect)
-        chance = float(chi2.logsf(max(ratio, 0.0), dof)) + float(np.log(names * ways))
+        chance = log_tail(max(ratio, 0.0), dof) + float(np.log(names * ways))
         return cls(found, odds - float(np.log(ways)), chance)
 
 
