@@ -152,7 +152,8 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     plain = [e for e in catalogue(campaign, held) if e.id not in exclude]
     board = score_catalogue(result, plain, shapes, probes(campaign))
     scores = [board.score(e) for e in plain]
-    unusual = [_unusual(board, e, times) for e in plain for times in UNUSUAL]
+    hidden = [e for e in plain if coordinate_of(e) != "time"]  # geometry hides what goes with the pose
+    unusual = [_unusual(board, e, times) for e in hidden for times in UNUSUAL]
     taken = {e.key for e in held}
     found = [f for f in (scan(board) if scanning else []) if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}

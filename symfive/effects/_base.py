@@ -38,7 +38,7 @@ class Effect:
 
     At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
     usual size. Its amplitudes are the parameters whose prior mean is 0; or all of them where it `departs` from what
-    is set on the machine or the instrument.
+    is set on the machine.
     """
 
     id: ClassVar[str]

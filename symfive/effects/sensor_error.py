@@ -32,7 +32,6 @@ class SensorError(Effect):
 
     id = "sensor_error"
     stage = "reading"
-    departs = True
     says = "gain or cross-sensitivity of the instrument"
     hidden_by = "everything proportional to the deviation; a known shift of 50 µm parts them"
     shape: str = "gain"
