@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "reading", "force")
 FORCE, FORCE_SHARE = "drive_force", 0.05
+"""The instrument, and the share of its force's rms that a term is expected to have."""
 VELOCITY = " velocity"
 SINCE = " since reversal"
 SIGN = " velocity sign"
@@ -53,7 +54,8 @@ class Unknown(Effect):
     recorded force of the drive whose axis the coordinates speak of; there `less` takes from each function what offset,
     direction and speed of the motion hold of it, so that friction keeps its own values beside it. With
     `only_within` it acts within the span alone. Prior 1σ of a coefficient: `sigma_um` (for a rotary axis as many µm
-    at 100 mm; of a force as many N or Nm), less for the higher ones of a series, since slopes are bounded.
+    at 100 mm), of a force `sigma_force` (N or Nm; by default a twentieth of the recorded force's rms), less for the higher ones of a
+    series, since slopes are bounded.
     """
 
     id = "unknown"
