@@ -11,7 +11,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from .figures import Line, calibration, confusion, oracle_power, severity, table
+from .figures import Line, calibration, confusion, oracle_power, severity, table, wilson
 from .score import SEEN, Row, as_well
 
 logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
@@ -200,11 +200,13 @@ def _severity(rows: Sequence[Row], path: Path) -> None:
 def _calibration(rows: Sequence[Row], path: Path) -> None:
     bins, (figure, axes) = calibration(rows), _figure(5.0, 4.5)
     axes.plot([0, 1], [0, 1], "k--", label="calibrated")
-    axes.scatter(
-        [b[0] for b in bins], [b[1] for b in bins], s=[20 + 5 * b[2] for b in bins], label="names (area: how many)"
-    )
-    axes.set(xlabel="stated probability of the name", ylabel="share that was right", xlim=(0, 1.02), ylim=(0, 1.02))
-    axes.legend()
+    for k, (stated, right, count) in enumerate(bins):
+        low, high = wilson(round(right * count), count)
+        label = "names, with their number and Wilson's 95 %" if k == 0 else None
+        axes.errorbar(stated, right, [[right - low], [high - right]], fmt="o", color="tab:blue", capsize=3, label=label)
+        axes.annotate(str(count), (stated, low), (0, -4), textcoords="offset points", ha="center", va="top")
+    axes.set(xlabel="stated probability of the name", ylabel="share that was right", xlim=(0, 1.02), ylim=(0, 1.05))
+    axes.legend(loc="lower right")
     figure.savefig(path, dpi=120)
 
 
