@@ -18,7 +18,7 @@ from symfive.diagnose import Diagnosis, diagnose, locate, name_effects
 from symfive.diagnose._channels import Channels, probes
 from symfive.diagnose._evidence import likelihood_ratio
 from symfive.diagnose._findings import doubted
-from symfive.diagnose._refit import Trial, refitted
+from symfive.diagnose._refit import Trial, refitted, tried
 from symfive.diagnose._regroup import merge
 from symfive.diagnose._scores import Score, log_tail, score_catalogue
 from symfive.diagnose._slow import _Test, whitened
@@ -267,6 +267,19 @@ def test_the_tail_of_chi_squared_is_a_number_however_far_out():
         assert -5.1e4 < log_tail(1e5, dof) < -4.9e4
         slope = (log_tail(3000.0, dof) - log_tail(1400.0, dof)) / 1600.0
         assert slope == pytest.approx(-0.5, abs=0.02)
+
+
+def test_how_large_a_gains_change_is_says_nothing_for_or_against_it(tmp_path):
+    machine = plant.planar_table()
+    nominal = machine["axes"]["X"]["drive"]["position_gain"]
+    slow = [{"effect": "servo_mismatch", "axis": "X", "position_gain": 0.97 * nominal}]
+    fit = identify(_measured(tmp_path / "c", machine, _circles(machine, (1000.0,)), slow))
+    effect = make_effect("servo_mismatch", "X", gains=("position_gain",)).prepare(fit.model.campaign)
+    (gain,) = effect.amplitudes(fit.model.campaign)
+    assert effect.in_sigmas(fit.model.campaign, {gain.name: gain.mean + 2.0 * gain.sigma}) == pytest.approx(2.0)
+    found = [tried(fit, 0.0, Score.unscored(replace(effect, spread=wide), {}, 1), {}) for wide in (1.0, 4.0)]
+    assert found[0].values[gain.name] == pytest.approx(0.97 * nominal, rel=0.002)
+    assert found[0].evidence == pytest.approx(found[1].evidence, abs=0.05)
 
 
 def test_the_chance_that_noise_does_as_much_is_a_number_however_small(tmp_path, monkeypatch):
