@@ -274,7 +274,9 @@ def test_noise_that_lasts_a_hundredth_of_a_run_may_hide_a_drift_and_only_very_sl
     duration = min(run.duration for run in fit.model.campaign.runs)
 
     def seen(share: float, **more: float) -> float:
-        noises = {k: replace(n, coloured=0.3 * n.declared, time_constant=share * duration) for k, n in fit.noises.items()}
+        noises = {
+            k: replace(n, coloured=0.3 * n.declared, time_constant=share * duration) for k, n in fit.noises.items()
+        }
         return slow_noise(replace(fit, noises=noises), 0.005, **more)
 
     assert seen(0.05) == seen(0.5) == pytest.approx(0.3) and seen(0.005) == 0.0
