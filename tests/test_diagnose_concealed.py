@@ -21,7 +21,7 @@ from symfive.diagnose._findings import doubted
 from symfive.diagnose._refit import Trial, refitted, tried
 from symfive.diagnose._regroup import merge
 from symfive.diagnose._scores import Score, log_tail, score_catalogue
-from symfive.diagnose._slow import VERY_SLOW, _Test, slow_noise, whitened
+from symfive.diagnose._slow import _Test, whitened
 from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
 from symfive.identify import identify
@@ -267,20 +267,6 @@ def test_the_tail_of_chi_squared_is_a_number_however_far_out():
         assert -5.1e4 < log_tail(1e5, dof) < -4.9e4
         slope = (log_tail(3000.0, dof) - log_tail(1400.0, dof)) / 1600.0
         assert slope == pytest.approx(-0.5, abs=0.02)
-
-
-def test_noise_that_lasts_a_hundredth_of_a_run_may_hide_a_drift_and_only_very_slow_noise_is_rare(tmp_path):
-    fit = identify(_measured(tmp_path / "c", plant.static_table(), _grids(plant.static_table()), []))
-    duration = min(run.duration for run in fit.model.campaign.runs)
-
-    def seen(share: float, **more: float) -> float:
-        noises = {
-            k: replace(n, coloured=0.3 * n.declared, time_constant=share * duration) for k, n in fit.noises.items()
-        }
-        return slow_noise(replace(fit, noises=noises), 0.005, **more)
-
-    assert seen(0.05) == seen(0.5) == pytest.approx(0.3) and seen(0.005) == 0.0
-    assert seen(0.05, part=VERY_SLOW) == 0.0 and seen(0.5, part=VERY_SLOW) == pytest.approx(0.3)
 
 
 def test_how_large_a_gains_change_is_says_nothing_for_or_against_it(tmp_path):

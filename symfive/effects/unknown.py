@@ -54,8 +54,8 @@ class Unknown(Effect):
     recorded force of the drive whose axis the coordinates speak of; there `less` takes from each function what offset,
     direction and speed of the motion hold of it, so that friction keeps its own values beside it. With
     `only_within` it acts within the span alone. Prior 1σ of a coefficient: `sigma_um` (for a rotary axis as many µm
-    at 100 mm), of a force `sigma_force` (N or Nm; by default a twentieth of the recorded force's rms), less for the higher ones of a
-    series, since slopes are bounded.
+    at 100 mm), of a force `sigma_force` (N or Nm; by default a twentieth of the recorded force's rms), less for the higher
+    ones of a series, since slopes are bounded.
     """
 
     id = "unknown"
