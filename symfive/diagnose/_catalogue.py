@@ -12,6 +12,7 @@ from symfive.campaign import Campaign
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
+from symfive.instruments.drive_force import driven_axis
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
         for letter in LETTERS:
             if machine.axes[axis].rotary or letter in "ABC":
                 yield make_effect("location_error", component=f"E{letter}0{axis}")
-    for axis in sorted({str(r.options.get("axis")) for r in campaign.runs if "drive_force" in r.instrument}):
+    for axis in sorted({axis for run in campaign.runs if (axis := driven_axis(run)) is not None}):
         yield make_effect("force_friction", axis)
     yield make_effect("latency")
     yield make_effect("sensor_low_pass")

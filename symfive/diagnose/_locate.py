@@ -151,9 +151,8 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     shapes = remainder(result.model, result.values, result.model.added)
     plain = [e for e in catalogue(campaign, held) if e.id not in exclude]
     board = score_catalogue(result, plain, shapes, probes(campaign))
-    scores = [board.score(e) for e in plain]
-    hidden = [e for e in plain if coordinate_of(e) != "time"]  # geometry hides what goes with the pose
-    unusual = [_unusual(board, e, times) for e in hidden for times in UNUSUAL]
+    sizes = [_sizes(board, e) for e in plain]
+    scores, unusual = [usual for usual, *_ in sizes], [score for _, *larger in sizes for score in larger]
     taken = {e.key for e in held}
     found = [f for f in (scan(board) if scanning else []) if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}
@@ -174,10 +173,12 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     return Survey(board, tuple(seen), max(1, int(np.ceil(len(seen) * (1.0 + sum(1.0 / times for times in UNUSUAL))))))
 
 
-def _unusual(board: Board, effect: Effect, times: float) -> Score:
-    """The score of an effect that may be so many times its usual size: its share of the rate of false alarms is so much less."""
-    score = board.score(replace(effect, spread=times * effect.spread))
-    return replace(score, log_p=score.log_p + float(np.log(times)))
+def _sizes(board: Board, effect: Effect) -> list[Score]:
+    """The scores of an effect at its usual size and, where it goes with the pose, which is what geometry hides, at unusual ones:
+    their share of the rate of false alarms is so much less."""
+    times = (1.0,) if coordinate_of(effect) == "time" else (1.0, *UNUSUAL)
+    found = zip(board.scores(effect, times), times, strict=True)
+    return [replace(score, log_p=score.log_p + float(np.log(wide))) for score, wide in found]
 
 
 def _secants(result: Identification, scores: Sequence[Score]) -> list[Secant]:

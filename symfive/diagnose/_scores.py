@@ -12,7 +12,7 @@ H/GᵀG is the share of the effect that the campaign can see at all; what is mis
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +86,15 @@ class Board:
 
     def score(self, effect: Effect) -> Score:
         """The score test of one effect."""
+        return self.scores(effect, (1.0,))[0]
+
+    def scores(self, effect: Effect, times: Sequence[float]) -> list[Score]:
+        """The score tests of an effect with a prior so many times as wide as its own."""
+        h, s, full = self.reduced(self.columns_of(effect))
+        return [self._scored(replace(effect, spread=wide * effect.spread), h, s, full) for wide in times]
+
+    def _scored(self, effect: Effect, h: Array, s: Array, full: Array) -> Score:
         parameters = effect.parameters(self.model.campaign)
-        columns = self.columns_of(effect)
-        h, s, full = self.reduced(columns)
         sigma = np.array([p.sigma for p in parameters])
         scaled_h, scaled_s = h * np.outer(sigma, sigma), s * sigma
         solution = np.linalg.solve(scaled_h + np.eye(len(sigma)), scaled_s)

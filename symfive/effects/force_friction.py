@@ -9,7 +9,7 @@ import casadi as ca
 
 from symfive.effects._base import Effect
 from symfive.errors import InputError
-from symfive.instruments.drive_force import FilteredMotion
+from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.motion import OnControlClock, Velocity
 from symfive.parameters import Parameter
 
@@ -55,8 +55,7 @@ class ForceFriction(Effect):
 
     def _seen(self, run: Run) -> bool:
         terms = run.options.get("force_terms", ("coulomb", "offset"))
-        own = "drive_force" in run.instrument and run.options.get("axis") == self.axis
-        return own and not {"coulomb", "offset"} & set(terms)
+        return driven_axis(run) == self.axis and not {"coulomb", "offset"} & set(terms)
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and self._seen(run)
@@ -77,5 +76,5 @@ class ForceFriction(Effect):
         motion = row.signal(self._motion())
         sign = motion if self.cut_off_hz else ca.fmin(ca.fmax(motion / self.rest, -1.0), 1.0)
         for i, source in enumerate(row.sources):
-            if source == "drive_force":
+            if source == DriveForce.name:
                 row.readings[i] += self.parameter(row, "coulomb") * sign + self.parameter(row, "offset")

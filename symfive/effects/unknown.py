@@ -17,6 +17,7 @@ from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
+from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import Basis
 from symfive.machine import Axis, ErrorTerm, Machine
 from symfive.motion import Direction, Position, ReversalDistance, Velocity, approach
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "reading", "force")
-FORCE, FORCE_SHARE = "drive_force", 0.05
-"""The instrument, and the share of its force's rms that a term is expected to have."""
+FORCE_SHARE = 0.05
+"""The share of a drive's force (rms) that a term is expected to have."""
 VELOCITY = " velocity"
 SINCE = " since reversal"
 SIGN = " velocity sign"
@@ -132,8 +133,9 @@ class Unknown(Effect):
 
     def _usual_force(self, campaign: Campaign) -> float:
         """A share of the force that was recorded, N or Nm; 1 in a plan."""
-        name = f"{self.axis}_{'torque_Nm' if self.its_axis(campaign).rotary else 'force_N'}"
-        read = [run.readings[name] for run in campaign.runs if self.applies(run) and name in run.readings]
+        force, machine = DriveForce(), campaign.machine
+        seen = [(run, column.name) for run in filter(self.applies, campaign.runs) for column in force.columns(run, machine)]
+        read = [run.readings[name] for run, name in seen if name in run.readings]
         return FORCE_SHARE * float(np.sqrt(np.mean(np.concatenate(read) ** 2))) if read else 1.0
 
     def _held_by_the_drive(self, campaign: Campaign) -> tuple[tuple[float, ...], ...]:
@@ -152,7 +154,7 @@ class Unknown(Effect):
 
     def applies(self, run: Run) -> bool:
         if self.place == "force":
-            return FORCE in run.instrument and run.options.get("axis") == _owner(self.over[0])
+            return driven_axis(run) == _owner(self.over[0])
         return run.dynamic or not any(name.endswith(VELOCITY) for name in self.over)
 
     def _basis(self, machine: Machine) -> Basis:
@@ -222,7 +224,7 @@ class Unknown(Effect):
                 else:
                     row.shift["xyz".index(c)] += term(c)
         elif self.place == "force":
-            for i in (i for i, source in enumerate(row.sources) if source == FORCE):
+            for i in (i for i, source in enumerate(row.sources) if source == DriveForce.name):
                 row.readings[i] += term("force")
         else:
             for i in row.sensed:

@@ -75,6 +75,11 @@ class FilteredMotion:
         return Series(low_pass(sign, self.cut_off_hz, motion.run.interval / FINER)[::FINER])
 
 
+def driven_axis(run: Run) -> str | None:
+    """The axis whose drive force a run records; None where it records none."""
+    return str(run.options.get("axis")) if DriveForce.name in run.instrument else None
+
+
 class DriveForce(Instrument):
     """F = mass·a + viscous·v + coulomb·sgn(v) + offset (A. Janot, M. Gautier & M. Brunot 2019), N or Nm.
 
