@@ -134,8 +134,8 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
         for letter in LETTERS:
             if machine.axes[axis].rotary or letter in "ABC":
                 yield make_effect("location_error", component=f"E{letter}0{axis}")
-    for axis in sorted({axis for run in campaign.runs if (axis := driven_axis(run)) is not None}):
-        yield make_effect("force_friction", axis)
+    for driven in sorted({own for run in campaign.runs if (own := driven_axis(run)) is not None}):
+        yield make_effect("force_friction", driven)
     yield make_effect("latency")
     yield make_effect("sensor_low_pass")
     yield make_effect("thermal_drift")

@@ -134,7 +134,9 @@ class Unknown(Effect):
     def _usual_force(self, campaign: Campaign) -> float:
         """A share of the force that was recorded, N or Nm; 1 in a plan."""
         force, machine = DriveForce(), campaign.machine
-        seen = [(run, column.name) for run in filter(self.applies, campaign.runs) for column in force.columns(run, machine)]
+        seen = [
+            (run, column.name) for run in filter(self.applies, campaign.runs) for column in force.columns(run, machine)
+        ]
         read = [run.readings[name] for run, name in seen if name in run.readings]
         return FORCE_SHARE * float(np.sqrt(np.mean(np.concatenate(read) ** 2))) if read else 1.0
 
