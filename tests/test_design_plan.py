@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
 from symfive.design._optimise import value_of
 from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
+from symfive.design._plan import _notes
 from symfive.design._pose_table import mounted_before, pose_table
 from symfive.design._refine import Rows
 from symfive.design._request import task_of
@@ -394,6 +396,14 @@ def test_a_way_through_the_table_is_found() -> None:
     assert found and found[0][0] == 1
     (around,) = (s for s in [program_steps(OYAMA, run, Post(unsafe={run.id: (1,)}))])
     assert sum(step.kind == "rapid" for step in around) == 4
+
+
+@pytest.mark.parametrize("blocked", [{"n1": [(2, "tool and post"), (5, "tool and post")]}, {}])
+def test_ways_that_are_not_clear_come_with_a_way_out(blocked: dict) -> None:
+    schedule = SimpleNamespace(unsafe={}, campaign=SimpleNamespace(machine=OYAMA))
+    said = _notes(schedule, Post(), blocked, (1.0,))
+    assert bool(blocked) == any("post_radius" in note for note in said)
+    assert not blocked or said[0] == "run n1: not clear: tool and post on the way to line 4, 7"
 
 
 # --- what the user may decide -------------------------------------------------------------------------------------

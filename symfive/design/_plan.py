@@ -245,6 +245,10 @@ def _notes(
             lines.setdefault(what, []).append(row + FIRST_LINE)
         meets = "; ".join(f"{what} on the way to line {', '.join(map(str, where))}" for what, where in lines.items())
         notes.append(f"run {run}: not clear: {meets}")
+    if any(blocked.values()):
+        notes.append(
+            "what clears such ways: a longer tool, a slimmer post or tool ([workspace] post_radius, tool_radius)"
+        )
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
     if len(values) > 1 and max(values) - min(values) > 0.05:

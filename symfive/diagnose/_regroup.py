@@ -75,7 +75,7 @@ def spell_out(state: State, forward: Callable[[State], None]) -> None:
 
 def _of_places(term: Effect) -> bool:
     """Whether a term is one of axis positions or of time alone: no velocity, no way since a reversal, no burst, no cycle."""
-    if not isinstance(term, Unknown) or term.only_within or term.period_s:
+    if not isinstance(term, Unknown) or term.only_within or term.period:
         return False
     return all(" " not in coordinate for coordinate in term.over)
 

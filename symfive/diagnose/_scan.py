@@ -18,7 +18,8 @@ from symfive.campaign import Run
 from symfive.diagnose._channels import Channels, Finding, peaks
 from symfive.diagnose._scores import Board
 from symfive.diagnose._transients import bursts, resonances
-from symfive.effects import make_effect
+from symfive.effects import Effect, make_effect
+from symfive.effects.unknown import Unknown
 from symfive.errors import InputError
 
 __all__ = ["scan"]
@@ -84,13 +85,15 @@ def _periods(channels: Channels) -> Iterator[Finding]:
         inverse = np.arange(len(total)) / (count * step)
         seen = (inverse >= 1.0 / reach) & (inverse <= 1.0 / shortest)
         score = np.where(seen, np.abs(total) ** 2 / max(power, 1e-300), 0.0)
-        for peak in peaks(score, PEAKS):
+        number = _fast(channels, axis) + 1
+        looks = int(seen.sum()) // 2 + 1
+        for rank, peak in enumerate(peaks(score, PEAKS)):
             if score[peak] > 0.0:
                 period = 1.0 / float(inverse[peak])
                 sigma = 0.5 * period**2 * float(inverse[1])
-                yield Finding(
-                    make_effect("transmission_error", axis, period=period, period_sigma=sigma), int(seen.sum()) // 2 + 1
-                )
+                yield Finding(make_effect("transmission_error", axis, period=period, period_sigma=sigma), looks)
+                if rank == 0:
+                    yield Finding(_cycle(period, 1.0 / float(inverse[1]), f"{FAST}{number}", axis, "axis"), looks)
 
 
 def _tones(channels: Channels) -> Iterator[Finding]:
@@ -112,13 +115,14 @@ def _tones(channels: Channels) -> Iterator[Finding]:
                 score += np.abs(spectrum) ** 2 / power
     frequency = np.arange(len(score)) / (count * step)
     seen = (frequency >= 4.0 / longest) & (frequency <= 0.98 / shortest)
-    number = sum(effect.id == "vibration" for effect in channels.board.result.model.effects) + 1
+    number = sum(e.id == "vibration" for e in channels.board.result.model.effects) + _fast(channels, "t") + 1
     tag = f"tone{number}" if number > 1 else ""  # a beat is two tones
     for peak in peaks(np.where(seen, score, 0.0), 1):
         rough = float(frequency[peak])
         exact, kept, tried = _in_phase(channels, runs, rough, 1.0 / longest)
         if kept > 0.5 * score[peak]:
             effect = make_effect("vibration", frequency_hz=exact, tag=tag)
+            yield Finding(_cycle(1.0 / exact, _span(runs), f"{FAST}{number}"), int(seen.sum()) // 2 + tried)
         else:  # the runs' clocks do not hang together: the run that swings most
             strongest = max(runs, key=lambda run: _in_phase(channels, [run], rough, 0.0)[1])
             effect = make_effect("vibration", frequency_hz=rough, run=strongest.id, tag=tag)
@@ -160,6 +164,8 @@ def _coherent(channels: Channels, runs: Sequence[Run], frequencies: Array) -> Ar
     return score
 
 
+FAST = "fast"
+"""Begins the tag of a cycle as fast as a vibration, or of one over an axis."""
 CYCLE_HARMONICS, FINE = 4, 8
 """Of a cycle; and steps in which its frequency is looked for, per change of one cycle over the campaign."""
 FEWEST = 2.5
@@ -178,12 +184,21 @@ def _cycles(channels: Channels) -> Iterator[Finding]:
         return
     frequencies = (FEWEST + np.arange(count) / FINE) / span
     score = _coherent(channels, runs, frequencies)
-    period = 1.0 / float(frequencies[np.argmax(score)])
-    effect = make_effect(
-        "unknown", over=("t",), basis="fourier", order=CYCLE_HARMONICS, period_s=period,
-        period_sigma=0.5 * period**2 / span, tag="cycle",
+    yield Finding(_cycle(1.0 / float(frequencies[np.argmax(score)]), span, "cycle"), count // (FINE // PER_CYCLE))
+
+
+def _fast(channels: Channels, over: str) -> int:
+    """The number of fast cycles of a coordinate that the fit holds."""
+    held = [e for e in channels.board.result.model.effects if isinstance(e, Unknown)]
+    return sum(e.over == (over,) and e.tag.startswith(FAST) for e in held)
+
+
+def _cycle(period: float, reach: float, tag: str, over: str = "t", place: str = "structure") -> Effect:
+    """Whatever repeats itself after a period of a coordinate, of which the campaign covers so much."""
+    return make_effect(
+        "unknown", over=(over,), basis="fourier", order=CYCLE_HARMONICS, period=period,
+        period_sigma=0.5 * period**2 / reach, place=place, tag=tag,
     )  # fmt: skip
-    yield Finding(effect, count // (FINE // PER_CYCLE))
 
 
 ONSETS = 20

@@ -14,7 +14,17 @@ from symfive.diagnose._detect import Detection
 from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, reshapes
-from symfive.diagnose._refit import Trial, best_shape, lacking, newest, refitted, shaped, tried, with_families
+from symfive.diagnose._refit import (
+    Trial,
+    amplitudes,
+    best_shape,
+    lacking,
+    newest,
+    refitted,
+    shaped,
+    tried,
+    with_families,
+)  # fmt: skip
 from symfive.diagnose._regroup import kin, merge, simplify, spell_out
 from symfive.diagnose._scores import Score
 from symfive.diagnose._slow import changes_slowly, large_noise, name_or_noise, physics_or_noise, slow_noise, whitened
@@ -104,9 +114,9 @@ def _forward(state: State, seen: Survey | None = None) -> None:
             state.progress(f"found {newest(state.after).key}, taken for noise before")
             continue
         if best is None or after is None:
+            state.after = with_families(state.after)
             slow = _slow(state)
             if slow is None:
-                state.after = with_families(state.after)
                 return
             state.joined(*slow)
             seen = None
@@ -153,7 +163,7 @@ def _behind_noise(state: State, first: Identification | None) -> tuple[Identific
     still = [s for s in seen.scores if state.open(s)]
     names = [s for s in still if s.effect.id != "unknown" and not changes_slowly(s.effect)]
     candidates = sorted(names, key=lambda s: s.log_p)[:TRIALS]
-    candidates += [s for s in still if isinstance(s.effect, Unknown) and (s.effect.period_s or s.effect.only_within)]
+    candidates += [s for s in still if isinstance(s.effect, Unknown) and (s.effect.period or s.effect.only_within)]
     return name_or_noise(state.after, candidates, len(names), first, state.forms, state.level, state.progress)
 
 
@@ -282,7 +292,7 @@ def _prune(state: State, members: Sequence[Member]) -> None:
     """Drop effects that others have made needless."""
     for member in tuple(members):
         without = lacking(state.after, member.effect)
-        full = evidence_of(state.after.problem(), state.after.values)
+        full = evidence_of(state.after.problem(), state.after.values, amplitudes(state.campaign, member.effect))
         if full - evidence_of(without.problem(), without.values) < 3.0:
             state.after = refitted(without.model, without.named, without)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]

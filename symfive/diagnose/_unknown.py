@@ -18,12 +18,16 @@ __all__ = ["unknowns"]
 INTERVALS = 8
 FINE = 32
 SIDES = 16
+ACCELERATION_ORDER = 3
+ALONG = 0.9
+"""A direction of space is an axis' own where its cosine is at least this."""
 MOST_ROTARY = 3
 """Terms over two rotary axes together are looked for up to so many; an arm of seven has 21 pairs."""
 
 
 def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
-    """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time.
+    """Terms over every axis that moves, its velocity, its acceleration, the side it comes from, its way since it reversed, two
+    rotary axes together, and time.
 
     They move the axis itself, the tool in the machine frame or in what a rotary axis carries, the readings, or the force of
     a drive.
@@ -52,10 +56,13 @@ def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
         if dynamic:
             yield _spline(f"{axis} velocity", "structure")
             yield _spline(f"{axis} velocity", "reading")
+            yield {"over": (f"{axis} acceleration",), "basis": "polynomial", "order": ACCELERATION_ORDER}
         for over in (axis, f"{axis} velocity"):
             yield _spline(over, "force")
         if dynamic and axis in turning:
             yield _spline(f"{axis} since reversal", "axis", SIDES)
+        if axis in turning:
+            yield from _from_both_sides(campaign, axis)
     rotary = [axis for axis in moving if campaign.machine.axes[axis].rotary]
     for pair in combinations(rotary, 2) if len(rotary) <= MOST_ROTARY else ():
         shapes = [_smooth(campaign, axis) for axis in pair]
@@ -68,6 +75,25 @@ def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
             yield _spline("t", place, FINE)
 
 
+def _from_both_sides(campaign: Campaign, axis: str) -> Iterator[dict[str, Any]]:
+    """What differs between the sides from which an axis comes: everywhere the same, or over its positions too.
+
+    A linear axis' own direction is left out: a shift along that is backlash.
+    """
+    side: dict[str, Any] = {"over": (f"{axis} velocity sign",), "basis": "polynomial", "order": 1}
+    found = campaign.machine.axes[axis]
+    if found.rotary:
+        yield side
+        yield {**side, "carrier": axis, "tag": f"carried-{axis}"}
+    else:
+        yield {
+            **side,
+            "directions": "".join(c for c, own in zip("xyz", found.direction, strict=True) if abs(own) < ALONG),
+        }
+    basis, order = _smooth(campaign, axis)
+    yield {"over": (*side["over"], axis), "basis": ("polynomial", basis), "order": (1, order)}
+
+
 def _spline(over: str, place: str, intervals: int = INTERVALS) -> dict[str, Any]:
     plain = place == "structure" and intervals == INTERVALS
     return {"over": (over,), "order": intervals, "place": place, "tag": "" if plain else f"{place}-{intervals}"}
@@ -76,4 +102,4 @@ def _spline(over: str, place: str, intervals: int = INTERVALS) -> dict[str, Any]
 def _smooth(campaign: Campaign, axis: str) -> tuple[str, int]:
     """Harmonics of an axis that turns all the way round, else polynomials."""
     turn = max(float(np.ptp(run.commands[axis])) for run in campaign.runs)
-    return ("fourier", 3) if turn > 200.0 else ("polynomial", 4)
+    return ("fourier", 3) if campaign.machine.axes[axis].rotary and turn > 200.0 else ("polynomial", 4)

@@ -99,11 +99,11 @@ def _times_usual(finding: Finding, after: Identification) -> float:
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:
-    """How the geometry moved, as `EX0C 4.61 → 3.75 µm`, to the digits that the 1σ leaves."""
+    """How the geometry moved with it, as `EX0C 4.61 → 3.75 µm with it`, to the digits that the 1σ leaves."""
     said = []
     for name, (old, new) in finding.moved.items():
         std, unit = after.uncertainty(name), after.parameters[after.model.index[name]].unit
-        said.append(f"{name} {rounded(old, std, unit)} → {rounded(new, std, unit)} {unit_words(unit)}")
+        said.append(f"{name} {rounded(old, std, unit)} → {rounded(new, std, unit)} {unit_words(unit)} with it")
     return said
 
 

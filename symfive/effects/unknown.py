@@ -20,7 +20,7 @@ from symfive.instruments import instruments_of
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import Basis
 from symfive.machine import Axis, ErrorTerm, Machine
-from symfive.motion import Direction, Position, ReversalDistance, Velocity, approach
+from symfive.motion import Acceleration, Direction, Position, ReversalDistance, Velocity, approach
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -32,10 +32,12 @@ Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "reading", "force")
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
-VELOCITY = " velocity"
+VELOCITY, ACCELERATION = " velocity", " acceleration"
 SINCE = " since reversal"
 SIGN = " velocity sign"
-_QUANTITIES = f'"{VELOCITY}", "{SIGN}" or "{SINCE}"'
+_QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
+RARE = 0.01
+"""The share of a run that starts and stops, and above that of its ends, take at most."""
 FINEST = 1e-3
 """Distances since a reversal below this share of the travel are one."""
 
@@ -44,9 +46,10 @@ FINEST = 1e-3
 class Unknown(Effect):
     """Σ coefficient·function over the coordinates `over`: a shift of the tool, of each reading column, or of a drive's force.
 
-    A coordinate is an axis (`B`), its velocity (`B velocity`), the side from which it came (`B velocity sign`), its way since it
-    reversed (`B since reversal`, with the sign of the motion, in equal steps of its logarithm) or `t` (the campaign's clock;
-    with `period_s` its phase in a cycle of about so many seconds, 1σ `period_sigma`; 0: known and fixed). Functions as in the
+    A coordinate is an axis (`B`), its velocity (`B velocity`) or acceleration (`B acceleration`), the side from which it came
+    (`B velocity sign`), its way since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
+    logarithm) or `t` (the campaign's clock, s). With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
+    and fixed) it is the phase in a cycle that counts, and `basis` is fourier. Functions as in the
     machine file: `basis` and `order` one per coordinate (a single one holds for all), products for several; `bspline` of order
     n has n intervals. They have no constant part, which zeros and set-ups hold.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
@@ -71,7 +74,7 @@ class Unknown(Effect):
     carrier: str = ""
     sigma_um: float = 5.0
     only_within: bool = False
-    period_s: float = 0.0
+    period: float = 0.0
     period_sigma: float = 0.0
     less: tuple[tuple[float, ...], ...] = ()
     sigma_force: float = 0.0
@@ -116,12 +119,14 @@ class Unknown(Effect):
                 f"{self.key} needs coordinates and directions",
                 remedy='write over = ["B"], directions = "xyz"',
             )
-        if self.period_s and (self.over != ("t",) or self.basis != "fourier"):
-            raise InputError(f"{self.key}: only time has a cycle", remedy='write over = ["t"], basis = "fourier"')
+        if self.period and not (self.basis == "fourier" and self.over in {("t",), *((name,) for name in machine.axes)}):
+            raise InputError(
+                f"{self.key}: only an axis or time has a cycle", remedy='write over = ["t"], basis = "fourier"'
+            )
         spans = self.span
         if not spans:
             values = [np.concatenate([_values(name, run, machine) for run in campaign.runs]) for name in self.over]
-            spans = tuple((float(v.min()), float(v.max())) for v in values)
+            spans = tuple(_span(name, v) for name, v in zip(self.over, values, strict=True))
         if len(spans) != len(self.over) or any(low >= high for low, high in spans):
             raise InputError(f"{self.key}: the campaign does not move there", remedy="choose a coordinate that changes")
         axis = _owner(self.over[0]) if self.place in ("axis", "force") else None
@@ -157,11 +162,12 @@ class Unknown(Effect):
     def applies(self, run: Run) -> bool:
         if self.place == "force":
             return driven_axis(run) == _owner(self.over[0])
-        return run.dynamic or not any(name.endswith(VELOCITY) for name in self.over)
+        return run.dynamic or not any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
 
     def _basis(self, machine: Machine) -> Basis:
-        other = "rotary" if self.period_s else "linear"
-        kinds = tuple(machine.axes[name].kind if name in machine.axes else other for name in self.over)
+        kinds = tuple(machine.axes[name].kind if name in machine.axes else "linear" for name in self.over)
+        if self.period:
+            kinds = ("rotary",)
         travels = tuple(
             (-1.0, 1.0) if n.endswith((SINCE, SIGN)) else s for n, s in zip(self.over, self.span, strict=True)
         )
@@ -193,14 +199,19 @@ class Unknown(Effect):
             self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels(campaign) for name in names
         ]
         if self.period_sigma:
-            found.append(self.own("period", "s", self.period_sigma, mean=self.period_s, lower=0.5 * self.period_s))
+            own = self._period_unit(campaign.machine)
+            found.append(self.own("period", own, self.period_sigma, mean=self.period, lower=0.5 * self.period))
         return tuple(found)
+
+    def _period_unit(self, machine: Machine) -> str:
+        return machine.axes[self.over[0]].unit if self.over[0] in machine.axes else "s"
 
     def signals(self) -> tuple[Signal, ...]:
         over = (
             self.over if self.place != "force" else (*self.over, *(f"{self.axis}{what}" for what in (SIGN, VELOCITY)))
         )
         found: list[Signal] = [Velocity(_owner(name)) for name in over if name.endswith(VELOCITY)]
+        found += [Acceleration(_owner(name)) for name in over if name.endswith(ACCELERATION)]
         found += [Direction(_owner(name)) for name in over if name.endswith((SINCE, SIGN))]
         found += [ReversalDistance(_owner(name)) for name in self.over if name.endswith(SINCE)]
         return tuple(found)
@@ -235,11 +246,13 @@ class Unknown(Effect):
     def _held(self, row: Row, number: int) -> Any:
         """A coordinate; for polynomials, which would run away, no further than the span."""
         q = self._coordinate(row, self.over[number])
-        basis = self.basis if isinstance(self.basis, str) else self.basis[number]
-        if basis != "polynomial":
+        if self._basis_of(number) != "polynomial":
             return q
         low, high = self._limits(row, number)
         return ca.fmin(ca.fmax(q, low), high)
+
+    def _basis_of(self, number: int) -> str:
+        return self.basis if isinstance(self.basis, str) else self.basis[number]
 
     def _limits(self, row: Row, number: int) -> tuple[float, float]:
         """The span of a coordinate in the row's units."""
@@ -256,29 +269,33 @@ class Unknown(Effect):
         return inside
 
     def _coordinate(self, row: Row, name: str) -> Any:
+        if self.period:
+            unit, along = (
+                (1.0, row.clock) if name == "t" else (row.machine.axes[name].to_internal, row.signal(Position(name)))
+            )
+            return 2.0 * np.pi * along / (self.parameter(row, "period") if self.period_sigma else self.period * unit)
         if name == "t":
-            if not self.period_s:
-                return row.clock
-            return 2.0 * np.pi * row.clock / (self.parameter(row, "period") if self.period_sigma else self.period_s)
+            return row.clock
         if name.endswith(SINCE):
             axis = _owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
             return row.signal(Direction(axis)) * _steps(row.signal(ReversalDistance(axis)) / reach, ca)
         if name.endswith(SIGN):
             return row.signal(Direction(_owner(name)))
-        if name.endswith(VELOCITY):
-            axis = _owner(name)
-            return row.signal(Velocity(axis)) / row.machine.axes[axis].to_internal
+        if name.endswith((VELOCITY, ACCELERATION)):
+            axis, of = _owner(name), Velocity if name.endswith(VELOCITY) else Acceleration
+            return row.signal(of(axis)) / row.machine.axes[axis].to_internal
         return row.signal(Position(name))
 
     def _table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
         """The functions in all rows of some runs (N, number of functions)."""
         points = []
-        for name, (_, high) in zip(self.over, self.span, strict=True):
+        for number, (name, (low, high)) in enumerate(zip(self.over, self.span, strict=True)):
+            there = np.concatenate([_values(name, run, machine) for run in runs])
             unit = machine.axes[name].to_internal if name in machine.axes else 1.0
-            there = unit * np.concatenate([_values(name, run, machine) for run in runs])
             if period:
-                there = 2.0 * np.pi * there / period
+                unit = 2.0 * np.pi / period
+            there = unit * (np.clip(there, low, high) if self._basis_of(number) == "polynomial" else there)
             points.append(np.sign(there) * _steps(np.abs(there) / high, np) if name.endswith(SINCE) else there)
         table = self._basis(machine).matrix(*points)
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
@@ -287,7 +304,7 @@ class Unknown(Effect):
         """`over`, its `rms` over the campaign's rows, the main `direction` of a shift, and the `carrier` in whose frame it is."""
         machine, basis = campaign.machine, self._basis(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
-        period = self.period_s
+        period = self.period
         if self.period_sigma:
             period = values[f"{self.key}.period"]
         matrix = self._table(machine, runs, period)
@@ -303,9 +320,10 @@ class Unknown(Effect):
         (value,), (std,) = propagate(rms, names, values, covariance)
         size = Quantity(float(value), float(std), self.parameters(campaign)[0].unit)
         found = {"over": Quantity(self.over), "rms": size}
-        if self.period_s:
+        if self.period:
             at = f"{self.key}.period"
-            found["period"] = Quantity(period, covariance[at, at] ** 0.5 if self.period_sigma else None, "s")
+            std = covariance[at, at] ** 0.5 if self.period_sigma else None
+            found["period"] = Quantity(period, std, self._period_unit(machine))
         if self.carrier:
             found["carrier"] = Quantity(self.carrier)
         if self.place == "structure":
@@ -332,7 +350,9 @@ def _basis_over(
 
 def _owner(name: str) -> str:
     """The axis that a coordinate speaks of."""
-    return name.removesuffix(VELOCITY).removesuffix(SINCE).removesuffix(SIGN)
+    for quantity in (VELOCITY, ACCELERATION, SINCE, SIGN):
+        name = name.removesuffix(quantity)
+    return name
 
 
 def _steps(share: Any, library: Any) -> Any:
@@ -349,9 +369,15 @@ def _values(name: str, run: Run, machine: Machine) -> Array:
         return _since_reversal(command)
     if name.endswith(SIGN):
         return approach(command)
-    if not name.endswith(VELOCITY):
-        return command
-    return np.asarray(np.gradient(command, run.time)) if run.dynamic and run.rows > 1 else np.zeros(run.rows)
+    for _ in range(1 if name.endswith(VELOCITY) else 2 if name.endswith(ACCELERATION) else 0):
+        command = np.gradient(command, run.time) if run.dynamic and run.rows > 1 else np.zeros(run.rows)
+    return command
+
+
+def _span(name: str, values: Array) -> tuple[float, float]:
+    """From the lowest to the highest; of an acceleration without the jerks at starts and stops."""
+    low, high = np.quantile(values, (RARE, 1.0 - RARE) if name.endswith(ACCELERATION) else (0.0, 1.0))
+    return float(low), float(high)
 
 
 def _since_reversal(command: Array) -> Array:
