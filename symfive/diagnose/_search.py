@@ -24,7 +24,7 @@ from symfive.diagnose._refit import (
     shaped,
     tried,
     with_families,
-)  # fmt: skip
+)
 from symfive.diagnose._regroup import kin, merge, simplify, spell_out
 from symfive.diagnose._scores import Score
 from symfive.diagnose._slow import changes_slowly, large_noise, name_or_noise, physics_or_noise, slow_noise, whitened
@@ -114,9 +114,9 @@ def _forward(state: State, seen: Survey | None = None) -> None:
             state.progress(f"found {newest(state.after).key}, taken for noise before")
             continue
         if best is None or after is None:
-            state.after = with_families(state.after)
             slow = _slow(state)
             if slow is None:
+                state.after = with_families(state.after)
                 return
             state.joined(*slow)
             seen = None
@@ -292,7 +292,8 @@ def _prune(state: State, members: Sequence[Member]) -> None:
     """Drop effects that others have made needless."""
     for member in tuple(members):
         without = lacking(state.after, member.effect)
-        full = evidence_of(state.after.problem(), state.after.values, amplitudes(state.campaign, member.effect))
+        own = () if member.effect.id == "unknown" else amplitudes(state.campaign, member.effect)
+        full = evidence_of(state.after.problem(), state.after.values, own)
         if full - evidence_of(without.problem(), without.values) < 3.0:
             state.after = refitted(without.model, without.named, without)
             state.members = [m for m in state.members if m.effect.key != member.effect.key]

@@ -18,9 +18,8 @@ from symfive.model import Model
 
 __all__ = ["changes_slowly", "large_noise", "name_or_noise", "physics_or_noise", "slow_noise", "whitened"]
 
-SLOW, VERY_SLOW = 0.01, 0.1
-"""Noise whose correlation lasts longer than this part of a run may be something that drifts; few instruments' lasts as long as
-the latter."""
+SLOW = 0.1
+"""Noise whose correlation lasts longer than this part of a run may be something that drifts."""
 SLOWLY = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "unknown")
 """What changes while nothing moves."""
 LARGE = 0.5
@@ -36,9 +35,9 @@ def changes_slowly(effect: Effect) -> bool:
     return effect.id in SLOWLY and coordinate_of(effect) in ("time", "t")
 
 
-def slow_noise(fit: Identification, level: float, part: float = SLOW) -> float:
-    """The largest part of the noise whose correlation lasts longer than a `part` of its run, in units of the declared noise;
-    0 where all of it is less than an effect that is significant at `level` would bring into the readings.
+def slow_noise(fit: Identification, level: float) -> float:
+    """The largest part of the noise that changes as slowly as the runs last, in units of the declared noise; 0 where all of it is
+    less than an effect that is significant at `level` would bring into the readings.
 
     No score under such noise would find what drifts: the noise's own parameters have swallowed it.
     """
@@ -47,7 +46,7 @@ def slow_noise(fit: Identification, level: float, part: float = SLOW) -> float:
     for run in fit.model.campaign.runs:
         for name, columns in problem.parts(run):
             noise = fit.noises[run.id, name]
-            if noise.time_constant > part * run.duration:
+            if noise.time_constant > SLOW * run.duration:
                 share = noise.coloured / noise.declared
                 hidden += share**2 * run.rows * (columns.stop - columns.start)
                 largest = max(largest, share)
@@ -76,7 +75,7 @@ def physics_or_noise(
     along single directions too: an instrument's noise prefers none.
     """
     campaign, white = fit.model.campaign, whitened(fit)
-    share = float(np.log(SLOW_NOISE)) if slow_noise(fit, level, VERY_SLOW) > LARGE else 0.0
+    share = float(np.log(SLOW_NOISE)) if slow_noise(fit, level) > LARGE else 0.0
     tests: list[_Test] = []
 
     def test(score: Score, effect: Effect) -> _Test:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from itertools import combinations
 from typing import Any
 
@@ -25,15 +25,15 @@ MOST_ROTARY = 3
 """Terms over two rotary axes together are looked for up to so many; an arm of seven has 21 pairs."""
 
 
-def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
-    """Terms over every axis that moves, its velocity, its acceleration, the side it comes from, its way since it reversed, two
-    rotary axes together, and time.
+def unknowns(campaign: Campaign, held: tuple[Effect, ...], lacking: Collection[str] = ()) -> Iterator[Effect]:
+    """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time; where the
+    library is `lacking` the name (an id) for what does the same, over its acceleration and the side it comes from too.
 
     They move the axis itself, the tool in the machine frame or in what a rotary axis carries, the readings, or the force of
     a drive.
     """
     taken = {effect.key for effect in held}
-    for options in _terms(campaign):
+    for options in _terms(campaign, lacking):
         try:
             effect = make_effect("unknown", **options).prepare(campaign)
         except InputError:
@@ -42,7 +42,7 @@ def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
             yield effect
 
 
-def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
+def _terms(campaign: Campaign, lacking: Collection[str]) -> Iterator[dict[str, Any]]:
     turning = reversing_axes(campaign)
     moving = moving_axes(campaign)
     dynamic = any(run.dynamic for run in campaign.runs)
@@ -56,13 +56,14 @@ def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
         if dynamic:
             yield _spline(f"{axis} velocity", "structure")
             yield _spline(f"{axis} velocity", "reading")
+        if dynamic and "inertial_compliance" in lacking:
             yield {"over": (f"{axis} acceleration",), "basis": "polynomial", "order": ACCELERATION_ORDER}
         for over in (axis, f"{axis} velocity"):
             yield _spline(over, "force")
         if dynamic and axis in turning:
             yield _spline(f"{axis} since reversal", "axis", SIDES)
         if axis in turning:
-            yield from _from_both_sides(campaign, axis)
+            yield from _from_both_sides(campaign, axis, lacking)
     rotary = [axis for axis in moving if campaign.machine.axes[axis].rotary]
     for pair in combinations(rotary, 2) if len(rotary) <= MOST_ROTARY else ():
         shapes = [_smooth(campaign, axis) for axis in pair]
@@ -75,23 +76,19 @@ def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
             yield _spline("t", place, FINE)
 
 
-def _from_both_sides(campaign: Campaign, axis: str) -> Iterator[dict[str, Any]]:
-    """What differs between the sides from which an axis comes: everywhere the same, or over its positions too.
-
-    A linear axis' own direction is left out: a shift along that is backlash.
-    """
+def _from_both_sides(campaign: Campaign, axis: str, lacking: Collection[str]) -> Iterator[dict[str, Any]]:
+    """What differs between the sides from which an axis comes: of the tool across a linear axis' motion, of the axis itself."""
     side: dict[str, Any] = {"over": (f"{axis} velocity sign",), "basis": "polynomial", "order": 1}
     found = campaign.machine.axes[axis]
-    if found.rotary:
+    if "lateral_play" in lacking and found.rotary:
         yield side
         yield {**side, "carrier": axis, "tag": f"carried-{axis}"}
-    else:
-        yield {
-            **side,
-            "directions": "".join(c for c, own in zip("xyz", found.direction, strict=True) if abs(own) < ALONG),
-        }
-    basis, order = _smooth(campaign, axis)
-    yield {"over": (*side["over"], axis), "basis": ("polynomial", basis), "order": (1, order)}
+    elif "lateral_play" in lacking:
+        across = [c for c, own in zip("xyz", found.direction, strict=True) if abs(own) < ALONG]
+        yield {**side, "directions": "".join(across)}
+    if "backlash" in lacking:
+        basis, order = _smooth(campaign, axis)
+        yield {"over": (*side["over"], axis), "basis": ("polynomial", basis), "order": (1, order), "place": "axis"}
 
 
 def _spline(over: str, place: str, intervals: int = INTERVALS) -> dict[str, Any]:
