@@ -129,7 +129,7 @@ def leaves(term: Effect, named: Effect) -> bool:
 def _moved(machine: Machine, effect: Effect, values: Mapping[str, float]) -> set[tuple[bool, str]]:
     """Whether it turns (or shifts), and about (or along) what."""
     if isinstance(effect, Unknown) and effect.place == "structure":
-        return {(False, c) for c in effect.directions}
+        return {(c in "abc", "xyz"["xyzabc".index(c) % 3]) for c in effect.directions}
     component, axis = getattr(effect, "component", None), axis_of(effect)
     turns = component[1] in "ABC" if component else axis is not None and machine.axes[axis].rotary
     along = direction_of(machine, effect, values) or (0.0, 0.0, 0.0)

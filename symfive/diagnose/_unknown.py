@@ -77,15 +77,13 @@ def _terms(campaign: Campaign, lacking: Collection[str]) -> Iterator[dict[str, A
 
 
 def _from_both_sides(campaign: Campaign, axis: str, lacking: Collection[str]) -> Iterator[dict[str, Any]]:
-    """What differs between the sides from which an axis comes: of the tool across a linear axis' motion, of the axis itself."""
+    """What differs between the sides from which an axis comes: of what it carries, but for its own motion; of the axis itself."""
     side: dict[str, Any] = {"over": (f"{axis} velocity sign",), "basis": "polynomial", "order": 1}
-    found = campaign.machine.axes[axis]
-    if "lateral_play" in lacking and found.rotary:
-        yield side
-        yield {**side, "carrier": axis, "tag": f"carried-{axis}"}
-    elif "lateral_play" in lacking:
-        across = [c for c, own in zip("xyz", found.direction, strict=True) if abs(own) < ALONG]
-        yield {**side, "directions": "".join(across)}
+    if "lateral_play" in lacking:
+        found = campaign.machine.axes[axis]
+        for letters, own in (("xyz", not found.rotary), ("abc", found.rotary)):
+            across = [c for c, share in zip(letters, found.direction, strict=True) if not (own and abs(share) > ALONG)]
+            yield {**side, "carrier": axis, "directions": "".join(across), "tag": letters}
     if "backlash" in lacking:
         basis, order = _smooth(campaign, axis)
         yield {"over": (*side["over"], axis), "basis": ("polynomial", basis), "order": (1, order), "place": "axis"}

@@ -54,7 +54,8 @@ class Unknown(Effect):
     n has n intervals. They have no constant part, which zeros and set-ups hold.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
     covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
-    machine frame (of the frame that the axis `carrier` carries, where one is named), `reading` each column, `force` the
+    machine frame (where an axis is named as `carrier`, what it carries, as its error motions do: along `xyz` or about
+    `abc`), `reading` each column, `force` the
     recorded force of the drive whose axis the coordinates speak of; there `less` takes from each function what offset,
     direction and speed of the motion hold of it, so that friction keeps its own values beside it. With
     `only_within` it acts within the span alone. Prior 1σ of a coefficient: `sigma_um` (for a rotary axis as many µm
@@ -114,7 +115,7 @@ class Unknown(Effect):
             raise InputError(
                 f"{self.key}: no axis {self.carrier} carries it", remedy='name an axis, with place = "structure"'
             )
-        if not self.over or not self.directions or any(c not in "xyz" for c in self.directions):
+        if not self.over or not self.directions or not set(self.directions) <= set("abc" if self._turns else "xyz"):
             raise InputError(
                 f"{self.key} needs coordinates and directions",
                 remedy='write over = ["B"], directions = "xyz"',
@@ -135,6 +136,11 @@ class Unknown(Effect):
             return prepared  # what was prepared for a campaign stays so for some of its runs
         less = replace(prepared, less=())._held_by_the_drive(campaign)
         return replace(prepared, less=less, sigma_force=self.sigma_force or prepared._usual_force(campaign))
+
+    @property
+    def _turns(self) -> bool:
+        """Whether it turns what an axis carries, and does not shift it."""
+        return bool(self.carrier) and self.directions[:1] in ("a", "b", "c")
 
     def _usual_force(self, campaign: Campaign) -> float:
         """A share of the force that was recorded, N or Nm; 1 in a plan."""
@@ -191,7 +197,7 @@ class Unknown(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         names = self._basis(campaign.machine).names
-        rotary = self.axis is not None and self.its_axis(campaign).rotary
+        rotary = self._turns or (self.axis is not None and self.its_axis(campaign).rotary)
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
         if self.place == "force":
             unit, sigma = "Nm" if rotary else "N", self.sigma_force
@@ -330,7 +336,7 @@ class Unknown(Effect):
             _, _, right = np.linalg.svd(shape(np.array([values[name] for name in names])), full_matrices=False)
             main = right[0] * (1.0 if right[0][np.argmax(np.abs(right[0]))] > 0.0 else -1.0)
             full = dict(zip(self.directions, map(float, main), strict=True))
-            found["direction"] = Quantity(tuple(full.get(c, 0.0) for c in "xyz"), None, "1")
+            found["direction"] = Quantity(tuple(full.get(c, 0.0) for c in ("abc" if self._turns else "xyz")), None, "1")
         return found
 
 
