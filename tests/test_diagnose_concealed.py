@@ -334,6 +334,21 @@ def test_a_step_is_looked_for_where_the_fit_leaves_it_and_not_where_it_is_swallo
 
 
 @pytest.mark.slow
+def test_a_rival_of_one_finding_is_not_the_shape_of_another(tmp_path):
+    """A wide step of X is named first as a narrow one, and a delay beside it: a curve over X would stand for both."""
+    machine = plant.planar_table()
+    step = {"effect": "compensation_table_step", "axis": "X", "at": 42.3, "ramp": 2.0, "step": 9.0}
+    members = name_effects(
+        _measured(tmp_path / "c", machine, _circles(machine, (700.0, 1400.0)), [step], seed=4)
+    ).members
+    first = members[0]
+    assert (first.effect.id, first.effect.axis) == ("table_step", "X") and abs(first.effect.at - 42.3) < 2.0
+    assert "unknown" not in {m.effect.id for m in members}
+    rival = next(t for t in first.trials if t.effect.id == "unknown")
+    assert first.trials[0].evidence > rival.evidence + 50.0
+
+
+@pytest.mark.slow
 def test_one_feed_cannot_tell_play_from_the_servo_and_the_second_feed_that_is_asked_for_can(tmp_path):
     machine = plant.planar_table()
     play = [{"effect": "backlash", "axis": "X", "width": 0.35}]

@@ -30,6 +30,7 @@ from symfive.diagnose._scores import Score
 from symfive.diagnose._slow import changes_slowly, large_noise, name_or_noise, physics_or_noise, slow_noise, whitened
 from symfive.diagnose._state import MAX_ADDED, Member, State
 from symfive.diagnose._variants import plain
+from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
 from symfive.threads import one_thread
@@ -123,7 +124,7 @@ def _forward(state: State, seen: Survey | None = None) -> None:
             state.progress(f"found {newest(state.after).key}, taken for slow noise before")
             continue
         trial, log_p = best
-        if not _nearer(after, state.after) or _is_shape_of_another(after, state.members):
+        if not _nearer(after, state.after) or _is_shape_of_another(newest(after), state.members, after):
             state.useless.add(trial.effect.key)
             continue
         state.joined(after, log_p, trial.looks)
@@ -132,12 +133,11 @@ def _forward(state: State, seen: Survey | None = None) -> None:
         _prune(state, state.members[:-1])
 
 
-def _is_shape_of_another(after: Identification, members: Sequence[Member]) -> bool:
-    """Whether the newest effect is a term without a name that only changes the shape of a named one. Then the rest of the named
-    one's family takes its place."""
-    last, machine, values = newest(after), after.model.machine, after.named
+def _is_shape_of_another(effect: Effect, members: Sequence[Member], fit: Identification) -> bool:
+    """Whether it is a term without a name that only changes the shape of a named one. Then the rest of the named one's family
+    takes its place."""
     named = [m.effect for m in members if m.effect.id != "unknown"]
-    return isinstance(last, Unknown) and any(reshapes(last, effect, machine, values) for effect in named)
+    return isinstance(effect, Unknown) and any(reshapes(effect, e, fit.model.machine, fit.named) for e in named)
 
 
 def _nearer(after: Identification, before: Identification) -> bool:
@@ -189,6 +189,8 @@ def _contest(state: State) -> bool:
         state.progress(f"rivals of {member.effect.key}")
         without = lacking(state.after, member.effect)
         scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
+        others = [m for m in state.members if m is not member]
+        scores = [s for s in scores if not _is_shape_of_another(s.effect, others, without)]
         close = {s.effect.key: s for s in kin(state, without, [member]) if s.effect.key != member.effect.key}
         rivals = close | {s.effect.key: s for s in _best_of(scores)}
         base = evidence_of(without.problem(), without.values)
