@@ -407,6 +407,7 @@ def test_magnitudes_and_places() -> None:
 
 def test_wilson_calibration_and_power() -> None:
     assert figures.wilson(0, 100) == pytest.approx((0.0, 0.0370), abs=1e-4)
+    assert all(low <= k / 7 <= high for k in range(8) for low, high in [figures.wilson(k, 7)])
     assert figures.wilson(98, 100)[0] == pytest.approx(0.930, abs=1e-3)
     rows = [score.score(_answer(), _verdict([_finding("backlash", a, confidence=0.75)]), None) for a in "CCCB"]
     assert figures.expected_calibration_error(rows) == pytest.approx(0.0)

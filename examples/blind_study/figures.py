@@ -44,7 +44,7 @@ def wilson(k: int, n: int, z: float = 1.96) -> tuple[float, float]:
         return 0.0, 1.0
     p, q = k / n, z * z / n
     middle, half = (p + q / 2.0) / (1.0 + q), z * math.sqrt(p * (1.0 - p) / n + q / (4.0 * n)) / (1.0 + q)
-    return max(0.0, middle - half), min(1.0, middle + half)
+    return min(p, max(0.0, middle - half)), max(p, min(1.0, middle + half))  # rounding leaves p out at 0 and 1
 
 
 def share(what: str, target: str, hits: Iterable[bool]) -> Line:
