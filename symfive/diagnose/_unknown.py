@@ -77,16 +77,27 @@ def _terms(campaign: Campaign, lacking: Collection[str]) -> Iterator[dict[str, A
 
 
 def _from_both_sides(campaign: Campaign, axis: str, lacking: Collection[str]) -> Iterator[dict[str, Any]]:
-    """What differs between the sides from which an axis comes: of what it carries, but for its own motion; of the axis itself."""
-    side: dict[str, Any] = {"over": (f"{axis} velocity sign",), "basis": "polynomial", "order": 1}
+    """What differs between the sides from which an axis comes: of what it carries, across its own motion; of the axis itself.
+
+    A carriage that turns is left out: on a circle in one plane that reads like its backlash.
+    """
+    side: dict[str, Any] = {"over": (f"{axis} velocity sign",), "basis": "polynomial", "order": 1, "carrier": axis}
     if "lateral_play" in lacking:
         found = campaign.machine.axes[axis]
-        for letters, own in (("xyz", not found.rotary), ("abc", found.rotary)):
-            across = [c for c, share in zip(letters, found.direction, strict=True) if not (own and abs(share) > ALONG)]
-            yield {**side, "carrier": axis, "directions": "".join(across), "tag": letters}
+        across = [i for i, share in enumerate(found.direction) if abs(share) < ALONG]
+        if found.rotary:
+            yield {**side, "tag": "shifted"}
+            yield {**side, "directions": "".join("abc"[i] for i in across), "tag": "turned"}
+        else:
+            yield {**side, "directions": "".join("xyz"[i] for i in across), "tag": "shifted"}
     if "backlash" in lacking:
         basis, order = _smooth(campaign, axis)
-        yield {"over": (*side["over"], axis), "basis": ("polynomial", basis), "order": (1, order), "place": "axis"}
+        yield {
+            "over": (f"{axis} velocity sign", axis),
+            "basis": ("polynomial", basis),
+            "order": (1, order),
+            "place": "axis",
+        }
 
 
 def _spline(over: str, place: str, intervals: int = INTERVALS) -> dict[str, Any]:
