@@ -177,10 +177,8 @@ class Unknown(Effect):
         travels = tuple(
             (-1.0, 1.0) if n.endswith((SINCE, SIGN)) else s for n, s in zip(self.over, self.span, strict=True)
         )
-        count = len(self.over)
-        basis = (self.basis,) * count if isinstance(self.basis, str) else self.basis
-        order = (self.order,) * count if isinstance(self.order, int) else self.order
-        return _basis_over(self.over, kinds, travels, basis, order)
+        order = (self.order,) * len(self.over) if isinstance(self.order, int) else self.order
+        return _basis_over(self.over, kinds, travels, self._bases, order)
 
     def _channels(self, campaign: Campaign) -> dict[str, float]:
         """Directions or columns it moves, with µm (or µrad) per unit of the column."""
@@ -252,13 +250,15 @@ class Unknown(Effect):
     def _held(self, row: Row, number: int) -> Any:
         """A coordinate; for polynomials, which would run away, no further than the span."""
         q = self._coordinate(row, self.over[number])
-        if self._basis_of(number) != "polynomial":
+        if self._bases[number] != "polynomial":
             return q
         low, high = self._limits(row, number)
         return ca.fmin(ca.fmax(q, low), high)
 
-    def _basis_of(self, number: int) -> str:
-        return self.basis if isinstance(self.basis, str) else self.basis[number]
+    @property
+    def _bases(self) -> tuple[str, ...]:
+        """One per coordinate."""
+        return (self.basis,) * len(self.over) if isinstance(self.basis, str) else self.basis
 
     def _limits(self, row: Row, number: int) -> tuple[float, float]:
         """The span of a coordinate in the row's units."""
@@ -276,9 +276,9 @@ class Unknown(Effect):
 
     def _coordinate(self, row: Row, name: str) -> Any:
         if self.period:
-            unit, along = (
-                (1.0, row.clock) if name == "t" else (row.machine.axes[name].to_internal, row.signal(Position(name)))
-            )
+            unit, along = 1.0, row.clock
+            if name != "t":
+                unit, along = row.machine.axes[name].to_internal, row.signal(Position(name))
             return 2.0 * np.pi * along / (self.parameter(row, "period") if self.period_sigma else self.period * unit)
         if name == "t":
             return row.clock
@@ -301,7 +301,7 @@ class Unknown(Effect):
             unit = machine.axes[name].to_internal if name in machine.axes else 1.0
             if period:
                 unit = 2.0 * np.pi / period
-            there = unit * (np.clip(there, low, high) if self._basis_of(number) == "polynomial" else there)
+            there = unit * (np.clip(there, low, high) if self._bases[number] == "polynomial" else there)
             points.append(np.sign(there) * _steps(np.abs(there) / high, np) if name.endswith(SINCE) else there)
         table = self._basis(machine).matrix(*points)
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
