@@ -387,6 +387,34 @@ def test_friction_that_holds_an_axis_for_long_is_found_though_its_slope_at_zero_
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rubs", "expected"),
+    [
+        ({"form": "lugre", "stiffness": 1e5, "damping": 300.0}, {"pre_sliding": 74.0}),
+        ({"form": "stribeck"}, {"stribeck_speed": 0.02}),
+    ],
+    ids=["yields over a long way", "hard"],
+)
+def test_friction_of_a_rotary_axis_comes_in_its_own_shape_however_large(tmp_path, rubs, expected):
+    """From the usual way a contact looks hard and the search for its way has no slope; from pure Coulomb friction the search for
+    what it has more at rest ends beside it. Either left rests that were taken for gains, filters and sensors."""
+    machine = plant.dynamic_table()
+    runs = [
+        plant.synchronous_circle(
+            machine, f"x{x_t:g}-f{feed:g}-{'ccw' if d > 0 else 'cw'}", x_t=x_t, feed=feed, direction=d, dt=0.02
+        )
+        for x_t, feed, d in ((45.0, 650.0, 1), (65.0, 1300.0, 1), (65.0, 1300.0, -1))
+    ]
+    effect = {"effect": "friction", "axis": "C", "coulomb": 7.4, "breakaway": 10.7, "stribeck_speed": 0.02, **rubs}
+    found = diagnose(_measured(tmp_path / "c", machine, runs, [effect]))
+    assert _names(found) == [("friction", "C")]
+    said = found.findings[0].parameters
+    assert said["coulomb"].value == pytest.approx(7.4, rel=0.05)
+    for name, value in expected.items():
+        assert said[name].value == pytest.approx(value, rel=0.2)
+
+
+@pytest.mark.slow
 def test_friction_whose_contact_yields_brings_no_other_effect(tmp_path):
     """The plant's bristles are no library form's first guess: what they leave is not a filter of the instrument."""
     machine = plant.planar_table()

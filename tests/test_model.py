@@ -187,6 +187,19 @@ def test_derivatives_of_a_rubbing_axis_are_those_of_differences(friction):
         assert np.quantile(error, 0.98) < 1e-4, name
 
 
+@pytest.mark.parametrize("way", [1e-6, 1e-5, 4e-5, 2e-4])
+def test_a_contact_too_stiff_to_be_seen_still_has_a_slope_towards_a_softer_one(way):
+    """Substeps of 1 ms follow no stiffness above 0.5/ms²: 25 rad/s² over 50 µrad. A search begun there must not stand still."""
+    command = 0.5 * np.sin(0.01 * np.arange(700))
+    given = {**LOOP_GAINS, "coulomb": 25.0, "stiction": 5.0, "stribeck_speed": 0.02, "pre_sliding": way}
+    slope = drive_response(command, 0.01, given, ("pre_sliding",))[:, 0, 1]
+    away = drive_response(command, 0.01, {**given, "pre_sliding": 1.1 * way}, ())[:, 0, 0]
+    stiff = drive_response(command, 0.01, given, ())[:, 0, 0]
+    foretold = slope * 0.1 * way
+    assert np.abs(foretold).max() > 0.0
+    assert foretold @ (away - stiff) > 0.9 * np.linalg.norm(foretold) * np.linalg.norm(away - stiff)
+
+
 @pytest.mark.parametrize("stiffness", [1e4, 1e5, 1e6])
 def test_a_contact_that_yields_against_the_plants_fine_integration(stiffness):
     """The plant's LuGre friction in substeps of 0.1 ms, its damping that of C. Canudas de Wit et al. 1995."""

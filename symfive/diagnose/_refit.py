@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -162,8 +162,7 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     effect = _roomy(campaign, trial.effect, trial.values)
     plain = _narrowed(refitted(Model(campaign, (*result.model.added, effect)), trial.values, result))
     best = _reshaped(result, plain)
-    if getattr(newest(best), "period", None) != getattr(effect, "period", None):
-        # with the right period all its harmonics are open again
+    if newest(best) != newest(plain):  # from there the others may come to another end, and all its harmonics are open again
         best = _reshaped(result, best)
     return widened(best)
 
@@ -222,9 +221,9 @@ def _best_start(problem: Problem, effect: Effect, start: Mapping[str, float]) ->
     return min(found, key=lambda f: f[0])[1]
 
 
-def widened(result: Identification) -> Identification:
+def widened(result: Identification, held: Collection[str] = ()) -> Identification:
     """The fit with the newest effect's prior no narrower than what came out: an effect far larger than usual is not pulled
-    back, and nothing else has to make up for it."""
+    back, and nothing else has to make up for it. `held` as in `refitted`."""
     for _ in range(WIDENINGS):
         last = newest(result)
         start = result.named
@@ -232,7 +231,7 @@ def widened(result: Identification) -> Identification:
         if wider.spread == last.spread:
             return result
         model = Model(result.model.campaign, [wider if e.key == last.key else e for e in result.model.added])
-        result = refitted(model, start, result)
+        result = refitted(model, start, result, held)
     return result
 
 
@@ -273,6 +272,7 @@ def newest(result: Identification) -> Effect:
     return [e for e in result.model.effects if e.id != "family_shape"][-1]
 
 
-def refitted(model: Model, start: Mapping[str, float], like: Identification) -> Identification:
-    """The full fit, noise found anew from where it was."""
-    return identify(model, start=start, start_noise=like.noises, noise="repeats")
+def refitted(model: Model, start: Mapping[str, float], like: Identification, held: Collection[str] = ()) -> Identification:
+    """The full fit, noise found anew from where it was; some parameters `held` where they start."""
+    fixed = {name: start[name] for name in held if name in start}
+    return identify(model, start=start, fixed=fixed, start_noise=like.noises, noise="repeats")

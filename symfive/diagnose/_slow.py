@@ -72,15 +72,17 @@ def physics_or_noise(
 ) -> tuple[Identification, float] | None:
     """The most probable of effects over time, with the noise found anew, where slow noise alone would hardly look like it; with
     the log of that chance. The candidates are the best of so many `names`, and all terms without one; the best of these is tried
-    along single directions too: an instrument's noise prefers none.
+    along single directions too: an instrument's noise prefers none. What the drives do is computed once: their parameters stay
+    where they are but in the fit that comes out, and in the odds, which are those about any values near the best.
     """
     campaign, white = fit.model.campaign, whitened(fit)
+    drives = {name for effect in fit.model.added for name in effect.frees().values()}
     share = float(np.log(SLOW_NOISE)) if slow_noise(fit, level) > LARGE else 0.0
     tests: list[_Test] = []
 
     def test(score: Score, effect: Effect) -> _Test:
         model = Model(campaign, (*white.model.added, effect.prepare(campaign)))
-        found = widened(refitted(model, white.named | start_of(model, score), white))
+        found = widened(refitted(model, white.named | start_of(model, score), white, drives), drives)
         looks = DIRECTIONS if effect.id == "unknown" else score.looks
         tests.append(_Test.of(found, fit, names, looks, DECISIVE, share))
         return tests[-1]
@@ -97,7 +99,8 @@ def physics_or_noise(
         _, score = max(nameless, key=lambda n: n[0])
         for effect in (e for e in narrower(score.effect) if len(e.directions) == 1):
             test(score, effect)
-    return _best(tests, 0.0, level)
+    best = _best(tests, 0.0, level)
+    return (refitted(best[0].model, best[0].named, best[0]), best[1]) if best and drives else best
 
 
 def name_or_noise(

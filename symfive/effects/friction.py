@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 SHAPES = ("coulomb", "stribeck", "lugre")
-LARGE = 4.0
+LARGE, FAR = 4.0, 5.0
+"""Of little friction, times; where the search of the way begins, in usual ways: a way too short to be seen has no slope."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +58,9 @@ class Friction(Effect):
             )
         if self.shape == "lugre":
             way = 10.0 if rotary else 2.0
-            found.append(self.own("pre_sliding", "urad" if rotary else "um", way, mean=way, lower=0.02 * way))
+            found.append(
+                self.own("pre_sliding", "urad" if rotary else "um", way, mean=way, lower=0.02 * way, start=FAR * way)
+            )
         return tuple(found)
 
     def levels(self, campaign: Campaign) -> tuple[dict[str, float], ...]:

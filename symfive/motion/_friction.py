@@ -47,8 +47,10 @@ def _stribeck(v: Any, friction: Any) -> Any:
 
 
 def _stiffness(friction: Any, h: Any) -> Any:
-    """σ, 1/s²; what yields by less than a substep can follow counts as a little softer."""
-    return ca.fmin(ca.fmax(friction[0] / ca.fmax(friction[3], 1e-12), 1.0), 0.5 / h**2)
+    """σ, 1/s²; what yields by less than a substep can follow counts as a little softer, in a smooth passage: a contact that is
+    too stiff still has a slope towards one that can be seen."""
+    stiffness = ca.fmax(friction[0] / ca.fmax(friction[3], 1e-12), 1.0)
+    return stiffness / (1 + (2 * h**2 * stiffness) ** 4) ** 0.25
 
 
 def _hard(s: Any, c: Any, rate: Any, step: Any, friction: Any, h: Any) -> Any:
