@@ -162,7 +162,9 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     effect = _roomy(campaign, trial.effect, trial.values)
     plain = _narrowed(refitted(Model(campaign, (*result.model.added, effect)), trial.values, result))
     best = _reshaped(result, plain)
-    if newest(best) != newest(plain):  # from there the others may come to another end, and all its harmonics are open again
+    if newest(best) != newest(
+        plain
+    ):  # from there the others may come to another end, and all its harmonics are open again
         best = _reshaped(result, best)
     return widened(best)
 
@@ -272,7 +274,9 @@ def newest(result: Identification) -> Effect:
     return [e for e in result.model.effects if e.id != "family_shape"][-1]
 
 
-def refitted(model: Model, start: Mapping[str, float], like: Identification, held: Collection[str] = ()) -> Identification:
+def refitted(
+    model: Model, start: Mapping[str, float], like: Identification, held: Collection[str] = ()
+) -> Identification:
     """The full fit, noise found anew from where it was; some parameters `held` where they start."""
     fixed = {name: start[name] for name in held if name in start}
     return identify(model, start=start, fixed=fixed, start_noise=like.noises, noise="repeats")
