@@ -12,7 +12,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
-from symfive.procedures._path import DIRECTIONS, along, senses
+from symfive.procedures._path import DIRECTIONS, along, fine_enough, senses
 from symfive.procedures._setting import BALL_SETUP, bar_length, heights, one_after_another, tool_ball_of, vector
 
 __all__ = ["cone_circle"]
@@ -62,7 +62,8 @@ def cone_circle(
     ring = size * np.sqrt(1.0 - lift**2)
     run_up = np.radians(run_up_deg)
     reach, first = 2.0 * np.pi + 2.0 * run_up, np.radians(start_deg) - run_up
-    time, way = along(reach, feed / 60.0 / ring, run_up, rate_hz)
+    speed = feed / 60.0 / ring
+    time, way = along(reach, speed, run_up, rate_hz)
     runs = []
     for sense in senses(direction):
         phi = first + way if DIRECTIONS[sense] > 0 else first + reach - way
@@ -75,7 +76,7 @@ def cone_circle(
             tool_ball=ball, length=size, noise_um=noise_um, setup_sigma_um=setup_sigma_um,
         )  # fmt: skip
         runs.append(checked(machine, run, feed=feed, place="the angles, the radius, the centre or the tool length"))
-    return one_after_another(runs)
+    return fine_enough(one_after_another(runs), speed, rate_hz)
 
 
 def _base(nominal: Nominal, inclination: float) -> tuple[Array, Array, Array]:

@@ -11,7 +11,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
-from symfive.procedures._path import DIRECTIONS, along, senses
+from symfive.procedures._path import DIRECTIONS, along, fine_enough, senses
 from symfive.procedures._setting import (
     BALL_SETUP,
     bar_length,
@@ -65,7 +65,8 @@ def planar_circle(
     reach = np.radians(sweep_deg + 2.0 * run_up_deg)
     if not size > 0.0:
         raise InputError(f"a circle of radius {size:g} mm is none", remedy="give a radius above 0")
-    time, way = along(reach, feed / 60.0 / size, np.radians(run_up_deg), rate_hz)
+    speed = feed / 60.0 / size
+    time, way = along(reach, speed, np.radians(run_up_deg), rate_hz)
     first = np.radians(start_deg - run_up_deg)
     runs = []
     for sense in senses(direction):
@@ -79,4 +80,4 @@ def planar_circle(
             noise_um=noise_um, setup_sigma_um=setup_sigma_um,
         )  # fmt: skip
         runs.append(checked(machine, run, feed=feed, place="the radius, the centre or the tool length"))
-    return one_after_another(runs)
+    return fine_enough(one_after_another(runs), speed, rate_hz)

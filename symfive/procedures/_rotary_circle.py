@@ -14,7 +14,7 @@ from symfive.errors import InputError
 from symfive.machine import Axis, Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Commands, Nominal
-from symfive.procedures._path import DIRECTIONS, along, senses
+from symfive.procedures._path import DIRECTIONS, along, fine_enough, senses
 from symfive.procedures._setting import (
     BALL_SETUP,
     Vector,
@@ -70,7 +70,8 @@ def rotary_circle(
     name = turning_axis(machine, axis)
     first, last = _range(machine.axes[name], start_deg, end_deg, run_up_deg)
     reach = float(np.radians(last - first + 2.0 * run_up_deg))
-    time, turned = along(reach, float(np.radians(feed / 60.0)), float(np.radians(run_up_deg)), rate_hz)
+    speed = float(np.radians(feed / 60.0))
+    time, turned = along(reach, speed, float(np.radians(run_up_deg)), rate_hz)
     way = np.degrees(turned)
     geometry = _Geometry(machine, name, dict(hold or {}), tool_ball_of(machine, tool_ball))
     following = linear == "following"
@@ -88,7 +89,7 @@ def rotary_circle(
         )  # fmt: skip
         place = "start_deg, end_deg, run_up_deg, the table ball or the tool length"
         runs.append(checked(machine, run, feed=feed, unit="degree/min", place=place))
-    return one_after_another(runs)
+    return fine_enough(one_after_another(runs), speed, rate_hz)
 
 
 def _range(axis: Axis, start: float | None, end: float | None, run_up: float) -> tuple[float, float]:

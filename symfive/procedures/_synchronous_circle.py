@@ -14,7 +14,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
-from symfive.procedures._path import DIRECTIONS, along, senses
+from symfive.procedures._path import DIRECTIONS, along, fine_enough, senses
 from symfive.procedures._setting import (
     BALL_SETUP,
     bar_length,
@@ -68,7 +68,8 @@ def synchronous_circle(
     if not (size > 0.0 and np.isfinite(x_t)):
         raise InputError("the circle has no radius or no centre", remedy="give a radius above 0 and a finite x_t")
     start, reach = -np.radians(run_up_deg), np.radians(sweep_deg + 2.0 * run_up_deg)
-    time, way = along(reach, feed / 60.0 / size, np.radians(run_up_deg), rate_hz)
+    speed = feed / 60.0 / size
+    time, way = along(reach, speed, np.radians(run_up_deg), rate_hz)
     runs = []
     for sense in senses(direction):
         phi = start + way if DIRECTIONS[sense] > 0 else start + reach - way
@@ -81,7 +82,7 @@ def synchronous_circle(
             tool_ball=ball, length=size, noise_um=noise_um, setup_sigma_um=setup_sigma_um,
         )  # fmt: skip
         runs.append(checked(machine, run, feed=feed, place="x_t, the radius, the run-up or the tool length"))
-    return one_after_another(runs)
+    return fine_enough(one_after_another(runs), speed, rate_hz)
 
 
 @dataclass(frozen=True)
