@@ -145,6 +145,21 @@ def test_isolated_outliers_are_reported_by_row_and_do_not_move_the_result():
         assert abs(result[parameter] - clean[parameter]) < 0.2 * clean.uncertainty(parameter)
 
 
+def test_what_comes_again_whenever_a_pose_does_is_no_outlier():
+    """Both readings of one pose spoiled alike are the machine's; spoiled to different sides they are outliers."""
+    measured = simulate(_open("static-none"), seed=5)
+    run = measured.campaign.runs[0]
+    poses = np.column_stack([run.commands[axis] for axis in ("B", "C")])
+    first = 40
+    (second,) = (k for k in range(run.rows) if k != first and np.array_equal(poses[k], poses[first]))
+    for sense, left_out in ((1.0, []), (-1.0, sorted((first, second)))):
+        spoiled = run.readings["dy_um"].copy()
+        spoiled[[first, second]] += [12.0, sense * 12.0]
+        runs = (run.with_readings({**run.readings, "dy_um": spoiled}), *measured.campaign.runs[1:])
+        result = identify(replace(measured.campaign, runs=runs))
+        assert [o.row for o in result.outliers] == left_out
+
+
 def test_confounded_combinations_are_named(results):
     names = [set(c.names) for c in results["static-none"].confounded]
     assert {"EX0B", "setup.nest1.tool_ball.x", "setup.nest2.tool_ball.x"} in names

@@ -251,8 +251,8 @@ class Problem:
         found: list[Outlier] = []
         places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
         for (run, name), block in survey.items():
-            first = places[run, name]
-            for row, j, sigmas in isolated_outliers(block, self.noises[run, name], limit):
+            first, poses = places[run, name], self._poses(run)
+            for row, j, sigmas in isolated_outliers(block, self.noises[run, name], limit, poses):
                 fresh[run][row, first + j] = True
                 column = self.model.columns(run)[first + j].name
                 found.append(Outlier(run, row, column, float(block.residual[row, j]), sigmas))
@@ -261,6 +261,11 @@ class Problem:
             self.left_out[run] = mask
         self.outliers = found
         return changed
+
+    def _poses(self, name: str) -> Array | None:
+        """Where the axes rest in each row of a run (N, axes), None where they move."""
+        run = self.model.campaign.run(name)
+        return None if run.dynamic else np.column_stack([np.asarray(run.commands[axis]) for axis in self.model.machine.axes])
 
 
 def _power(block: Block, noise: Noise) -> float:
