@@ -162,9 +162,8 @@ def shaped(result: Identification, trial: Trial) -> Identification:
     effect = _roomy(campaign, trial.effect, trial.values)
     plain = _narrowed(refitted(Model(campaign, (*result.model.added, effect)), trial.values, result))
     best = _reshaped(result, plain)
-    if newest(best) != newest(
-        plain
-    ):  # from there the others may come to another end, and all its harmonics are open again
+    if newest(best) != newest(plain):
+        # from there the others may come to another end, and all its harmonics are open again
         best = _reshaped(result, best)
     return widened(best)
 
