@@ -81,7 +81,8 @@ def _from_both_sides(campaign: Campaign, axis: str, lacking: Collection[str]) ->
 
     A carriage that turns is left out: on a circle in one plane that reads like its backlash.
     """
-    side: dict[str, Any] = {"over": (f"{axis} velocity sign",), "basis": "polynomial", "order": 1, "carrier": axis}
+    sign = f"{axis} velocity sign"
+    side: dict[str, Any] = {"over": (sign,), "basis": "polynomial", "order": 1, "carrier": axis}
     if "lateral_play" in lacking:
         found = campaign.machine.axes[axis]
         across = [i for i, share in enumerate(found.direction) if abs(share) < ALONG]
@@ -92,12 +93,7 @@ def _from_both_sides(campaign: Campaign, axis: str, lacking: Collection[str]) ->
             yield {**side, "directions": "".join("xyz"[i] for i in across), "tag": "shifted"}
     if "backlash" in lacking:
         basis, order = _smooth(campaign, axis)
-        yield {
-            "over": (f"{axis} velocity sign", axis),
-            "basis": ("polynomial", basis),
-            "order": (1, order),
-            "place": "axis",
-        }
+        yield {"over": (sign, axis), "basis": ("polynomial", basis), "order": (1, order), "place": "axis"}
 
 
 def _spline(over: str, place: str, intervals: int = INTERVALS) -> dict[str, Any]:

@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 SHAPES = ("coulomb", "stribeck", "lugre")
-LARGE, FAR = 4.0, 5.0
-"""Of little friction, times; where the search of the way begins, in usual ways: a way too short to be seen has no slope."""
+LARGE = 4.0
+"""Friction that holds an axis for long, in usual ones."""
+FAR = 5.0
+"""Where the search for the way begins, in usual ones: a way too short to be seen has hardly a slope."""
 
 
 @dataclass(frozen=True, kw_only=True)

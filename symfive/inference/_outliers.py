@@ -65,6 +65,8 @@ def isolated_outliers(
 
 def _unrepeated(found: list[tuple[int, int, float]], poses: Array) -> list[tuple[int, int, float]]:
     """Those whose pose was read once, or read otherwise at another time."""
+    if len(found) < 2:
+        return found
     pose = np.unique(np.round(poses, 9), axis=0, return_inverse=True)[1].reshape(-1)
     often = np.bincount(pose)
     alike: dict[tuple[int, int, bool], int] = {}

@@ -265,11 +265,7 @@ class Problem:
     def _poses(self, name: str) -> Array | None:
         """Where the axes rest in each row of a run (N, axes), None where they move."""
         run = self.model.campaign.run(name)
-        return (
-            None
-            if run.dynamic
-            else np.column_stack([np.asarray(run.commands[axis]) for axis in self.model.machine.axes])
-        )
+        return None if run.dynamic else np.stack(list(run.commands.values()), axis=1)
 
 
 def _power(block: Block, noise: Noise) -> float:

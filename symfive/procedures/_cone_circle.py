@@ -12,7 +12,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
-from symfive.procedures._path import DIRECTIONS, along, fine_enough, senses
+from symfive.procedures._path import DIRECTIONS, along, check_spacing, senses
 from symfive.procedures._setting import BALL_SETUP, bar_length, heights, one_after_another, tool_ball_of, vector
 
 __all__ = ["cone_circle"]
@@ -76,7 +76,8 @@ def cone_circle(
             tool_ball=ball, length=size, noise_um=noise_um, setup_sigma_um=setup_sigma_um,
         )  # fmt: skip
         runs.append(checked(machine, run, feed=feed, place="the angles, the radius, the centre or the tool length"))
-    return fine_enough(one_after_another(runs), speed, rate_hz)
+    check_spacing(speed, rate_hz)
+    return one_after_another(runs)
 
 
 def _base(nominal: Nominal, inclination: float) -> tuple[Array, Array, Array]:

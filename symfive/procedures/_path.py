@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
 from symfive.errors import InputError
 
-__all__ = ["DIRECTIONS", "along", "fine_enough", "senses"]
+__all__ = ["DIRECTIONS", "along", "check_spacing", "senses"]
 
 Array = NDArray[np.float64]
 DWELL_S = 0.3
@@ -30,7 +29,7 @@ def along(length: float, speed: float, run_up: float, rate_hz: float) -> tuple[A
     """Times (N,) s at `rate_hz` and the angle (N,) rad from 0 to `length` at `speed` rad/s.
 
     Within `run_up` rad at either end the speed rises or falls as 3x² - 2x³, so that speed and acceleration
-    scale with the feed and its square and neither jumps. Whether the rows are close enough says `fine_enough`, once it is
+    scale with the feed and its square and neither jumps. Whether the rows are close enough says `check_spacing`, once it is
     known that the axes can follow.
     """
     for name, value in (("path", length), ("feed", speed), ("run-up", run_up), ("sample rate", rate_hz)):
@@ -52,12 +51,10 @@ def along(length: float, speed: float, run_up: float, rate_hz: float) -> tuple[A
     return time, way
 
 
-def fine_enough(runs: tuple[Run, ...], speed: float, rate_hz: float) -> tuple[Run, ...]:
-    """The runs themselves. Raises `InputError` where a row covers more than 0.1 rad of a circle: between rows the command is a
-    straight line."""
+def check_spacing(speed: float, rate_hz: float) -> None:
+    """Raises `InputError` where a row covers more than 0.1 rad of a circle: between rows the command is a straight line."""
     if speed / rate_hz > MOST_PER_ROW:
         problem = f"at this feed a row covers {speed / rate_hz:.2g} rad of the circle"
         raise InputError(
             problem, remedy=f"raise the sample rate to {np.ceil(speed / MOST_PER_ROW):g} Hz or lower the feed"
         )
-    return runs

@@ -14,7 +14,7 @@ from symfive.errors import InputError
 from symfive.machine import Axis, Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Commands, Nominal
-from symfive.procedures._path import DIRECTIONS, along, fine_enough, senses
+from symfive.procedures._path import DIRECTIONS, along, check_spacing, senses
 from symfive.procedures._setting import (
     BALL_SETUP,
     Vector,
@@ -89,7 +89,8 @@ def rotary_circle(
         )  # fmt: skip
         place = "start_deg, end_deg, run_up_deg, the table ball or the tool length"
         runs.append(checked(machine, run, feed=feed, unit="degree/min", place=place))
-    return fine_enough(one_after_another(runs), speed, rate_hz)
+    check_spacing(speed, rate_hz)
+    return one_after_another(runs)
 
 
 def _range(axis: Axis, start: float | None, end: float | None, run_up: float) -> tuple[float, float]:
