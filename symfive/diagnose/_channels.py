@@ -99,19 +99,20 @@ class Channels:
         return self._course_scores([self.axis_index(axis)], courses)
 
     def tool_scores(self, courses: Mapping[str, Array]) -> Array:
-        """The same of a shift of the tool in any direction."""
+        """The same of a shift of the tool in any direction; `courses` (N, K, M) may have M parts."""
         return self._course_scores([0, 1, 2], courses)
 
     def _course_scores(self, channels: Sequence[int], courses: Mapping[str, Array]) -> Array:
-        """Score of something that takes each of `courses` in all `channels`, each with its own factor."""
-        size, wide = len(self.board.result.model.parameters), len(channels)
+        """Score of something that takes each of `courses` in all `channels`, each with its own factor, also of each part."""
+        parts = {id: course if course.ndim == 3 else course[:, :, None] for id, course in courses.items()}
+        count, ways = next(iter(parts.values())).shape[1:]
+        size, wide = len(self.board.result.model.parameters), len(channels) * ways
         base = self.board.base[:size]
         normal = self.board.gram[np.ix_(base, base)] + np.diag(self.board.prior[:size])
-        count = len(next(iter(courses.values())).T)
         cross, own, answer = np.zeros((size, count * wide)), np.zeros((count, wide, wide)), np.zeros(count * wide)
         for run in self.campaign.runs:
             tangents = self.board.tangents[run.id][:, :, channels]
-            moved = np.einsum("ncd,nk->nckd", tangents, courses[run.id]).reshape(*tangents.shape[:2], -1)
+            moved = np.einsum("ncd,nkm->nckdm", tangents, parts[run.id]).reshape(*tangents.shape[:2], -1)
             columns, (line, fitted) = self._flat(run, moved), self._fitted(run)
             residual = self._flat(run, self.residuals[run.id][:, :, None])[:, 0]
             cross[line.columns] += fitted.T @ columns
@@ -121,8 +122,8 @@ class Channels:
         solved = np.linalg.solve(normal, cross)
         taken = np.einsum("pkd,pke->kde", cross.reshape(size, count, wide), solved.reshape(size, count, wide))
         slope = (answer - self.board.gradient[:size] @ solved).reshape(count, wide)
-        power, ways = np.linalg.eigh(own - taken)
-        along = np.einsum("kde,kd->ke", ways, slope)
+        power, along = np.linalg.eigh(own - taken)
+        along = np.einsum("kde,kd->ke", along, slope)
         # tangents are per µm; a prior of 10 µm keeps unseen directions out
         return np.asarray(np.sum(along**2 / (np.maximum(power, 0.0) + 1e-2), axis=1))
 

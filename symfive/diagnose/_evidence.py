@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,10 +61,13 @@ def evidence_without(problem: Problem, values: Array, dropped: Sequence[Collecti
     return [whole.at_mean(gone).evidence(names=[n for n in names if n not in gone]) for gone in dropped]
 
 
-def evidence_with_noise(result: Identification, without: Identification, sized: Groups = ()) -> float:
+def evidence_with_noise(
+    result: Identification, without: Identification, sized: Groups = (), spreads: Mapping[str, float] | None = None
+) -> float:
     """Log marginal likelihood of a fit under its own noise over that of another fit under its own, both over the readings
-    that neither takes for outliers: what the one calls an effect, the other may call slow noise. `sized` as in `weighed`."""
-    more, less = _under_their_noise(result, without, sized=sized)
+    that neither takes for outliers: what the one calls an effect, the other may call slow noise. `sized` as in `weighed`;
+    the priors of parameters in `spreads` are so many times as wide."""
+    more, less = _under_their_noise(result, without, sized=sized, spreads=spreads or {})
     return more - less
 
 
@@ -80,7 +84,11 @@ def likelihood_ratio(result: Identification, without: Identification, effect: Ef
 
 
 def _under_their_noise(
-    first: Identification, second: Identification, best: frozenset[str] = frozenset(), sized: Groups = ()
+    first: Identification,
+    second: Identification,
+    best: frozenset[str] = frozenset(),
+    sized: Groups = (),
+    spreads: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[float, float]:
     """Log marginal likelihoods of two fits, each under its own noise, over readings that neither takes for outliers; parameters
     among the `best` are not integrated out. The priors of the groups in `sized` are as wide as these are in the first fit."""
@@ -92,17 +100,18 @@ def _under_their_noise(
         blocks = problem.blocks(fit.values)
         information = problem.information(blocks)
         rest = np.array([p.name not in best for p in problem.model.parameters])
-        precision = _widths(problem.model, fit.values, groups)[rest] ** -2.0
+        spread = np.array([spreads.get(p.name, 1.0) for p in problem.model.parameters])
+        precision = (spread * _widths(problem.model, fit.values, groups))[rest] ** -2.0
         departure = (fit.values - problem.model.prior_mean)[rest]
         pull = information.gradient[rest] - precision * departure
         curvature = information.matrix[np.ix_(rest, rest)] + np.diag(precision)
         cost = information.square + float(departure**2 @ precision) - float(pull @ np.linalg.solve(curvature, pull))
-        spread = float(np.linalg.slogdet(curvature)[1]) - float(np.sum(np.log(precision)))
+        volume = float(np.linalg.slogdet(curvature)[1]) - float(np.sum(np.log(precision)))
         logs = 0.0
         for key, block in blocks.items():
             _, one = whiten(np.zeros((len(block.residual), 1)), problem.noises[key], block.interval)
             logs += one * block.residual.shape[1]
-        found.append(-0.5 * (cost + spread + logs))
+        found.append(-0.5 * (cost + volume + logs))
     return found[0], found[1]
 
 

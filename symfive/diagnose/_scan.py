@@ -170,8 +170,8 @@ FAST = "fast"
 """Begins the tag of a cycle as fast as a vibration, or of one over an axis."""
 CYCLE_HARMONICS, FINE = 4, 8
 """Of a cycle; and steps in which its frequency is looked for, per change of one cycle over the campaign."""
-FEWEST = 2.5
-"""Cycles in a campaign at least: of fewer it could as well be a drift."""
+FEWEST, MOST_CYCLES = 2.5, 16
+"""Cycles in a campaign at least: of fewer it could as well be a drift; and peaks about which they are scored exactly."""
 
 
 def _cycles(channels: Channels) -> Iterator[Finding]:
@@ -185,8 +185,13 @@ def _cycles(channels: Channels) -> Iterator[Finding]:
     if span <= 0.0 or count < FINE:
         return
     frequencies = (FEWEST + np.arange(count) / FINE) / span
-    score = _coherent(channels, runs, frequencies)
-    yield Finding(_cycle(1.0 / float(frequencies[np.argmax(score)]), span, "cycle"), count // (FINE // PER_CYCLE))
+    rough = peaks(_coherent(channels, runs, frequencies), MOST_CYCLES)
+    # what the fit swallows moves the peaks
+    near = np.unique(np.clip(np.add.outer(rough, np.arange(-FINE // 2, FINE // 2 + 1)), 0, count - 1))
+    clocks = {run.id: 2.0 * np.pi * np.outer(run.start_s + np.asarray(run.time), frequencies[near]) for run in runs}
+    score = channels.tool_scores({id: np.stack([np.cos(p), np.sin(p)], axis=2) for id, p in clocks.items()})
+    best = float(frequencies[near[np.argmax(score)]])
+    yield Finding(_cycle(1.0 / best, span, "cycle"), count // (FINE // PER_CYCLE))
 
 
 def _fast(channels: Channels, over: str) -> int:

@@ -13,6 +13,7 @@ from symfive.diagnose._refit import DECISIVE, Forms, amplitudes, newest, refitte
 from symfive.diagnose._scores import Score, log_tail
 from symfive.diagnose._variants import narrower, shapes, variants
 from symfive.effects import Effect
+from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
 from symfive.model import Model
 
@@ -26,6 +27,8 @@ LARGE = 0.5
 """Slow noise in units of the declared: few instruments have a larger one, any may have a smaller."""
 DIRECTIONS = 4
 """All three, or a single one."""
+WIDTHS = (0.1, 0.3, 1.0)
+"""Of the prior of a cycle's amplitudes, in units of the usual one."""
 SLOW_NOISE = 0.2
 """The share of instruments whose own noise is that slow and large."""
 
@@ -91,13 +94,13 @@ def physics_or_noise(
     for score in candidates:
         progress(f"slow noise or {score.effect.key}")
         if score.effect.id == "unknown":
-            nameless.append((test(score, score.effect).odds, score))
+            nameless.append((test(score, _simple(score.effect)).odds, score))
             continue
         for effect in (score.effect, *variants(score.effect)):
             test(score, effect)
     if nameless:
         _, score = max(nameless, key=lambda n: n[0])
-        for effect in (e for e in narrower(score.effect) if len(e.directions) == 1):
+        for effect in (e for e in narrower(_simple(score.effect)) if len(e.directions) == 1):
             test(score, effect)
     best = _best(tests, 0.0, level)
     return (refitted(best[0].model, best[0].named, best[0]), best[1]) if best and drives else best
@@ -161,11 +164,23 @@ class _Test:
         return cls(found, odds - float(np.log(ways)), chance)
 
 
+def _simple(effect: Effect) -> Effect:
+    """A cycle with its first harmonic alone, more than which slow noise hardly lets see; any other effect as it is."""
+    return replace(effect, order=1) if isinstance(effect, Unknown) and effect.period else effect
+
+
 def _odds(found: Identification, fit: Identification) -> float:
     """Log evidence of a fit with an effect over one without, each under its own noise. How large an effect is says nothing for
-    or against a name; for a term without one the odds alone have to do, so its prior stays."""
+    or against a name; for a term without one the odds alone have to do, so it keeps a prior: a cycle, which leaves the noise
+    less freedom than a drift, one of several widths."""
     effect = newest(found)
-    return evidence_with_noise(found, fit, () if effect.id == "unknown" else amplitudes(found.model.campaign, effect))
+    campaign = found.model.campaign
+    if effect.id != "unknown":
+        return evidence_with_noise(found, fit, amplitudes(campaign, effect))
+    own = [name for group in amplitudes(campaign, effect) for name in group]
+    widths = WIDTHS if isinstance(effect, Unknown) and effect.period else (1.0,)
+    odds = [evidence_with_noise(found, fit, spreads=dict.fromkeys(own, width)) for width in widths]
+    return float(np.logaddexp.reduce(odds)) - float(np.log(len(odds)))
 
 
 def _best(tests: Sequence[_Test], least: float, level: float) -> tuple[Identification, float] | None:
