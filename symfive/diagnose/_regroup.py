@@ -94,7 +94,9 @@ def merge(state: State) -> bool:
     named = [m for m in state.members if m.effect.id != "unknown"]
     for pair in combinations(named, 2):
         bare = lacking(state.after, *(m.effect for m in pair))
-        related = kin(state, bare, pair)
+        held = {m.effect.key for m in named}
+        met = {key: s for key, s in state.met.items() if key not in held}
+        related = [*(met | {s.effect.key: s for s in kin(state, bare, pair)}).values()]
         if not related:
             continue
         state.progress(f"one effect for {' and '.join(m.effect.key for m in pair)}")

@@ -29,7 +29,7 @@ from symfive.diagnose._regroup import kin, merge, simplify, spell_out
 from symfive.diagnose._scores import Score
 from symfive.diagnose._slow import changes_slowly, large_noise, name_or_noise, physics_or_noise, slow_noise, whitened
 from symfive.diagnose._state import MAX_ADDED, Member, State
-from symfive.diagnose._variants import plain
+from symfive.diagnose._variants import simpler
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
@@ -198,15 +198,17 @@ def _contest(state: State) -> bool:
         own = tried(without, base, _own_score(state.after, member), state.forms)
         if own is None:
             continue
-        simple = _plain_trial(state, without, base, member) or own
-        least = min(own.evidence, simple.evidence - max(OPEN, OPEN_SHARE * simple.evidence))
+        simple = _simpler_trials(state, without, base, member)
+        first = (simple or [own])[0].evidence
+        least = min(own.evidence, first - max(OPEN, OPEN_SHARE * first))
         found = [
             best_shape(without, base, t, state.forms) if t.evidence > least or t.effect.key in close else t
             for t in found
         ]
-        trials = sorted([own, *found], key=lambda t: -t.evidence)
+        mine = max([*simple, own], key=lambda t: t.evidence + TIE * (t is own))
+        trials = sorted([mine, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
-        best = _most_probable(trials, own)
+        best = _most_probable(trials, mine)
         if best is not own:
             state.after = shaped(without, best)
             state.members[number] = Member(newest(state.after), member.log_p, best.looks, tuple(trials))
@@ -233,14 +235,14 @@ def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
     return own if own in best and first.evidence <= own.evidence + TIE else first
 
 
-def _plain_trial(state: State, without: Identification, base: float, member: Member) -> Trial | None:
-    """A member in its plain shape, to which its rivals in theirs compare."""
-    effect = plain(member.effect)
-    if effect == member.effect:
-        return None
-    effect = effect.prepare(without.model.campaign)
-    step = {p.name: 0.0 for p in effect.parameters(without.model.campaign)}
-    return tried(without, base, Score.unscored(effect, step, member.looks), state.forms)
+def _simpler_trials(state: State, without: Identification, base: float, member: Member) -> list[Trial]:
+    """A member in its plain shape, to which its rivals in theirs compare, and in others that may do without what it was given when
+    less was found."""
+    trials = []
+    for effect in (e.prepare(state.campaign) for e in simpler(member.effect)):
+        step = {p.name: 0.0 for p in effect.parameters(state.campaign)}
+        trials.append(tried(without, base, Score.unscored(effect, step, member.looks), state.forms))
+    return [t for t in trials if t is not None]
 
 
 def _best_of(scores: Sequence[Score]) -> list[Score]:
@@ -277,6 +279,8 @@ def _best(state: State, seen: Survey) -> tuple[Trial, float] | None:
     base = evidence_of(state.after.problem(), state.after.values) if significant else 0.0
     for s in _best_of(significant):
         state.progress(f"trying {s.effect.key}")
+        if s.effect.id != "unknown":
+            state.met.setdefault(s.effect.key, s)
         trial = tried(state.after, base, s, state.forms)
         if trial is not None and trial.size > MATERIAL**2:
             trials.append(trial)

@@ -30,7 +30,8 @@ class Member:
 
 @dataclass
 class State:
-    """The search while it runs: the fit `after` all members so far; `most` may be, and `nameless` of them without a name."""
+    """The search while it runs: the fit `after` all members so far, the names `met` among the best on the way; `most` members may
+    be, and `nameless` of them without a name."""
 
     after: Identification
     level: float
@@ -41,6 +42,7 @@ class State:
     dropped: set[str] = field(default_factory=set)
     useless: set[str] = field(default_factory=set)
     added: int = 0
+    met: dict[str, Score] = field(default_factory=dict)
     most: int = MAX_EFFECTS
     nameless: int = MAX_NAMELESS
 

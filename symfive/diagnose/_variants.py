@@ -12,7 +12,7 @@ from symfive.effects import Effect
 from symfive.effects.transmission_error import TransmissionError
 from symfive.effects.unknown import Unknown
 
-__all__ = ["carried", "narrower", "plain", "shapes", "variants"]
+__all__ = ["carried", "narrower", "plain", "shapes", "simpler", "variants"]
 
 SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "backlash": ({"shape": "pre_sliding"}, {"shape": "wind_up"}),
@@ -43,6 +43,19 @@ def plain(effect: Effect) -> Effect:
     names = {name for options in SHAPES.get(effect.id, ()) for name in options}
     defaults: dict[str, Any] = {f.name: f.default for f in fields(effect) if f.name in names and effect.id != "unknown"}
     return replace(effect, **defaults) if defaults else effect
+
+
+def simpler(effect: Effect) -> list[Effect]:
+    """The effect in its plain shape, and with the period of which it may be a multiple; nothing if it is plain."""
+    first = plain(effect)
+    if first == effect:
+        return []
+    found = [first]
+    if isinstance(effect, TransmissionError):
+        for multiple in (multiple for multiple, harmonics in MULTIPLES if harmonics == effect.harmonics):
+            sigma = None if effect.period_sigma is None else effect.period_sigma / multiple
+            found.append(replace(effect, period=effect.period / multiple, period_sigma=sigma, harmonics=1))
+    return found
 
 
 def shapes(effect: Effect, campaign: Campaign) -> int:
