@@ -18,9 +18,11 @@ from symfive.diagnose import Diagnosis, diagnose, locate, name_effects
 from symfive.diagnose._channels import Channels, probes
 from symfive.diagnose._evidence import likelihood_ratio
 from symfive.diagnose._findings import doubted
+from symfive.diagnose._locate import survey
 from symfive.diagnose._refit import Trial, newest, refitted, shaped, tried
 from symfive.diagnose._regroup import merge
 from symfive.diagnose._scores import Score, log_tail, score_catalogue
+from symfive.diagnose._search import _contest
 from symfive.diagnose._slow import _Test, whitened
 from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
@@ -164,6 +166,37 @@ def test_a_curve_and_a_play_that_one_sag_explains_become_one_effect(tmp_path):
     assert merge(state) and not merge(state)
     assert [m.effect.key for m in state.members] == ["gravity_sag.B.EXB"]
     assert state.after["gravity_sag.B.EXB.branch"] == pytest.approx(-1.2, abs=0.1)
+
+
+def test_one_effect_for_two_is_looked_for_among_all_that_were_near(tmp_path):
+    """A curve and a play of other components that stand in for a sag together: neither is of its kin."""
+    machine = plant.static_table()
+    sag = {"effect": "gravity_sag", "axis": "B", "component": "EXB", "amplitude": -6.0, "form": "hysteresis"}
+    campaign = _measured(tmp_path / "c", machine, _grids(machine), [sag])
+    both = [make_effect("error_motion", component="EAB"), make_effect("lateral_play", component="ECB")]
+    fit = identify(Model(campaign, both))
+    near = make_effect("gravity_sag", "B", component="EXB").prepare(campaign)
+    met = {near.key: Score.unscored(near, {p.name: 0.0 for p in near.parameters(campaign)}, 1)}
+    for known, one in (({}, "gravity_sag.B.EAB"), (met, "gravity_sag.B.EXB")):
+        state = State(fit, 0.01, (), print, {}, [Member(e, -20.0) for e in fit.model.added], met=known)
+        assert merge(state)
+        assert [m.effect.key for m in state.members] == [one]
+
+
+def test_a_shape_that_was_needed_while_something_lacked_is_given_up(tmp_path):
+    """Before the play is found, a period of 180° follows it too, of which the true 90° is the second harmonic."""
+    machine = plant.static_table()
+    error = {"effect": "transmission_error", "axis": "C", "period": 90.0, "amplitude": 37.7, "phase": 2.76}
+    play = {"effect": "backlash", "axis": "C", "width": 98.0}
+    campaign = _measured(tmp_path / "c", machine, _grids(machine), [error, play])
+    twice = make_effect("transmission_error", "C", period=180.0, period_sigma=10.0, harmonics=2)
+    fit = identify(Model(campaign, [twice, make_effect("backlash", "C")]), noise="repeats")
+    state = State(fit, 0.005, (), print, {}, [Member(e, -20.0) for e in fit.model.added])
+    assert _contest(state)
+    (once,) = (e for e in state.after.model.added if e.id == "transmission_error")
+    assert (once.harmonics, once.period) == (1, 90.0)
+    assert once.key == state.members[0].effect.key
+    assert state.after["transmission_error.C.period"] == pytest.approx(90.0, rel=0.01)
 
 
 def test_what_did_not_help_one_fit_may_help_the_next(tmp_path):
@@ -437,6 +470,29 @@ def test_friction_whose_contact_yields_brings_no_other_effect(tmp_path):
     said = found.findings[0].parameters
     assert said["coulomb"].value == pytest.approx(110.0, rel=0.1)
     assert said["pre_sliding"].value == pytest.approx(1.1, rel=0.5)
+
+
+def test_a_cycle_is_looked_for_where_the_fit_leaves_it(tmp_path):
+    """Bars at rest: what their set-up swallows of a slow cycle moves the peak of the residual's spectrum to 1455 s."""
+    machine = plant.static_table()
+    cycle = {
+        "effect": "coolant_cycle", "period_s": 1092.0, "rise": 0.4, "phase": 0.56, "direction": [0.74, 0.57, 0.36], "amplitude": 2.3,
+    }  # fmt: skip
+    fit = identify(Model(_measured(tmp_path / "c", machine, _bars(machine), [cycle])), noise="repeats")
+    (found,) = (s.effect for s in survey(whitened(fit)).scores if s.effect.key == "unknown.t.cycle")
+    assert found.period == pytest.approx(1092.0, rel=0.05)
+
+
+def test_a_small_cycle_is_not_taken_for_slow_noise(tmp_path):
+    machine = plant.static_table()
+    cycle = {
+        "effect": "coolant_cycle", "period_s": 800.0, "rise": 0.5, "phase": 0.4, "direction": [0.35, -0.89, -0.3], "amplitude": 1.2,
+    }  # fmt: skip
+    quiet = plant.NoiseOptions(coloured_um=0.2, correlation_s=50.0)
+    (found,) = diagnose(_measured(tmp_path / "c", machine, _grids(machine), [cycle], options=quiet)).findings
+    assert (found.name, found.coordinate) == ("unknown", "t")
+    assert found.parameters["period"].value == pytest.approx(800.0, rel=0.05)
+    assert not diagnose(_measured(tmp_path / "n", machine, _grids(machine), [], options=quiet)).findings
 
 
 @pytest.mark.slow

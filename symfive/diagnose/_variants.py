@@ -87,8 +87,12 @@ def carried(effect: Effect, other: Effect, campaign: Campaign, values: Mapping[s
 
 
 def narrower(effect: Effect) -> list[Unknown]:
-    """A term without a name that shifts the tool, in some of its directions only; no other effect."""
+    """A term without a name that shifts the tool, in some of its directions only, a cycle also with its first harmonic alone; no
+    other effect."""
     if not isinstance(effect, Unknown) or effect.place != "structure":
         return []
-    fewer = range(1, len(effect.directions))
-    return [replace(effect, directions="".join(d)) for n in fewer for d in combinations(effect.directions, n)]
+    parts = range(1, len(effect.directions) + 1)
+    ways = ["".join(d) for n in parts for d in combinations(effect.directions, n)]
+    orders = [effect.order, *([1] if effect.period and effect.order != 1 else [])]
+    found = [replace(effect, directions=way, order=order) for order in orders for way in ways]
+    return [shape for shape in found if shape != effect]
