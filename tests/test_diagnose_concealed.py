@@ -476,7 +476,8 @@ def test_a_cycle_is_looked_for_where_the_fit_leaves_it(tmp_path):
     """Bars at rest: what their set-up swallows of a slow cycle moves the peak of the residual's spectrum to 1455 s."""
     machine = plant.static_table()
     cycle = {
-        "effect": "coolant_cycle", "period_s": 1092.0, "rise": 0.4, "phase": 0.56, "direction": [0.74, 0.57, 0.36], "amplitude": 2.3,
+        "effect": "coolant_cycle", "period_s": 1092.0, "rise": 0.4, "phase": 0.56,
+        "direction": [0.74, 0.57, 0.36], "amplitude": 2.3,
     }  # fmt: skip
     fit = identify(Model(_measured(tmp_path / "c", machine, _bars(machine), [cycle])), noise="repeats")
     (found,) = (s.effect for s in survey(whitened(fit)).scores if s.effect.key == "unknown.t.cycle")
@@ -486,7 +487,8 @@ def test_a_cycle_is_looked_for_where_the_fit_leaves_it(tmp_path):
 def test_a_small_cycle_is_not_taken_for_slow_noise(tmp_path):
     machine = plant.static_table()
     cycle = {
-        "effect": "coolant_cycle", "period_s": 800.0, "rise": 0.5, "phase": 0.4, "direction": [0.35, -0.89, -0.3], "amplitude": 1.2,
+        "effect": "coolant_cycle", "period_s": 800.0, "rise": 0.5, "phase": 0.4,
+        "direction": [0.35, -0.89, -0.3], "amplitude": 1.2,
     }  # fmt: skip
     quiet = plant.NoiseOptions(coloured_um=0.2, correlation_s=50.0)
     (found,) = diagnose(_measured(tmp_path / "c", machine, _grids(machine), [cycle], options=quiet)).findings

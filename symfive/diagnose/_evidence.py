@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +66,7 @@ def evidence_with_noise(
     """Log marginal likelihood of a fit under its own noise over that of another fit under its own, both over the readings
     that neither takes for outliers: what the one calls an effect, the other may call slow noise. `sized` as in `weighed`;
     the priors of parameters in `spreads` are so many times as wide."""
-    more, less = _under_their_noise(result, without, sized=sized, spreads=spreads or {})
+    more, less = _under_their_noise(result, without, sized=sized, spreads=spreads)
     return more - less
 
 
@@ -88,7 +87,7 @@ def _under_their_noise(
     second: Identification,
     best: frozenset[str] = frozenset(),
     sized: Groups = (),
-    spreads: Mapping[str, float] = MappingProxyType({}),
+    spreads: Mapping[str, float] | None = None,
 ) -> tuple[float, float]:
     """Log marginal likelihoods of two fits, each under its own noise, over readings that neither takes for outliers; parameters
     among the `best` are not integrated out. The priors of the groups in `sized` are as wide as these are in the first fit."""
@@ -100,7 +99,7 @@ def _under_their_noise(
         blocks = problem.blocks(fit.values)
         information = problem.information(blocks)
         rest = np.array([p.name not in best for p in problem.model.parameters])
-        spread = np.array([spreads.get(p.name, 1.0) for p in problem.model.parameters])
+        spread = np.array([(spreads or {}).get(p.name, 1.0) for p in problem.model.parameters])
         precision = (spread * _widths(problem.model, fit.values, groups))[rest] ** -2.0
         departure = (fit.values - problem.model.prior_mean)[rest]
         pull = information.gradient[rest] - precision * departure

@@ -236,8 +236,8 @@ def _most_probable(trials: Sequence[Trial], own: Trial) -> Trial:
 
 
 def _simpler_trials(state: State, without: Identification, base: float, member: Member) -> list[Trial]:
-    """A member in its plain shape, to which its rivals in theirs compare, and in others that may do without what it was given when
-    less was found."""
+    """A member in its plain shape, to which its rivals in theirs compare, and in others that do without what it may have needed
+    when less was found."""
     trials = []
     for effect in (e.prepare(state.campaign) for e in simpler(member.effect)):
         step = {p.name: 0.0 for p in effect.parameters(state.campaign)}
