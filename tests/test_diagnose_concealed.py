@@ -234,6 +234,16 @@ def test_a_ball_that_creeps_in_its_holder_is_told_from_slow_noise(tmp_path):
 
 
 @pytest.mark.slow
+def test_what_lost_its_place_to_another_name_is_still_said_to_rival_it(tmp_path):
+    """Where only the head turns, a ball that creeps in its holder reads like heat that comes on at that instant."""
+    free = (("X", "C"), ("Y", "C"), ("A", "C"), ("B", "C"), ("A", "B"), ("C", "B"), ("Z", "B"))
+    machine = plant.topology("head-cb", {f"E{letter}0{axis}": {"sigma": 40.0} for letter, axis in free})
+    shift = {"effect": "setup_shift", "run": "nest1", "t_s": 587.0, "form": "creep", "creep_s": 100.0, "shift": [-1.1, 2.1, 7.0]}
+    (found,) = diagnose(_measured(tmp_path / "c", machine, _grids(machine), [shift])).findings
+    said = {found.name: found.confidence} | {r.effect: r.confidence for r in found.rivals}
+    assert said["setup_shift"] > 0.05 and said["thermal_drift"] > 0.05
+
+
 def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):
     machine = plant.planar_table()
     runs = _circles(machine, (1000.0, 2500.0), start_s=None)
