@@ -238,7 +238,14 @@ def test_what_lost_its_place_to_another_name_is_still_said_to_rival_it(tmp_path)
     """Where only the head turns, a ball that creeps in its holder reads like heat that comes on at that instant."""
     free = (("X", "C"), ("Y", "C"), ("A", "C"), ("B", "C"), ("A", "B"), ("C", "B"), ("Z", "B"))
     machine = plant.topology("head-cb", {f"E{letter}0{axis}": {"sigma": 40.0} for letter, axis in free})
-    shift = {"effect": "setup_shift", "run": "nest1", "t_s": 587.0, "form": "creep", "creep_s": 100.0, "shift": [-1.1, 2.1, 7.0]}
+    shift = {
+        "effect": "setup_shift",
+        "run": "nest1",
+        "t_s": 587.0,
+        "form": "creep",
+        "creep_s": 100.0,
+        "shift": [-1.1, 2.1, 7.0],
+    }
     (found,) = diagnose(_measured(tmp_path / "c", machine, _grids(machine), [shift])).findings
     said = {found.name: found.confidence} | {r.effect: r.confidence for r in found.rivals}
     assert said["setup_shift"] > 0.05 and said["thermal_drift"] > 0.05

@@ -179,8 +179,8 @@ def _slow(state: State) -> tuple[Identification, float] | None:
 
 
 def _contest(state: State) -> bool:
-    """Put every member to the test against all that could stand in its place, what only a scan finds as it was met on the way; True
-    where one was replaced.
+    """Put every member to the test against all that could stand in its place; True where one was replaced. What only a scan finds
+    takes part as it was met on the way.
 
     Under the noise of the full fit, with all other members in the model, the evidence is sharper than it was when the
     member was found.
