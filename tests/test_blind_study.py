@@ -399,6 +399,7 @@ def test_magnitudes_and_places() -> None:
     said = {"width": {"value": 63.0, "std": 1.0, "unit": "urad"}}
     [entry] = score.parameters(SPEC, _finding("backlash", "C", parameters=said))
     assert entry["error"] == pytest.approx(0.05) and entry["z"] == pytest.approx(3.0) and entry["textbook"]
+    assert score.parameters(SPEC, _finding("backlash", "B", parameters=said)) == []  # the width of another axis
     times = {"r": np.arange(4.0)}
     intervals = [{"run": "r", "t_s": [1.0, 2.0]}]
     assert score._overlap(times, intervals, {"r": [False, True, True, False]}) == 1.0

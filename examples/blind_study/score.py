@@ -202,6 +202,8 @@ def parameters(spec: Mapping[str, Any], finding: Mapping[str, Any]) -> list[Row]
     said, pairs = finding["parameters"], _magnitudes(spec)
     if spec.get("component") and said.get("component", spec["component"]) != spec["component"]:
         return []
+    if spec.get("axis") and finding["axis"] not in (None, spec["axis"]):
+        return []  # an alias: the gain of another axis' loop
     out = []
     for keys, true in pairs:
         entry = next((said[k] for k in keys if k in said), None)
