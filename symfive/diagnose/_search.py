@@ -15,6 +15,7 @@ from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, reshapes
 from symfive.diagnose._refit import (
+    DECISIVE,
     Trial,
     amplitudes,
     best_shape,
@@ -208,7 +209,8 @@ def _contest(state: State) -> bool:
             best_shape(without, base, t, state.forms) if t.evidence > least or t.effect.key in close else t
             for t in found
         ]
-        mine = max([*simple, own], key=lambda t: t.evidence + TIE * (t is own))
+        enough = [t for t in simple if t.misfit < own.misfit + 2.0 * DECISIVE]  # also without the rest of its family
+        mine = max([*enough, own], key=lambda t: t.evidence + TIE * (t is own))
         trials = sorted([mine, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
         best = _most_probable(trials, mine)
