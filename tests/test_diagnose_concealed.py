@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import plant
@@ -26,7 +27,7 @@ from symfive.diagnose._search import _contest
 from symfive.diagnose._slow import _Test, whitened
 from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
-from symfive.identify import identify
+from symfive.identify import Identification, identify
 from symfive.machine import preset
 from symfive.model import Model
 from symfive.motion import RunMotion
@@ -155,14 +156,23 @@ def test_heat_that_comes_late_is_not_taken_for_slow_noise(tmp_path):
     assert said["onset_s"].value == pytest.approx(70.0, abs=3.0 * said["onset_s"].std) and said["onset_s"].std < 10.0
 
 
-def test_a_curve_and_a_play_that_one_sag_explains_become_one_effect(tmp_path):
-    """Had the search found them first: a sag that comes back by another way is both."""
+def _holding(fit: Identification, **more: Any) -> State:
+    """A search that has found what the fit holds."""
+    return State(fit, 0.01, (), print, {}, [Member(e, -20.0) for e in fit.model.added], **more)
+
+
+def _sag_read_as(folder: Path, curve: str, play: str) -> Identification:
+    """A sag that comes back by another way, fitted by an error motion and a lateral play."""
     machine = plant.static_table()
     sag = {"effect": "gravity_sag", "axis": "B", "component": "EXB", "amplitude": -6.0, "form": "hysteresis"}
-    campaign = _measured(tmp_path / "c", machine, _grids(machine), [sag])
-    both = [make_effect("error_motion", component="EXB"), make_effect("lateral_play", component="EXB")]
-    fit = identify(Model(campaign, both))
-    state = State(fit, 0.01, (), print, {}, [Member(e, -20.0) for e in fit.model.added])
+    campaign = _measured(folder, machine, _grids(machine), [sag])
+    both = [make_effect("error_motion", component=curve), make_effect("lateral_play", component=play)]
+    return identify(Model(campaign, both))
+
+
+def test_a_curve_and_a_play_that_one_sag_explains_become_one_effect(tmp_path):
+    """Had the search found them first: a sag that comes back by another way is both."""
+    state = _holding(_sag_read_as(tmp_path / "c", "EXB", "EXB"))
     assert merge(state) and not merge(state)
     assert [m.effect.key for m in state.members] == ["gravity_sag.B.EXB"]
     assert state.after["gravity_sag.B.EXB.branch"] == pytest.approx(-1.2, abs=0.1)
@@ -170,15 +180,12 @@ def test_a_curve_and_a_play_that_one_sag_explains_become_one_effect(tmp_path):
 
 def test_one_effect_for_two_is_looked_for_among_all_that_were_near(tmp_path):
     """A curve and a play of other components that stand in for a sag together: neither is of its kin."""
-    machine = plant.static_table()
-    sag = {"effect": "gravity_sag", "axis": "B", "component": "EXB", "amplitude": -6.0, "form": "hysteresis"}
-    campaign = _measured(tmp_path / "c", machine, _grids(machine), [sag])
-    both = [make_effect("error_motion", component="EAB"), make_effect("lateral_play", component="ECB")]
-    fit = identify(Model(campaign, both))
+    fit = _sag_read_as(tmp_path / "c", "EAB", "ECB")
+    campaign = fit.model.campaign
     near = make_effect("gravity_sag", "B", component="EXB").prepare(campaign)
     met = {near.key: Score.unscored(near, {p.name: 0.0 for p in near.parameters(campaign)}, 1)}
     for known, one in (({}, "gravity_sag.B.EAB"), (met, "gravity_sag.B.EXB")):
-        state = State(fit, 0.01, (), print, {}, [Member(e, -20.0) for e in fit.model.added], met=known)
+        state = _holding(fit, met=known)
         assert merge(state)
         assert [m.effect.key for m in state.members] == [one]
 
@@ -191,7 +198,7 @@ def test_a_shape_that_was_needed_while_something_lacked_is_given_up(tmp_path):
     campaign = _measured(tmp_path / "c", machine, _grids(machine), [error, play])
     twice = make_effect("transmission_error", "C", period=180.0, period_sigma=10.0, harmonics=2)
     fit = identify(Model(campaign, [twice, make_effect("backlash", "C")]), noise="repeats")
-    state = State(fit, 0.005, (), print, {}, [Member(e, -20.0) for e in fit.model.added])
+    state = _holding(fit)
     assert _contest(state)
     (once,) = (e for e in state.after.model.added if e.id == "transmission_error")
     assert (once.harmonics, once.period) == (1, 90.0)
@@ -233,7 +240,6 @@ def test_a_ball_that_creeps_in_its_holder_is_told_from_slow_noise(tmp_path):
     assert abs(said["creep_s"].value - 150.0) < 3.0 * said["creep_s"].std
 
 
-@pytest.mark.slow
 def test_what_lost_its_place_to_another_name_is_still_said_to_rival_it(tmp_path):
     """Where only the head turns, a ball that creeps in its holder reads like heat that comes on at that instant."""
     free = (("X", "C"), ("Y", "C"), ("A", "C"), ("B", "C"), ("A", "B"), ("C", "B"), ("Z", "B"))
@@ -251,6 +257,7 @@ def test_what_lost_its_place_to_another_name_is_still_said_to_rival_it(tmp_path)
     assert said["setup_shift"] > 0.05 and said["thermal_drift"] > 0.05
 
 
+@pytest.mark.slow
 def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):
     machine = plant.planar_table()
     runs = _circles(machine, (1000.0, 2500.0), start_s=None)

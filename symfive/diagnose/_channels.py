@@ -104,7 +104,7 @@ class Channels:
 
     def _course_scores(self, channels: Sequence[int], courses: Mapping[str, Array]) -> Array:
         """Score of something that takes each of `courses` in all `channels`, each with its own factor, also of each part."""
-        parts = {id: course if course.ndim == 3 else course[:, :, None] for id, course in courses.items()}
+        parts = {id: course.reshape(*course.shape[:2], -1) for id, course in courses.items()}
         count, ways = next(iter(parts.values())).shape[1:]
         size, wide = len(self.board.result.model.parameters), len(channels) * ways
         base = self.board.base[:size]
@@ -122,8 +122,8 @@ class Channels:
         solved = np.linalg.solve(normal, cross)
         taken = np.einsum("pkd,pke->kde", cross.reshape(size, count, wide), solved.reshape(size, count, wide))
         slope = (answer - self.board.gradient[:size] @ solved).reshape(count, wide)
-        power, along = np.linalg.eigh(own - taken)
-        along = np.einsum("kde,kd->ke", along, slope)
+        power, axes = np.linalg.eigh(own - taken)
+        along = np.einsum("kde,kd->ke", axes, slope)
         # tangents are per µm; a prior of 10 µm keeps unseen directions out
         return np.asarray(np.sum(along**2 / (np.maximum(power, 0.0) + 1e-2), axis=1))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,13 +62,20 @@ def evidence_without(problem: Problem, values: Array, dropped: Sequence[Collecti
 
 
 def evidence_with_noise(
-    result: Identification, without: Identification, sized: Groups = (), spreads: Mapping[str, float] | None = None
+    result: Identification,
+    without: Identification,
+    sized: Groups = (),
+    spreads: Sequence[Mapping[str, float]] = (MappingProxyType({}),),
 ) -> float:
     """Log marginal likelihood of a fit under its own noise over that of another fit under its own, both over the readings
-    that neither takes for outliers: what the one calls an effect, the other may call slow noise. `sized` as in `weighed`;
-    the priors of parameters in `spreads` are so many times as wide."""
-    more, less = _under_their_noise(result, without, sized=sized, spreads=spreads)
-    return more - less
+    that neither takes for outliers: what the one calls an effect, the other may call slow noise.
+
+    `sized` as in `weighed`. Each of `spreads` says of some parameters of the first fit how many times as wide their priors are;
+    all of them are equally probable.
+    """
+    more, less = _under_their_noise(result, without)
+    each = [more.evidence(sized, spread) for spread in spreads]
+    return float(np.logaddexp.reduce(each) - np.log(len(each))) - less.evidence()
 
 
 def likelihood_ratio(result: Identification, without: Identification, effect: Effect) -> tuple[float, int]:
@@ -78,40 +86,56 @@ def likelihood_ratio(result: Identification, without: Identification, effect: Ef
     distributed (S. S. Wilks 1938).
     """
     own = frozenset(p.name for p in effect.parameters(result.model.campaign))
-    more, less = _under_their_noise(result, without, own)
-    return 2.0 * (more - less), len(own)
+    more, less = _under_their_noise(result, without)
+    return 2.0 * (more.evidence(best=own) - less.evidence()), len(own)
 
 
-def _under_their_noise(
-    first: Identification,
-    second: Identification,
-    best: frozenset[str] = frozenset(),
-    sized: Groups = (),
-    spreads: Mapping[str, float] | None = None,
-) -> tuple[float, float]:
-    """Log marginal likelihoods of two fits, each under its own noise, over readings that neither takes for outliers; parameters
-    among the `best` are not integrated out. The priors of the groups in `sized` are as wide as these are in the first fit."""
+def _under_their_noise(first: Identification, second: Identification) -> tuple[_UnderNoise, _UnderNoise]:
+    """Two fits, each under its own noise, over readings that neither takes for outliers."""
     problems = [first.problem(), second.problem()]
     left_out = {run: mask | problems[1].left_out[run] for run, mask in problems[0].left_out.items()}
-    found = []
-    for problem, fit, groups in zip(problems, (first, second), (sized, ()), strict=True):
+    for problem in problems:
         problem.left_out = left_out
-        blocks = problem.blocks(fit.values)
-        information = problem.information(blocks)
-        rest = np.array([p.name not in best for p in problem.model.parameters])
-        spread = np.array([(spreads or {}).get(p.name, 1.0) for p in problem.model.parameters])
-        precision = (spread * _widths(problem.model, fit.values, groups))[rest] ** -2.0
-        departure = (fit.values - problem.model.prior_mean)[rest]
-        pull = information.gradient[rest] - precision * departure
-        curvature = information.matrix[np.ix_(rest, rest)] + np.diag(precision)
-        cost = information.square + float(departure**2 @ precision) - float(pull @ np.linalg.solve(curvature, pull))
-        volume = float(np.linalg.slogdet(curvature)[1]) - float(np.sum(np.log(precision)))
-        logs = 0.0
+    return _UnderNoise.of(problems[0], first.values), _UnderNoise.of(problems[1], second.values)
+
+
+@dataclass(frozen=True)
+class _UnderNoise:
+    """A fit under its own noise, linear about its values: its data's information, and the log of the noise's own scale."""
+
+    model: Model
+    information: Information
+    values: Array
+    log_scale: float
+
+    @classmethod
+    def of(cls, problem: Problem, values: Array) -> _UnderNoise:
+        blocks = problem.blocks(values)
+        log_scale = 0.0
         for key, block in blocks.items():
             _, one = whiten(np.zeros((len(block.residual), 1)), problem.noises[key], block.interval)
-            logs += one * block.residual.shape[1]
-        found.append(-0.5 * (cost + volume + logs))
-    return found[0], found[1]
+            log_scale += one * block.residual.shape[1]
+        return cls(problem.model, problem.information(blocks), values, log_scale)
+
+    def evidence(
+        self,
+        sized: Groups = (),
+        spread: Mapping[str, float] = MappingProxyType({}),
+        best: frozenset[str] = frozenset(),
+    ) -> float:
+        """Log marginal likelihood; parameters among the `best` are not integrated out. The priors of the groups in `sized` are as
+        wide as these are in the fit, those of parameters in `spread` so many times as wide as else."""
+        names = [p.name for p in self.model.parameters]
+        rest = np.array([name not in best for name in names])
+        spreads = np.array([spread.get(name, 1.0) for name in names])
+        precision = (spreads * _widths(self.model, self.values, sized))[rest] ** -2.0
+        departure = (self.values - self.model.prior_mean)[rest]
+        pull = self.information.gradient[rest] - precision * departure
+        curvature = self.information.matrix[np.ix_(rest, rest)] + np.diag(precision)
+        square = self.information.square + float(departure**2 @ precision)
+        cost = square - float(pull @ np.linalg.solve(curvature, pull))
+        volume = float(np.linalg.slogdet(curvature)[1]) - float(np.sum(np.log(precision)))
+        return -0.5 * (cost + volume + self.log_scale)
 
 
 @dataclass(frozen=True)

@@ -89,14 +89,13 @@ def _together(bare: Identification, after: Identification, members: Sequence[Mem
 
 
 def merge(state: State) -> bool:
-    """One effect in place of two with a name, of which it moves the same component as one, where it explains the readings as
-    well in one of its shapes: a sag that comes back by another way is easily read as a sag and a play. True where it was so."""
+    """One effect in place of two with a name, where it explains the readings as well in one of its shapes: one that moves the
+    same component as one of them, or came near on the way. A sag that comes back by another way is easily read as a sag and a
+    play. True where it was so."""
     named = [m for m in state.members if m.effect.id != "unknown"]
     for pair in combinations(named, 2):
         bare = lacking(state.after, *(m.effect for m in pair))
-        held = {m.effect.key for m in named}
-        met = {key: s for key, s in state.met.items() if key not in held}
-        related = [*(met | {s.effect.key: s for s in kin(state, bare, pair)}).values()]
+        related = [*(state.near() | {s.effect.key: s for s in kin(state, bare, pair)}).values()]
         if not related:
             continue
         state.progress(f"one effect for {' and '.join(m.effect.key for m in pair)}")

@@ -149,17 +149,22 @@ def _span(runs: Sequence[Run]) -> float:
     )
 
 
+def _clocks(runs: Sequence[Run]) -> dict[str, Array]:
+    """Run → its rows (N,) on the campaign's clock, s."""
+    return {run.id: run.start_s + np.asarray(run.time) for run in runs}
+
+
 def _coherent(channels: Channels, runs: Sequence[Run], frequencies: Array) -> Array:
     """The score of tones of the tool on the campaign's clock."""
-    clocks = [run.start_s + np.asarray(run.time) for run in runs]
+    clocks = _clocks(runs)
     score = np.zeros(len(frequencies))
     for index in range(3):
         power = 0.5 * sum(float(channels.power[run.id][:, index].sum()) for run in runs)
         if power <= 0.0:
             continue
         total = np.zeros(len(frequencies), dtype=complex)
-        for run, clock in zip(runs, clocks, strict=True):
-            answer = channels.answer(run, index)
+        for run in runs:
+            clock, answer = clocks[run.id], channels.answer(run, index)
             for block in np.array_split(np.arange(len(frequencies)), max(1, len(frequencies) * len(clock) // 10**6)):
                 total[block] += np.exp(-2j * np.pi * np.outer(frequencies[block], clock)) @ answer
         score += np.abs(total) ** 2 / power
@@ -188,8 +193,8 @@ def _cycles(channels: Channels) -> Iterator[Finding]:
     rough = peaks(_coherent(channels, runs, frequencies), MOST_CYCLES)
     # what the fit swallows moves the peaks
     near = np.unique(np.clip(np.add.outer(rough, np.arange(-FINE // 2, FINE // 2 + 1)), 0, count - 1))
-    clocks = {run.id: 2.0 * np.pi * np.outer(run.start_s + np.asarray(run.time), frequencies[near]) for run in runs}
-    score = channels.tool_scores({id: np.stack([np.cos(p), np.sin(p)], axis=2) for id, p in clocks.items()})
+    phases = {id: 2.0 * np.pi * np.outer(clock, frequencies[near]) for id, clock in _clocks(runs).items()}
+    score = channels.tool_scores({id: np.stack([np.cos(p), np.sin(p)], axis=2) for id, p in phases.items()})
     best = float(frequencies[near[np.argmax(score)]])
     yield Finding(_cycle(1.0 / best, span, "cycle"), count // (FINE // PER_CYCLE))
 
@@ -216,7 +221,7 @@ LASTS = (0.1, 0.3, 1.0)
 def _onsets(channels: Channels) -> Iterator[Finding]:
     """A thermal drift whose heat comes on at one instant of the campaign's clock; in a pause if it could as well be there."""
     runs = channels.campaign.runs
-    clocks = {run.id: run.start_s + np.asarray(run.time) for run in runs}
+    clocks = _clocks(runs)
     rows = np.sort(np.concatenate(list(clocks.values())))
     span, end = float(np.ptp(rows)), float(rows[-1])
     within = np.unique(np.quantile(rows, np.linspace(0.05, 0.9, ONSETS)))

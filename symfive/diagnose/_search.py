@@ -194,9 +194,7 @@ def _contest(state: State) -> bool:
         others = [m for m in state.members if m is not member]
         scores = [s for s in scores if not _is_shape_of_another(s.effect, others, without)]
         close = {s.effect.key: s for s in kin(state, without, [member]) if s.effect.key != member.effect.key}
-        seen = {s.effect.key for s in scores} | {m.effect.key for m in state.members}
-        scanned = {key: s for key, s in state.met.items() if key not in seen}
-        rivals = scanned | close | {s.effect.key: s for s in _best_of(scores)}
+        rivals = state.near({s.effect.key for s in scores}) | close | {s.effect.key: s for s in _best_of(scores)}
         base = evidence_of(without.problem(), without.values)
         found = [t for t in (tried(without, base, s, state.forms) for s in rivals.values()) if t is not None]
         own = tried(without, base, _own_score(state.after, member), state.forms)

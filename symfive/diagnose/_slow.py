@@ -179,8 +179,7 @@ def _odds(found: Identification, fit: Identification) -> float:
         return evidence_with_noise(found, fit, amplitudes(campaign, effect))
     own = [name for group in amplitudes(campaign, effect) for name in group]
     widths = WIDTHS if isinstance(effect, Unknown) and effect.period else (1.0,)
-    odds = [evidence_with_noise(found, fit, spreads=dict.fromkeys(own, width)) for width in widths]
-    return float(np.logaddexp.reduce(odds)) - float(np.log(len(odds)))
+    return evidence_with_noise(found, fit, spreads=[dict.fromkeys(own, width) for width in widths])
 
 
 def _best(tests: Sequence[_Test], least: float, level: float) -> tuple[Identification, float] | None:

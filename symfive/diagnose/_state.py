@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from symfive.campaign import Campaign
@@ -56,6 +56,11 @@ class State:
         return score.effect.key not in self.dropped | self.useless and (
             score.effect.id != "unknown" or nameless < self.nameless
         )
+
+    def near(self, known: Collection[str] = ()) -> dict[str, Score]:
+        """What was met on the way and is neither a member nor `known`, by key."""
+        held = {m.effect.key for m in self.members}.union(known)
+        return {key: score for key, score in self.met.items() if key not in held}
 
     def joined(self, after: Identification, log_p: float, looks: int = 1) -> None:
         """Take over the fit with one more member."""
