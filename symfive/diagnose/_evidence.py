@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from symfive.diagnose._remainder import remainder
 from symfive.effects import Effect
@@ -21,6 +22,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 SCALINGS = 4
+UNLIKELY = 1e-3
+"""Chance that the rest of an effect's family, all its coefficients together, lies beyond what its prior lets it."""
+TIGHTENINGS = 30
 Groups = Sequence[Sequence[str]]
 
 
@@ -44,7 +48,8 @@ def weighed(problem: Problem, values: Array, sized: Groups = ()) -> tuple[float,
     wide = Model(problem.model.campaign, [*problem.model.added, *shapes]) if shapes else problem.model
     both = _Linear.of(problem, wide, values)
     plain = both.evidence(sized, [p.name for p in problem.model.parameters])
-    evidence = (np.logaddexp(plain, both.evidence(sized)) if shapes else plain) - np.log(2.0)
+    rests = [[p.name for p in shape.parameters(wide.campaign)] for shape in shapes]
+    evidence = (np.logaddexp(plain, both.evidence(sized, bounded=rests)) if shapes else plain) - np.log(2.0)
     return float(evidence), both.information.square
 
 
@@ -170,8 +175,9 @@ class _Linear:
         )
         return replace(self, information=moved, values=self.values + step)
 
-    def evidence(self, sized: Groups = (), names: Sequence[str] = ()) -> float:
-        """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, of all parameters or of the model of those in `names` alone.
+    def evidence(self, sized: Groups = (), names: Sequence[str] = (), bounded: Groups = ()) -> float:
+        """-½ cost - ½ log det(1 + H σ²): Laplace's approximation, of all parameters or of the model of those in `names` alone;
+        each group in `bounded` as near to its prior as its prior makes likely.
 
         Noise that was found while something lacked is too large. Its scale κ ≤ 1 is fitted too (not below what is declared):
         a model is judged by how far down it brings the residual, and not against the noise of a poorer one.
@@ -182,16 +188,33 @@ class _Linear:
         sigma = sigma[kept]
         departure = (self.values - model.prior_mean)[kept] / sigma
         h, g = information.matrix[np.ix_(kept, kept)] * np.outer(sigma, sigma), information.gradient[kept] * sigma
-        scale = 1.0
+        groups = [[model.index[name] for name in group] for group in bounded]
+        scale, tight = 1.0, np.ones(len(sigma))
         for _ in range(SCALINGS):
-            curvature = h / scale + np.eye(len(sigma))
-            pull = g / scale - departure
-            step = np.linalg.solve(curvature, pull)
+            step, tight = _step(h / scale, g / scale, departure, groups, tight)
             left = information.square - 2.0 * float(g @ step) + float(step @ h @ step)
-            cost = information.square / scale + float(departure @ departure) - float(pull @ step)
-            evidence = -0.5 * (cost + information.count * np.log(scale) + float(np.linalg.slogdet(curvature)[1]))
+            away = departure + step
+            volume = float(np.linalg.slogdet(h / scale + np.diag(tight))[1])
+            evidence = -0.5 * (left / scale + float(away @ away) + information.count * np.log(scale) + volume)
             scale = float(np.clip(left / max(information.count, 1), self.least, 1.0))
         return float(evidence)
+
+
+def _step(h: Array, g: Array, departure: Array, groups: Sequence[Sequence[int]], tight: Array) -> tuple[Array, Array]:
+    """The step to the least cost, in units of the priors' 1σ; and how many times as tight as its own the prior of each parameter
+    must be for every group to end within what it makes likely."""
+    tight = tight.copy()
+    most = [float(chi2.isf(UNLIKELY, len(own))) for own in groups]
+    for _ in range(TIGHTENINGS):
+        step = np.linalg.solve(h + np.diag(tight), g - tight * departure)
+        settled = True
+        for own, limit in zip(groups, most, strict=True):
+            tighter = np.maximum(tight[own] * float(np.sum((departure + step)[own] ** 2)) / limit, 1.0)
+            settled &= bool(np.all(np.abs(tighter - tight[own]) < 0.01 * tight[own]))
+            tight[own] = tighter
+        if settled:
+            break
+    return step, tight
 
 
 def _widths(model: Model, values: Array, sized: Groups) -> Array:

@@ -118,8 +118,7 @@ def _forward(state: State, seen: Survey | None = None) -> None:
         if best is None or after is None:
             slow = _slow(state)
             if slow is None:
-                state.after = with_families(state.after)
-                return
+                break
             state.joined(*slow)
             seen = None
             state.progress(f"found {newest(state.after).key}, taken for slow noise before")
@@ -132,6 +131,7 @@ def _forward(state: State, seen: Survey | None = None) -> None:
         seen = None
         state.progress(f"found {trial.effect.key}")
         _prune(state, state.members[:-1])
+    state.after = with_families(state.after)
 
 
 def _is_shape_of_another(effect: Effect, members: Sequence[Member], fit: Identification) -> bool:

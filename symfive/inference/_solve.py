@@ -17,7 +17,9 @@ MAX_STEPS = 40
 MAX_NOISE_ROUNDS = 5
 STEP_TOLERANCE = 1e-6
 """A step is small when no parameter moves by more than this share of its posterior 1σ (1e-3 before the last round)."""
-FIRST_DAMPING = 1e-3
+FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-7
+"""Of the diagonal. Where readings are far finer than priors, a curved valley that priors alone lead along is as much flatter
+than its walls: a step with less damping than the least is not held back along it."""
 PATIENCE, STALLED = 8, 1.0
 """Where this many steps together lower -2 log posterior by less than this, the rest of the way is not worth it: readings that
 stick and slip have a cost with kinks, in which every step is cut short."""
@@ -46,7 +48,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
         departure = values - model.prior_mean
         total = information.square + float(np.sum((departure**2 * precision)[free]))
         history.append(min(total, last))
-        if len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < STALLED:
+        if damping > 0.0 and len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < STALLED:
             return best, False
         accepted = total <= last * (1 + 1e-12) + 1e-9
         if not accepted:
@@ -58,7 +60,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
             if damping > 0.0:
                 ratio = (last - total) / max(expected, 1e-300)
                 damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(ratio, 1.0) - 1.0) ** 3)
-                damping, growth = (damping if damping > 0.1 * FIRST_DAMPING else 0.0), 2.0
+                damping, growth = (damping if damping > LEAST_DAMPING else 0.0), 2.0
             best, last = values.copy(), total
             matrix = information.matrix + np.diag(precision)
             gradient = information.gradient - departure * precision
