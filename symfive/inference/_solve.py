@@ -30,8 +30,10 @@ COST_TOLERANCE = 1e-4
 def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int = MAX_STEPS) -> tuple[Array, bool]:
     """Iterate to the maximum for the present noise, at most `steps` times. Returns the values and whether it converged.
 
-    A step that does not lower the cost is shortened by Levenberg's damping, which follows how well the cost was foretold
-    (H. B. Nielsen 1999); a parameter that would leave its bounds stays at the bound.
+    A whole step that does not lower the cost is first followed by another from where it led: where a valley is curved, the step
+    along it ends up on the wall, and straight down from there lies the valley again (R. Fletcher 1982, second-order correction).
+    If that does not help, steps are shortened by Levenberg's damping, which follows how well the cost was foretold
+    (H. B. Nielsen 1999). A parameter that would leave its bounds stays at the bound.
     """
     model = problem.model
     precision = problem.prior_precision
@@ -42,6 +44,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
     best = values.copy()
     matrix, gradient, expected = np.zeros((0, 0)), np.zeros(0), 0.0
     history: list[float] = []
+    corrected = False  # by a second step; if that did not help, none is again before a whole step has succeeded
     for _ in range(steps):
         with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make a drive unstable
             information = problem.information_at(values)
@@ -51,6 +54,11 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
         if damping > 0.0 and len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < STALLED:
             return best, False
         accepted = total <= last * (1 + 1e-12) + 1e-9
+        if not accepted and damping == 0.0 and not corrected and np.isfinite(total) and matrix.size:
+            corrected = True
+            pull, there = information.gradient - departure * precision, information.matrix + np.diag(precision)
+            values = values + _step(there, pull, 0.0, free, lower - values, upper - values)
+            continue
         if not accepted:
             damping, growth = max(growth * damping, FIRST_DAMPING), 2.0 * growth
             if damping > 1e9 or not matrix.size:
@@ -62,6 +70,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
                 damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(ratio, 1.0) - 1.0) ** 3)
                 damping, growth = (damping if damping > LEAST_DAMPING else 0.0), 2.0
             best, last = values.copy(), total
+            corrected &= damping > 0.0
             matrix = information.matrix + np.diag(precision)
             gradient = information.gradient - departure * precision
             sigma = np.sqrt(np.diag(np.linalg.inv(matrix[np.ix_(free, free)])))
