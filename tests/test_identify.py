@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ from symfive.identify import (
     predict,
     redundancies,
 )
+from symfive.inference import gauss_newton
 from symfive.inference._noise import Noise, whiten
 from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model, read_model, write_model
@@ -73,6 +76,49 @@ def test_prediction_without_readings_stands_at_zero_setup(results):
     expected = model.predict_run(plan.runs[0], {n: results["static-none"][n] for n in model.index if "setup" not in n})
     np.testing.assert_allclose(prediction.campaign.runs[0].readings["dx_um"], expected[:, 0], rtol=0, atol=1e-9)
     assert prediction.rms == {}
+
+
+@pytest.mark.parametrize("curvature", [1e-4, 1e-3])
+@pytest.mark.parametrize("start", [30.0, 60.0])
+def test_a_fit_walks_down_a_curved_valley(curvature, start):
+    """Readings 10,000 times finer than the priors: y = c·x² is known well, and only the priors lead along it to 0."""
+    fine, seen = 1e4, []
+
+    def information_at(values: np.ndarray) -> SimpleNamespace:
+        seen.append(values)
+        x, y = values
+        residual = fine * (curvature * x**2 - y)
+        slope = np.array([-2.0 * fine * curvature * x, fine])
+        return SimpleNamespace(matrix=np.outer(slope, slope), gradient=slope * residual, square=residual**2)
+
+    free = SimpleNamespace(lower=-np.inf, upper=np.inf)
+    valley: Any = SimpleNamespace(
+        model=SimpleNamespace(parameters=[free] * 2, prior_mean=np.zeros(2)),
+        prior_precision=np.ones(2),
+        free=np.ones(2, dtype=bool),
+        information_at=information_at,
+    )
+    values, converged = gauss_newton(valley, np.array([start, curvature * start**2]), 1e-6)
+    assert converged and values == pytest.approx(0.0, abs=1e-4) and len(seen) < 10
+
+
+def test_a_step_that_no_second_one_corrects_is_shortened():
+    """A wall that turns up steeply beyond the minimum: both whole steps lead beyond it."""
+    free = SimpleNamespace(lower=-np.inf, upper=np.inf)
+
+    def information_at(values: np.ndarray) -> SimpleNamespace:
+        residual, slope = np.arctan(values[0]), 1.0 / (1.0 + values[0] ** 2)
+        matrix, gradient = np.array([[1e4 * slope**2]]), np.array([-1e4 * slope * residual])
+        return SimpleNamespace(matrix=matrix, gradient=gradient, square=1e4 * residual**2)
+
+    wall: Any = SimpleNamespace(
+        model=SimpleNamespace(parameters=[free], prior_mean=np.zeros(1)),
+        prior_precision=np.full(1, 1e-12),
+        free=np.ones(1, dtype=bool),
+        information_at=information_at,
+    )
+    values, converged = gauss_newton(wall, np.array([3.0]), 1e-6)
+    assert converged and values == pytest.approx(0.0, abs=1e-4)
 
 
 def test_coverage_of_95_percent_intervals_over_200_machines():
