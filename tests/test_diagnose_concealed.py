@@ -228,7 +228,10 @@ def test_the_rest_of_a_family_is_no_larger_than_its_prior_makes_likely():
     g = h @ target
     groups, most = [[2, 3, 4], [5, 6]], [float(chi2.isf(UNLIKELY, n)) for n in (3, 2)]
     step, tight = _step(h, g, departure, groups, np.ones(7))
-    bounds = [{"type": "ineq", "fun": lambda x, own=own, m=m: m - x[own] @ x[own]} for own, m in zip(groups, most, strict=True)]
+    bounds = [
+        {"type": "ineq", "fun": lambda x, own=own, m=m: m - x[own] @ x[own]}
+        for own, m in zip(groups, most, strict=True)
+    ]
     best = minimize(
         lambda x: x @ h @ x - 2.0 * g @ x + x @ x, np.zeros(7), jac=lambda x: 2.0 * (h @ x - g + x), constraints=bounds,
         method="SLSQP",

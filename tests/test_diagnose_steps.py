@@ -139,7 +139,9 @@ def test_a_repeat_in_which_something_happened_does_not_swell_the_noise_that_repe
     declared = measured.runs[0].noise("r_test")
     bowed = [replace(run, readings={n: y + _bow(len(y)) for n, y in run.readings.items()}) for run in measured.runs]
     late = {n: y + np.where(np.arange(len(y)) < 4, 40.0, 0.0) for n, y in bowed[0].readings.items()}
-    alike, unlike = (replace(measured, runs=(first, *bowed[1:])) for first in (bowed[0], replace(bowed[0], readings=late)))
+    alike, unlike = (
+        replace(measured, runs=(first, *bowed[1:])) for first in (bowed[0], replace(bowed[0], readings=late))
+    )
     for campaign in (alike, unlike):
         fit = identify(campaign, noise="repeats")
         assert max(n.total for n in fit.noises.values()) < 1.15 * declared

@@ -214,7 +214,7 @@ def _step(h: Array, g: Array, departure: Array, groups: Sequence[Sequence[int]],
             tight[own] = tighter
         if settled:
             break
-    return step, tight
+    return np.asarray(step, dtype=np.float64), tight
 
 
 def _widths(model: Model, values: Array, sized: Groups) -> Array:
