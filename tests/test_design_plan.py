@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from symfive.design import (
 from symfive.design._bodies import Clearances
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
+from symfive.design._discriminate import _left
 from symfive.design._optimise import value_of
 from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
 from symfive.design._plan import _notes
@@ -266,6 +268,24 @@ def test_circles_are_chosen_together() -> None:
     assert any(circle.ratio > 1.0 for circle in chosen.circles)
     with pytest.raises(InputError, match="no circle can be run"):
         plan_circles(TSUTSUMI, PLAY, ratios=(0.999,), feeds=(5000.0,))
+
+
+def test_a_rival_is_fitted_though_its_first_whole_step_leads_beyond_the_readings() -> None:
+    """Readings that level off (arctan): whole steps from 3 lead to -9, 124, -24,000 … and to numbers that are none."""
+    bounds = SimpleNamespace(lower=-np.inf, upper=np.inf)
+
+    def linearise(run: str, values: np.ndarray) -> SimpleNamespace:
+        jacobian = np.array([[[100.0 / (1.0 + values[0] ** 2)]]])
+        return SimpleNamespace(
+            prediction=np.array([[100.0 * np.arctan(values[0])]]), jacobian=jacobian, columns=np.array([0])
+        )
+
+    readings: Any = SimpleNamespace(predict_run=lambda run, truth: np.zeros((1, 1)), noise=lambda run: np.ones(1))
+    rival: Any = SimpleNamespace(
+        prior_sigma=np.full(1, 1e9), prior_mean=np.zeros(1), start=np.full(1, 3.0), parameters=[bounds], linearise=linearise,
+        noise=lambda run: np.ones(1),
+    )  # fmt: skip
+    assert _left(readings, np.zeros(1), rival, ["run"]) < 0.01 * (100.0 * np.arctan(3.0)) ** 2
 
 
 def test_discrimination_finds_the_test_that_an_expert_would_take() -> None:
