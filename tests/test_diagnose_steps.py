@@ -129,29 +129,6 @@ def test_repeated_runs_show_the_noise_that_a_mismatch_would_swell():
     assert lack.p_value < 1e-6 and detection.mismatch
 
 
-def test_a_repeat_in_which_something_happened_does_not_swell_the_noise_that_repeats_show():
-    """The first cycle of a test, in which a play still closes: the other four repeat each other."""
-    machine = preset("table-bc")
-    rigid = replace(machine, errors={term.name: term for term in machine.location_errors})
-    once = r_test_grid(rigid, step_deg=90.0)[0]
-    cycles = [replace(once, id=f"cycle-{k}", file=f"cycle-{k}.csv") for k in range(1, 6)]
-    measured = simulate(campaign_of(rigid, cycles), truth={}, seed=5).campaign
-    declared = measured.runs[0].noise("r_test")
-    bowed = [replace(run, readings={n: y + _bow(len(y)) for n, y in run.readings.items()}) for run in measured.runs]
-    late = {n: y + np.where(np.arange(len(y)) < 4, 40.0, 0.0) for n, y in bowed[0].readings.items()}
-    alike, unlike = (
-        replace(measured, runs=(first, *bowed[1:])) for first in (bowed[0], replace(bowed[0], readings=late))
-    )
-    for campaign in (alike, unlike):
-        fit = identify(campaign, noise="repeats")
-        assert max(n.total for n in fit.noises.values()) < 1.15 * declared
-    assert max(n.total for n in identify(unlike).noises.values()) > 2.0 * declared
-
-
-def _bow(rows: int) -> np.ndarray:
-    return 8.0 * np.sin(np.arange(rows) * 2.4)
-
-
 def test_a_tone_is_found_at_its_frequency_over_runs_that_are_minutes_apart(tmp_path):
     machine = plant.planar_table()
     runs = [

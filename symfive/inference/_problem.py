@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f
 
 from symfive.campaign import Run
 from symfive.campaign._disk import let_go, new_table
@@ -26,8 +25,6 @@ Key = tuple[str, str]
 SHORT = 100
 LOUD = 2.0
 """An instrument's noise does not differ from run to run by more than this factor."""
-UNLIKE = 0.01
-"""Chance that one of several recordings that repeat each other is not counted among them by mere noise."""
 NOISE_ROWS = 60_000
 """The noise of an instrument is estimated from so many rows, the first ones of each of its runs."""
 
@@ -219,22 +216,11 @@ class Problem:
         found = []
         for group in self.repeats:
             for name in {instrument for _, instrument in blocks}:
-                members = self._alike({(run, name): blocks[run, name] for run in group if (run, name) in blocks})
+                members = [blocks[run, name] for run in group if (run, name) in blocks]
                 for count in range(1, len(members)):
                     weights = np.array([1.0] * count + [-float(count)]) / np.sqrt(count * (count + 1.0))
                     found.append(_contrast(members[: count + 1], weights))
         return found
-
-    def _alike(self, blocks: Mapping[Key, Block]) -> list[Block]:
-        """Repeated recordings but those that differ far more than most from what is common to all, their median row by row."""
-        if len(blocks) < 3:
-            return list(blocks.values())
-        common = np.median([block.residual for block in blocks.values()], axis=0)
-        own = {key: replace(block, residual=block.residual - common) for key, block in blocks.items()}
-        powers = [_power(block, self.noises[key]) for key, block in own.items()]
-        chance = [float(f.isf(UNLIKE / len(blocks), block.kept, block.kept)) for block in blocks.values()]
-        limits = np.maximum(LOUD**2, chance) * float(np.median(powers))
-        return [block for block, power, limit in zip(blocks.values(), powers, limits, strict=True) if power <= limit]
 
     def excess_at(self, values: Array) -> Array:
         """What correlation of the residual adds to the information matrix' variance, for instruments of plain weights.
