@@ -270,22 +270,21 @@ def test_circles_are_chosen_together() -> None:
         plan_circles(TSUTSUMI, PLAY, ratios=(0.999,), feeds=(5000.0,))
 
 
-def test_a_rival_is_fitted_though_its_first_whole_step_leads_beyond_the_readings() -> None:
-    """Readings that level off (arctan): whole steps from 3 lead to -9, 124, -24,000 … and to numbers that are none."""
+def test_a_rival_whose_steps_lead_beyond_the_readings_is_judged_by_the_best_of_them() -> None:
+    """Readings that level off (tanh): whole steps from 3 lead to -98 and 1e84, where no slope is left to solve with."""
     bounds = SimpleNamespace(lower=-np.inf, upper=np.inf)
 
     def linearise(run: str, values: np.ndarray) -> SimpleNamespace:
-        jacobian = np.array([[[100.0 / (1.0 + values[0] ** 2)]]])
-        return SimpleNamespace(
-            prediction=np.array([[100.0 * np.arctan(values[0])]]), jacobian=jacobian, columns=np.array([0])
-        )
+        with np.errstate(over="ignore"):
+            jacobian = np.array([[[100.0 / np.cosh(values[0]) ** 2]]])
+        return SimpleNamespace(prediction=100.0 * np.tanh(values)[None], jacobian=jacobian, columns=np.array([0]))
 
     readings: Any = SimpleNamespace(predict_run=lambda run, truth: np.zeros((1, 1)), noise=lambda run: np.ones(1))
     rival: Any = SimpleNamespace(
-        prior_sigma=np.full(1, 1e9), prior_mean=np.zeros(1), start=np.full(1, 3.0), parameters=[bounds], linearise=linearise,
-        noise=lambda run: np.ones(1),
+        prior_sigma=np.full(1, 1e200), prior_mean=np.zeros(1), start=np.full(1, 3.0), parameters=[bounds],
+        linearise=linearise, noise=lambda run: np.ones(1),
     )  # fmt: skip
-    assert _left(readings, np.zeros(1), rival, ["run"]) < 0.01 * (100.0 * np.arctan(3.0)) ** 2
+    assert _left(readings, np.zeros(1), rival, ["run"]) == pytest.approx((100.0 * np.tanh(3.0)) ** 2)
 
 
 def test_discrimination_finds_the_test_that_an_expert_would_take() -> None:

@@ -162,7 +162,9 @@ def _lack_of_fit(fit: Identification) -> list[Test]:
         return []
     ratio = fit.chi2_dof_whitened
     p = float(f.sf(ratio, fit.dof, pure))
-    says = f"What is left is {np.sqrt(ratio):.3g} times the noise of {sum(map(len, groups))} runs that repeat each other."
+    says = (
+        f"What is left is {np.sqrt(ratio):.3g} times the noise of {sum(map(len, groups))} runs that repeat each other."
+    )
     return [Test("lack of fit", ratio, fit.dof, p, says)]
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
+from symfive.diagnose._locate import UNUSUAL
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of, leaves
-from symfive.diagnose._refit import amplitudes, lacking
+from symfive.diagnose._refit import Trial, amplitudes, lacking
 from symfive.diagnose._result import Finding, RivalName, mean_square
 from symfive.diagnose._search import Member, Naming
 from symfive.diagnose._words import sentence_of
@@ -169,7 +170,8 @@ def _rivals(
 
     Probabilities from the log evidence of exact refits under the final noise, every name weighed by all its forms. Forms
     that read alike are other forms of the same effect with nearly its evidence, and all with no more amplitudes that fit as
-    well: however improbable they are, these readings do not tell them apart. `holds`: the probability that it is a name of the
+    well: however improbable they are, these readings do not tell them apart; but for those that would have to be far larger
+    than anything that is looked for, as a carriage that turns by a quarter of a radian. `holds`: the probability that it is a name of the
     library at all; the rest is `unknown`'s.
     """
     own = next((t for t in member.trials if t.effect.key == effect.key), None)
@@ -183,6 +185,10 @@ def _rivals(
     def freedom(of: Effect) -> int:
         return sum(map(len, amplitudes(campaign, of)))
 
+    def usual(trial: Trial) -> float:
+        return trial.effect.in_sigmas(campaign, trial.values) * trial.effect.spread
+
+    most = max(UNUSUAL[-1], usual(own))
     for trial in member.trials:  # the best of a name comes first
         gap = own.evidence - trial.evidence
         who = (trial.effect.vocabulary, axis_of(trial.effect))
@@ -192,7 +198,8 @@ def _rivals(
         if trial.effect.key == effect.key:
             continue
         alike = trial.misfit - own.misfit < SAME and freedom(trial.effect) <= freedom(effect)
-        if trial.effect.id != "unknown" and (alike or (who == ours and gap < ALIAS_EVIDENCE)):
+        likely = trial.effect.id != "unknown" and usual(trial) <= most
+        if likely and (alike or (who == ours and gap < ALIAS_EVIDENCE)):
             alias.append(trial.effect.key)
             if alike and who != ours:
                 others.append((float(np.sqrt(max(trial.misfit - own.misfit, 0.0))), trial.effect.key))
