@@ -168,11 +168,11 @@ def _rivals(
     """Rivals with their probabilities, forms that read alike, the nearest of them with another name and by how many σ its
     fit is worse, and the probability of the name.
 
-    Probabilities from the log evidence of exact refits under the final noise, every name weighed by all its forms. Forms
-    that read alike are other forms of the same effect with nearly its evidence, and all with no more amplitudes that fit as
-    well: however improbable they are, these readings do not tell them apart; but for those that would have to be far larger
-    than anything that is looked for, as a carriage that turns by a quarter of a radian. `holds`: the probability that it is a name of the
-    library at all; the rest is `unknown`'s.
+    Probabilities from the log evidence of exact refits under the final noise, every name weighed by all its forms. Forms that
+    read alike are other forms of the same effect with nearly its evidence, and all with no more amplitudes that fit as well:
+    however improbable they are, these readings do not tell them apart; but for those that would have to be far larger than
+    anything that is looked for, as a carriage that turns by a quarter of a radian. `holds`: the probability that it is a name
+    of the library at all; the rest is `unknown`'s.
     """
     own = next((t for t in member.trials if t.effect.key == effect.key), None)
     if own is None:
