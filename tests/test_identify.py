@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -78,46 +79,46 @@ def test_prediction_without_readings_stands_at_zero_setup(results):
     assert prediction.rms == {}
 
 
+def _walked(
+    reading: Callable[[np.ndarray], tuple[float, np.ndarray]], start: list[float], precision: float
+) -> tuple[np.ndarray, bool, int]:
+    """Where a fit of one reading (residual and slopes at given values) ends, whether it converged, and how often it looked."""
+    seen = []
+
+    def information_at(values: np.ndarray) -> SimpleNamespace:
+        seen.append(values)
+        residual, slope = reading(values)
+        return SimpleNamespace(matrix=np.outer(slope, slope), gradient=slope * residual, square=residual**2)
+
+    free = SimpleNamespace(lower=-np.inf, upper=np.inf)
+    problem: Any = SimpleNamespace(
+        model=SimpleNamespace(parameters=[free] * len(start), prior_mean=np.zeros(len(start))),
+        prior_precision=np.full(len(start), precision),
+        free=np.ones(len(start), dtype=bool),
+        information_at=information_at,
+    )
+    return *gauss_newton(problem, np.array(start), 1e-6), len(seen)
+
+
 @pytest.mark.parametrize("curvature", [1e-4, 1e-3])
 @pytest.mark.parametrize("start", [30.0, 60.0])
 def test_a_fit_walks_down_a_curved_valley(curvature, start):
     """Readings 10,000 times finer than the priors: y = c·x² is known well, and only the priors lead along it to 0."""
-    fine, seen = 1e4, []
 
-    def information_at(values: np.ndarray) -> SimpleNamespace:
-        seen.append(values)
-        x, y = values
-        residual = fine * (curvature * x**2 - y)
-        slope = np.array([-2.0 * fine * curvature * x, fine])
-        return SimpleNamespace(matrix=np.outer(slope, slope), gradient=slope * residual, square=residual**2)
+    def fine(at: np.ndarray) -> tuple[float, np.ndarray]:
+        return 1e4 * (curvature * at[0] ** 2 - at[1]), 1e4 * np.array([-2.0 * curvature * at[0], 1.0])
 
-    free = SimpleNamespace(lower=-np.inf, upper=np.inf)
-    valley: Any = SimpleNamespace(
-        model=SimpleNamespace(parameters=[free] * 2, prior_mean=np.zeros(2)),
-        prior_precision=np.ones(2),
-        free=np.ones(2, dtype=bool),
-        information_at=information_at,
-    )
-    values, converged = gauss_newton(valley, np.array([start, curvature * start**2]), 1e-6)
-    assert converged and values == pytest.approx(0.0, abs=1e-4) and len(seen) < 10
+    values, converged, looks = _walked(fine, [start, curvature * start**2], 1.0)
+    assert converged and values == pytest.approx(0.0, abs=1e-4) and looks < 10
 
 
 def test_a_step_that_no_second_one_corrects_is_shortened():
     """A wall that turns up steeply beyond the minimum: both whole steps lead beyond it."""
-    free = SimpleNamespace(lower=-np.inf, upper=np.inf)
 
-    def information_at(values: np.ndarray) -> SimpleNamespace:
-        residual, slope = np.arctan(values[0]), 1.0 / (1.0 + values[0] ** 2)
-        matrix, gradient = np.array([[1e4 * slope**2]]), np.array([-1e4 * slope * residual])
-        return SimpleNamespace(matrix=matrix, gradient=gradient, square=1e4 * residual**2)
+    def wall(at: np.ndarray) -> tuple[float, np.ndarray]:
+        return -100.0 * float(np.arctan(at[0])), 100.0 / (1.0 + at**2)
 
-    wall: Any = SimpleNamespace(
-        model=SimpleNamespace(parameters=[free], prior_mean=np.zeros(1)),
-        prior_precision=np.full(1, 1e-12),
-        free=np.ones(1, dtype=bool),
-        information_at=information_at,
-    )
-    values, converged = gauss_newton(wall, np.array([3.0]), 1e-6)
+    values, converged, _ = _walked(wall, [3.0], 1e-12)
     assert converged and values == pytest.approx(0.0, abs=1e-4)
 
 

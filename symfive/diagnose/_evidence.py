@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from types import MappingProxyType
 
 import numpy as np
@@ -204,17 +205,22 @@ def _step(h: Array, g: Array, departure: Array, groups: Sequence[Sequence[int]],
     """The step to the least cost, in units of the priors' 1σ; and how many times as tight as its own the prior of each parameter
     must be for every group to end within what it makes likely."""
     tight = tight.copy()
-    most = [float(chi2.isf(UNLIKELY, len(own))) for own in groups]
     for _ in range(TIGHTENINGS):
         step = np.linalg.solve(h + np.diag(tight), g - tight * departure)
         settled = True
-        for own, limit in zip(groups, most, strict=True):
-            tighter = np.maximum(tight[own] * float(np.sum((departure + step)[own] ** 2)) / limit, 1.0)
+        for own in groups:
+            tighter = np.maximum(tight[own] * float(np.sum((departure + step)[own] ** 2)) / _most(len(own)), 1.0)
             settled &= bool(np.all(np.abs(tighter - tight[own]) < 0.01 * tight[own]))
             tight[own] = tighter
         if settled:
             break
     return np.asarray(step, dtype=np.float64), tight
+
+
+@cache
+def _most(count: int) -> float:
+    """χ² that so many coefficients together exceed with the chance `UNLIKELY`."""
+    return float(chi2.isf(UNLIKELY, count))
 
 
 def _widths(model: Model, values: Array, sized: Groups) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign
 from symfive.diagnose._locate import UNUSUAL
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of, leaves
-from symfive.diagnose._refit import Trial, amplitudes, lacking
+from symfive.diagnose._refit import amplitudes, lacking
 from symfive.diagnose._result import Finding, RivalName, mean_square
 from symfive.diagnose._search import Member, Naming
 from symfive.diagnose._words import sentence_of
@@ -185,10 +185,7 @@ def _rivals(
     def freedom(of: Effect) -> int:
         return sum(map(len, amplitudes(campaign, of)))
 
-    def usual(trial: Trial) -> float:
-        return trial.effect.in_sigmas(campaign, trial.values) * trial.effect.spread
-
-    most = max(UNUSUAL[-1], usual(own))
+    most = max(UNUSUAL[-1], own.effect.times_usual(campaign, own.values))
     for trial in member.trials:  # the best of a name comes first
         gap = own.evidence - trial.evidence
         who = (trial.effect.vocabulary, axis_of(trial.effect))
@@ -198,7 +195,7 @@ def _rivals(
         if trial.effect.key == effect.key:
             continue
         alike = trial.misfit - own.misfit < SAME and freedom(trial.effect) <= freedom(effect)
-        likely = trial.effect.id != "unknown" and usual(trial) <= most
+        likely = trial.effect.id != "unknown" and trial.effect.times_usual(campaign, trial.values) <= most
         if likely and (alike or (who == ours and gap < ALIAS_EVIDENCE)):
             alias.append(trial.effect.key)
             if alike and who != ours:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from symfive.diagnose._places import in_the_drive
@@ -94,8 +93,8 @@ def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
 
 def _times_usual(finding: Finding, after: Identification) -> float:
     """How many times its usual size an effect has; 0 of a term without a name."""
-    effect = replace(finding.effect, spread=1.0)
-    return 0.0 if effect.id == "unknown" else effect.in_sigmas(after.model.campaign, after.named)
+    effect = finding.effect
+    return 0.0 if effect.id == "unknown" else effect.times_usual(after.model.campaign, after.named)
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:

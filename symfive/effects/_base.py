@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -151,6 +151,10 @@ class Effect:
     def in_sigmas(self, campaign: Campaign, values: Values) -> float:
         """The largest of its amplitudes in units of its prior's 1σ."""
         return max((abs(values[p.name] - p.mean) / p.sigma for p in self.amplitudes(campaign)), default=0.0)
+
+    def times_usual(self, campaign: Campaign, values: Values) -> float:
+        """The same in units of the 1σ that its prior has unless it is widened."""
+        return replace(self, spread=1.0).in_sigmas(campaign, values)
 
     def chance(self, campaign: Campaign, values: Values) -> float:
         """How probable the signs of its amplitudes are beforehand."""

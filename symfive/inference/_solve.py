@@ -53,11 +53,11 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
         history.append(min(total, last))
         if damping > 0.0 and len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < STALLED:
             return best, False
+        here, pull = information.matrix + np.diag(precision), information.gradient - departure * precision
         accepted = total <= last * (1 + 1e-12) + 1e-9
-        if not accepted and damping == 0.0 and not corrected and np.isfinite(total) and matrix.size:
+        if not accepted and damping == 0.0 and not corrected and np.isfinite(total):
             corrected = True
-            pull, there = information.gradient - departure * precision, information.matrix + np.diag(precision)
-            values = values + _step(there, pull, 0.0, free, lower - values, upper - values)
+            values = values + _step(here, pull, 0.0, free, lower - values, upper - values)
             continue
         if not accepted:
             damping, growth = max(growth * damping, FIRST_DAMPING), 2.0 * growth
@@ -71,8 +71,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
                 damping, growth = (damping if damping > LEAST_DAMPING else 0.0), 2.0
             best, last = values.copy(), total
             corrected &= damping > 0.0
-            matrix = information.matrix + np.diag(precision)
-            gradient = information.gradient - departure * precision
+            matrix, gradient = here, pull
             sigma = np.sqrt(np.diag(np.linalg.inv(matrix[np.ix_(free, free)])))
         step = _step(matrix, gradient, damping, free, lower - best, upper - best)
         expected = 2.0 * float(gradient @ step) - float(step @ matrix @ step)
