@@ -21,10 +21,10 @@ from symfive.diagnose._channels import Channels, probes
 from symfive.diagnose._evidence import UNLIKELY, _step, likelihood_ratio
 from symfive.diagnose._findings import doubted
 from symfive.diagnose._locate import survey
-from symfive.diagnose._refit import Trial, newest, refitted, shaped, tried
+from symfive.diagnose._refit import Trial, beforehand, newest, refitted, shaped, tried
 from symfive.diagnose._regroup import merge
 from symfive.diagnose._scores import Score, log_tail, score_catalogue
-from symfive.diagnose._search import _contest, _forward
+from symfive.diagnose._search import _contest, _forward, _slow
 from symfive.diagnose._slow import _Test, whitened
 from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
@@ -239,6 +239,65 @@ def test_the_rest_of_a_family_is_no_larger_than_its_prior_makes_likely():
     assert step == pytest.approx(best.x, abs=0.05)
     assert step[groups[0]] @ step[groups[0]] == pytest.approx(most[0], rel=0.01)
     assert np.all(tight[[0, 1, 5, 6]] == 1.0) and np.all(tight[[2, 3, 4]] > 1.0)
+
+
+def test_what_a_prior_of_its_own_weighs_is_not_counted_as_places_too():
+    """The instant of a creep and of late heat is a parameter; which run it was is not, nor the row of a step."""
+    campaign = read_campaign(Path(__file__).parent / "data" / "campaigns" / "static-none" / "fit")
+    run = campaign.runs[0]
+    middle = 0.5 * float(run.time[-1])
+    span = max(r.start_s + float(r.time[-1]) for r in campaign.runs)
+
+    def lost(effect: str, looks: int, **more: Any) -> float:
+        prepared = make_effect(effect, **more).prepare(campaign)
+        values = {p.name: p.mean for p in prepared.parameters(campaign)}
+        return beforehand(campaign, prepared, 1, values, {}) - beforehand(campaign, prepared, looks, values, {})
+
+    assert lost("setup_shift", 300, run=run.id, t_s=middle) == pytest.approx(np.log(300.0))
+    assert lost("setup_shift", 300, run=run.id, t_s=middle, shape="creep") == 0.0
+    assert lost("thermal_drift", 60, shape="delayed") == 0.0
+    creep = make_effect("setup_shift", run=run.id, t_s=middle, shape="creep")
+    late = [
+        make_effect("thermal_drift", shape="delayed", onset_s=0.5 * span, onset_sigma_s=s * span) for s in (0.25, 0.01)
+    ]
+    assert creep.prepare(campaign).places(campaign, 300) == len(campaign.runs)
+    assert [e.prepare(campaign).places(campaign, 60) for e in late] == pytest.approx([1.0, 25.0])
+
+
+def test_a_name_that_slow_noise_was_weighed_against_stays_a_rival(tmp_path):
+    machine = plant.static_table()
+    creep = {
+        "effect": "setup_shift", "run": "bar-x", "t_s": 276.0, "form": "creep", "creep_s": 100.0, "shift": [-2.0, 0.2, -0.7],
+    }  # fmt: skip
+    quiet = plant.NoiseOptions(coloured_um=0.2, correlation_s=50.0)
+    fit = identify(_measured(tmp_path / "c", machine, _bars(machine), [creep], options=quiet))
+    swallowed = replace(fit, noises={k: replace(n, coloured=0.7, time_constant=300.0) for k, n in fit.noises.items()})
+    state = State(swallowed, 0.01, (), lambda message: None, {})
+    found = _slow(state)
+    assert found is not None and newest(found[0]).vocabulary in {"setup_shift", "thermal_drift"}
+    assert {"setup_shift.bar-x", "thermal_drift"} <= set(state.met)
+
+
+@pytest.mark.slow
+def test_a_compliance_that_softens_by_another_curve_brings_no_resonance(tmp_path):
+    machine = plant.planar_table()
+    soft = {
+        "effect": "inertial_compliance", "axis": "X", "direction": [-0.412, -0.783, 0.467], "form": "softening",
+        "limit": 0.02, "compliance": 1500.0,
+    }  # fmt: skip
+    found = diagnose(_measured(tmp_path / "c", machine, _circles(machine, (750.0, 2300.0)), [soft]))
+    assert _names(found) == [("inertial_compliance", "X")]
+    assert 0.05 < found.findings[0].shape_differs < 0.5
+
+
+def test_a_step_along_a_path_is_found_with_its_ramp_and_brings_no_other_effect(tmp_path):
+    machine = plant.planar_table()
+    step = {"effect": "compensation_table_step", "axis": "X", "at": 9.65, "ramp": 2.0, "step": 4.6}
+    found = diagnose(_measured(tmp_path / "c", machine, _circles(machine, (1000.0, 2500.0)), [step]))
+    assert _names(found) == [("error_motion", "X")]
+    for name, true in (("at", 10.65), ("ramp", 2.0), ("height", 4.6)):
+        said = found.findings[0].parameters[name]
+        assert abs(said.value - true) < 3.0 * said.std and said.std < 0.3 * true
 
 
 def test_what_did_not_help_one_fit_may_help_the_next(tmp_path):

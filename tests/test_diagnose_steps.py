@@ -23,7 +23,7 @@ from symfive.diagnose import (
     prove,
 )
 from symfive.diagnose._next_test import possible_tests
-from symfive.diagnose._places import reshapes
+from symfive.diagnose._places import moves_the_same, reshapes
 from symfive.diagnose._search import Member, Naming
 from symfive.diagnose._words import facts_of
 from symfive.effects import make_effect
@@ -219,6 +219,25 @@ def test_a_term_without_a_name_reshapes_only_what_moves_the_same(over, place, di
     effect, what = named
     where = {"component": what} if len(what) == 3 else {"axis": what}
     assert reshapes(term, make_effect(effect, **where), preset("table-bc"), {}) is whether
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "whether"),
+    [
+        (("latency", {}), ("sensor_low_pass", {}), True),
+        (("thermal_drift", {"shape": "linear"}), ("thermal_drift", {}), True),
+        (("thermal_drift", {}), ("spindle_growth", {}), True),
+        (("friction", {"axis": "X"}), ("reversal_spike", {"axis": "X"}), True),
+        (("friction", {"axis": "X"}), ("reversal_spike", {"axis": "Y"}), False),
+        (("friction", {"axis": "X"}), ("backlash", {"axis": "X"}), False),
+        (("gravity_sag", {"axis": "B", "component": "EXB"}), ("lateral_play", {"component": "EXB"}), True),
+        (("gravity_sag", {"axis": "B", "component": "EXB"}), ("gravity_sag", {"axis": "B", "component": "EZB"}), False),
+        (("latency", {}), ("lateral_play", {"component": "EXB"}), False),
+    ],
+)  # fmt: skip
+def test_each_of_two_may_be_a_shape_of_the_other_if_they_move_one_component_or_go_by_one_word(one, two, whether):
+    first, second = (make_effect(effect, **options) for effect, options in (one, two))
+    assert moves_the_same(first, second) is moves_the_same(second, first) is whether
 
 
 def test_a_static_bar_can_be_mounted_elsewhere_in_the_same_poses():

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import plant
 import pytest
+from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.effects import EFFECTS, VOCABULARY, Effect, make_effect
@@ -193,6 +195,9 @@ CASES = [
          {"height": 6.0, "delay_ms": 120.0, "width_ms": 60.0}, rows=0.1),
     Case("table_step", "planar", "X", {"at": 20.0, "ramp": 5.0},
          {"effect": "compensation_table_step", "at": 20.0, "ramp": 5.0, "step": 6.0}, {"height": 6.0}),
+    Case("table_step", "planar", "X", {"at": 18.0, "ramp": 5.0, "shape": "gradual"},
+         {"effect": "compensation_table_step", "at": 20.0, "ramp": 7.0, "step": 6.0},
+         {"height": 6.0, "middle": 23.5, "ramp": 7.0}),
     Case("table_step", "static", "C", {"at": 100.0, "ramp": 20.0, "shape": "late"}),
     Case("table_step", "static", "C", {"at": 100.0, "ramp": 20.0, "shape": "early"}),
     Case("table_step", "static", "C", {"at": 100.0, "ramp": 20.0, "shape": "dent"},
@@ -632,6 +637,39 @@ def test_a_component_that_is_not_seen_is_in_the_uncertainty_of_an_amplitude():
     assert drift.describe(plan, values, known)["amplitude"].std == pytest.approx(0.1, rel=0.01)
     unseen = {**known, (names[2], names[2]): 25.0}
     assert drift.describe(plan, values, unseen)["amplitude"].std == pytest.approx(2.89, rel=0.01)
+
+
+def test_a_time_constant_is_as_probable_in_one_decade_as_in_another():
+    """What its Gaussian prior says times `likelier` is 1/(τ·ln 1000): each decade of the three holds a third."""
+    tau = make_effect("spindle_growth").prepare(campaign("planar")).parameters(campaign("planar"))[1]
+
+    def held(low: float, high: float) -> float:
+        return float(
+            quad(lambda t: norm.pdf(t, tau.mean, tau.sigma) * tau.likelier(t), low * tau.mean, high * tau.mean)[0]
+        )
+
+    assert [held(low, 10.0 * low) for low in (0.01, 0.1, 1.0)] == pytest.approx([1.0 / 3.0] * 3)
+    assert tau.likelier(-1.0) == 1.0 == make_effect("latency").parameters(campaign("planar"))[0].likelier(5.0)
+
+
+def test_the_rest_of_a_compliance_holds_another_curve_of_softening():
+    plan = campaign("planar")
+    soft = make_effect("inertial_compliance", "X", shape="softening").prepare(plan)
+    rest = make_effect("family_shape", "X", of=soft.key, channel="tool", family="inertial", size=1.0).prepare(plan)
+    assert rest.usual == soft.usual > 0.0
+
+    def readings(effect: Effect, values: dict[str, float]) -> np.ndarray:
+        model = Model(plan, [effect])
+        moved = model.contribution(effect, model.vector(values))
+        return np.concatenate([moved[run.id][:, 0] for run in plan.runs])
+
+    def bent(knee: float) -> np.ndarray:
+        return readings(soft, {f"{soft.key}.compliance.x": 5.0, f"{soft.key}.knee": knee * soft.usual})
+
+    shapes = np.stack([readings(rest, {p.name: 1.0}) for p in rest.parameters(plan) if ".x." in p.name], axis=1)
+    another = bent(0.5) - bent(1.0)
+    left = another - shapes @ np.linalg.lstsq(shapes, another, rcond=None)[0]
+    assert np.std(another) > 0.1 * np.std(bent(1.0)) and np.std(left) < 0.1 * np.std(another)
 
 
 def test_a_step_on_its_ramp_stays_so_in_runs_that_end_before_it():

@@ -137,8 +137,12 @@ def _moved(machine: Machine, effect: Effect, values: Mapping[str, float]) -> set
 
 
 def moves_the_same(a: Effect, b: Effect) -> bool:
-    """Whether two effects move the same component: then each may be a shape of the other, whatever its plain shape scores."""
-    return _component(a) is not None and _component(a) == _component(b)
+    """Whether two effects move the same component, or go by one word: then each may be a shape of the other, whatever its plain
+    shape scores."""
+    one, two = _component(a), _component(b)
+    if one is None and two is None:
+        return (a.vocabulary, a.axis) == (b.vocabulary, b.axis)
+    return one == two
 
 
 def _component(effect: Effect) -> str | None:

@@ -88,8 +88,10 @@ def beforehand(campaign: Campaign, effect: Effect, looks: int, values: Mapping[s
     """Log probability of an effect in its form and shape before the readings, up to what all names share."""
     if effect.id == "unknown":
         return -DECISIVE - float(np.log(looks))  # a name is given up only for decisive evidence
-    ways = looks * max(forms.get((effect.vocabulary, axis_of(effect)), 1), 1) * shapes(effect, campaign)
-    return float(np.log(2.0 * effect.chance(campaign, values) / ways))
+    ways = max(forms.get((effect.vocabulary, axis_of(effect)), 1), 1) * shapes(effect, campaign)
+    likelier = [p.likelier(values[p.name]) for p in effect.parameters(campaign)]
+    chance = 2.0 * effect.chance(campaign, values) / (ways * effect.places(campaign, looks))
+    return float(np.log(chance) + np.sum(np.log(likelier)))
 
 
 def _pull(problem: Problem, effect: Effect, values: Array) -> float:

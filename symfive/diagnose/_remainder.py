@@ -31,7 +31,7 @@ _FAMILY = {
     "reversal_spike": ("friction", "axis"), "servo_mismatch": ("servo", "axis"), "lateral_play": ("reversal", "component"),
     "transmission_error": ("periodic", "axis"), "scale_error": ("smooth", "axis"), "table_step": ("smooth", "axis"),
     "gravity_sag": ("hysteresis", "component"), "error_motion": ("smooth", "component"), "thermal_drift": ("time", "tool"),
-    "spindle_growth": ("time", "tool"), "setup_shift": ("time", "tool"),
+    "spindle_growth": ("time", "tool"), "setup_shift": ("time", "tool"), "inertial_compliance": ("inertial", "tool"),
 }  # fmt: skip
 
 

@@ -165,6 +165,8 @@ def _behind_noise(state: State, first: Identification | None) -> tuple[Identific
     names = [s for s in still if s.effect.id != "unknown" and not changes_slowly(s.effect)]
     candidates = sorted(names, key=lambda s: s.log_p)[:TRIALS]
     candidates += [s for s in still if isinstance(s.effect, Unknown) and (s.effect.period or s.effect.only_within)]
+    for score in candidates:
+        state.meet(score)
     return name_or_noise(state.after, candidates, len(names), first, state.forms, state.level, state.progress)
 
 
@@ -176,6 +178,8 @@ def _slow(state: State) -> tuple[Identification, float] | None:
     scores = [s for s in seen.scores if changes_slowly(s.effect) and state.open(s)]
     named = [s for s in scores if s.effect.id != "unknown"]
     candidates = [*_best_of(named), *(s for s in scores if s.effect.id == "unknown")]
+    for score in candidates:
+        state.meet(score)
     return physics_or_noise(state.after, candidates, len(named), state.level, state.progress)
 
 
@@ -282,8 +286,7 @@ def _best(state: State, seen: Survey) -> tuple[Trial, float] | None:
     base = evidence_of(state.after.problem(), state.after.values) if significant else 0.0
     for s in _best_of(significant):
         state.progress(f"trying {s.effect.key}")
-        if s.effect.id != "unknown":
-            state.met.setdefault(s.effect.key, s)
+        state.meet(s)
         trial = tried(state.after, base, s, state.forms)
         if trial is not None and trial.size > MATERIAL**2:
             trials.append(trial)

@@ -9,7 +9,18 @@ import numpy as np
 
 from symfive.diagnose._evidence import evidence_of, evidence_with_noise, likelihood_ratio
 from symfive.diagnose._places import coordinate_of
-from symfive.diagnose._refit import DECISIVE, Forms, amplitudes, newest, refitted, shaped, start_of, tried, widened
+from symfive.diagnose._refit import (
+    DECISIVE,
+    Forms,
+    amplitudes,
+    beforehand,
+    newest,
+    refitted,
+    shaped,
+    start_of,
+    tried,
+    widened,
+)
 from symfive.diagnose._scores import Score, log_tail
 from symfive.diagnose._variants import narrower, shapes, variants
 from symfive.effects import Effect
@@ -158,10 +169,10 @@ class _Test:
         if effect.id == "unknown":
             odds -= given_up + float(np.log(looks))
             return cls(found, odds, -odds)
-        ways = looks * shapes(effect, fit.model.campaign)
+        campaign = fit.model.campaign
         ratio, dof = likelihood_ratio(found, fit, effect)
-        chance = log_tail(max(ratio, 0.0), dof) + float(np.log(names * ways))
-        return cls(found, odds - float(np.log(ways)), chance)
+        chance = log_tail(max(ratio, 0.0), dof) + float(np.log(names * looks * shapes(effect, campaign)))
+        return cls(found, odds + beforehand(campaign, effect, looks, found.named, {}), chance)
 
 
 def _simple(effect: Effect) -> Effect:

@@ -57,6 +57,11 @@ class State:
             score.effect.id != "unknown" or nameless < self.nameless
         )
 
+    def meet(self, score: Score) -> None:
+        """Remember a name that came among the best."""
+        if score.effect.id != "unknown":
+            self.met.setdefault(score.effect.key, score)
+
     def near(self, known: Collection[str] = ()) -> dict[str, Score]:
         """What was met on the way and is neither a member nor `known`, by key."""
         held = {m.effect.key for m in self.members}.union(known)

@@ -25,7 +25,7 @@ SHAPES: dict[str, tuple[dict[str, Any], ...]] = {
     "servo_mismatch": ({"gains": ("position_gain",)}, {"gains": ("velocity_gain",)}, {"gains": ("feedforward",)}),
     "sensor_error": ({"shape": "gain"},),
     "inertial_compliance": ({"shape": "softening"},),
-    "table_step": ({"shape": "late"}, {"shape": "early"}),
+    "table_step": ({"shape": "late"}, {"shape": "early"}, {"shape": "gradual"}),
     "unknown": ({"order": 16}, {"order": 32}),
     "gravity_sag": (
         {"parts": ("sin",)}, {"parts": ("one_minus_cos",)}, {"parts": ("sin", "sin_cubed")},

@@ -160,6 +160,11 @@ class Effect:
         """How probable the signs of its amplitudes are beforehand."""
         return 0.5
 
+    def places(self, campaign: Campaign, looks: int) -> float:
+        """Among how many places it was equally probable beforehand, of so many `looks` at it: those that the prior of one of its
+        own parameters weighs are one."""
+        return looks
+
     def parameter(self, row: Row, name: str) -> Any:
         """Its own parameter `name` in internal units."""
         return row.parameter(f"{self.key}.{name}")
@@ -168,6 +173,10 @@ class Effect:
         """A parameter of this effect."""
         scale = self.spread if self.departs or more.get("mean", 0.0) == 0.0 else 1.0
         return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=scale * sigma, kind="effect", **more)
+
+    def time_constant(self, tau: float, name: str = "time_constant_s") -> Parameter:
+        """A parameter for a time constant, s, that usually is about `tau`."""
+        return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau, per_decade=True)
 
     def start_of_contact(self, run: Run, axis: str) -> tuple[Parameter, ...]:
         """Where between its flanks (-1…+1) a contact stands when the recording of a run begins: anywhere."""

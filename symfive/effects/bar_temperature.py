@@ -44,7 +44,7 @@ class BarTemperature(Effect):
         tau = 0.5 * (longest if self.clock == "run" else self.clock_span(campaign))
         return (
             self.own("amplitude", "um", 3.0),
-            self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau),
+            self.time_constant(tau),
         )
 
     def apply(self, row: Row) -> None:

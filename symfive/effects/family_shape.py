@@ -12,6 +12,7 @@ import numpy as np
 
 from symfive.effects._base import Effect
 from symfive.effects._series import share_of
+from symfive.effects.inertial_compliance import commanded_acceleration
 from symfive.motion import Acceleration, Direction, Position, ReversalDistance, ReversalTime, Velocity
 from symfive.parameters import Parameter
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
-FAMILIES = ("reversal", "friction", "smooth", "hysteresis", "servo", "periodic", "time")
-WAVES = 8
+FAMILIES = ("reversal", "friction", "smooth", "hysteresis", "servo", "inertial", "periodic", "time")
+WAVES, BENDS = 8, 4
 DISTANCES = (0.003, 0.01, 0.03, 0.1, 0.3)
 TIMES_S = (0.02, 0.06, 0.2, 0.6)
 
@@ -36,6 +37,7 @@ class FamilyShape(Effect):
     - `reversal`: the direction s of motion times decays over the distance since the reversal, and times the place;
     - `friction`: s times decays over the distance and the time since the reversal;
     - `servo`: velocity times speed, its third power, acceleration;
+    - `inertial`: powers of u/√(1 + u²), u the acceleration in units of its commanded amplitude `usual`;
     - `smooth`: Legendre polynomials (a rotary axis over more than 200°: harmonics) of the coordinate, and hysteresis s·(1 - x²);
     - `hysteresis`: `smooth` with s and s·x (a structure that yields under load comes back by another way);
     - `periodic`: harmonics of `period` (file unit), growing and fading along the axis;
@@ -57,6 +59,7 @@ class FamilyShape(Effect):
     span: tuple[float, float] = (0.0, 0.0)
     clock: tuple[float, float] = (0.0, 1.0)
     timed: bool = False
+    usual: float = 0.0
 
     @property
     def key(self) -> str:
@@ -82,9 +85,11 @@ class FamilyShape(Effect):
             used = np.concatenate([run.commands[self.axis] for run in runs]) * self.its_axis(campaign).to_internal
             span = (float(used.min()), float(used.max()))
         timed = all(run.dynamic for run in runs)
-        return replace(
-            super().prepare(campaign), span=span, clock=clock if self.clock == (0.0, 1.0) else self.clock, timed=timed
-        )
+        usual = self.usual
+        if self.family == "inertial" and not usual:
+            usual = commanded_acceleration(campaign, self.its_axis(campaign))
+        clock = clock if self.clock == (0.0, 1.0) else self.clock
+        return replace(super().prepare(campaign), span=span, clock=clock, timed=timed, usual=usual)
 
     def _names(self, campaign: Campaign) -> tuple[str, ...]:
         return tuple(name for name, _ in self._functions(campaign.machine.axes.get(self._turning)))
@@ -102,6 +107,8 @@ class FamilyShape(Effect):
         if self.family == "time":
             return ()
         axis = self._turning
+        if self.family == "inertial":
+            return (Acceleration(axis),)
         found: list[Signal] = [Direction(axis), Position(axis)]
         if self.family in ("reversal", "friction"):
             found.append(ReversalDistance(axis))
@@ -129,8 +136,8 @@ class FamilyShape(Effect):
     def _functions(self, axis: Any) -> list[tuple[str, Callable[[Row], Any]]]:
         """Names and functions of a row, each of size about one."""
         make = {
-            "reversal": self._reversal, "friction": self._friction, "smooth": self._smooth,
-            "hysteresis": self._hysteresis, "servo": self._servo, "periodic": self._periodic, "time": self._in_time,
+            "reversal": self._reversal, "friction": self._friction, "smooth": self._smooth, "hysteresis": self._hysteresis,
+            "servo": self._servo, "inertial": self._inertial, "periodic": self._periodic, "time": self._in_time,
         }  # fmt: skip
         return list(make[self.family](axis))
 
@@ -192,6 +199,16 @@ class FamilyShape(Effect):
         yield "velocity*speed", lambda row: velocity(row) * ca.fabs(velocity(row))
         yield "velocity3", lambda row: velocity(row) ** 3
         yield "acceleration", lambda row: row.signal(Acceleration(self._turning)) / rise
+
+    def _inertial(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
+        def power(k: int) -> Callable[[Row], Any]:
+            def yielding(row: Row) -> Any:
+                u = row.signal(Acceleration(self._turning)) / self.usual
+                return (u / ca.sqrt(1.0 + u**2)) ** k
+
+            return yielding
+
+        yield from ((f"acceleration{k}", power(k)) for k in range(2, 2 + BENDS))
 
     def _periodic(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         def wave(order: float, power: int, f: Callable[[Any], Any]) -> Callable[[Row], Any]:

@@ -15,6 +15,7 @@ from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
+    from symfive.machine import Axis
     from symfive.model._row import Row
     from symfive.motion import Signal
 
@@ -46,16 +47,7 @@ class InertialCompliance(Effect):
         prepared = super().prepare(campaign)
         if self.shape == "linear" or self.usual:
             return prepared
-        return replace(prepared, usual=self._commanded(campaign))
-
-    def _commanded(self, campaign: Campaign) -> float:
-        """The amplitude that a sine with the mean square of the commanded acceleration has."""
-        axis, square, rows = self.its_axis(campaign), 0.0, 0
-        for run in campaign.runs:
-            if run.dynamic and run.rows > FEWEST:
-                change = np.gradient(np.gradient(run.commands[axis.name], run.time), run.time) * axis.to_internal
-                square, rows = square + float(np.sum(change**2)), rows + run.rows
-        return float(np.sqrt(2.0 * square / max(rows, 1))) or 1.0
+        return replace(prepared, usual=commanded_acceleration(campaign, self.its_axis(campaign)))
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -88,3 +80,13 @@ class InertialCompliance(Effect):
         for p in self.parameters(campaign)[len(self._names) :]:
             found["knee"] = own_quantity(p, values, covariance)
         return found
+
+
+def commanded_acceleration(campaign: Campaign, axis: Axis) -> float:
+    """The amplitude that a sine with the mean square of an axis' commanded acceleration has, mm/s² or rad/s²."""
+    square, rows = 0.0, 0
+    for run in campaign.runs:
+        if run.dynamic and run.rows > FEWEST:
+            change = np.gradient(np.gradient(run.commands[axis.name], run.time), run.time) * axis.to_internal
+            square, rows = square + float(np.sum(change**2)), rows + run.rows
+    return float(np.sqrt(2.0 * square / max(rows, 1))) or 1.0

@@ -50,7 +50,7 @@ class LocationError(Effect):
         if not self.drift:
             return (value,)
         tau = 0.5 * self.clock_span(campaign)
-        return (value, self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
+        return (value, self.time_constant(tau))
 
     def apply(self, row: Row) -> None:
         grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")) if self.drift else 1.0

@@ -53,7 +53,7 @@ class ScaleError(Effect):
         if not self.growth:
             return (scale,)
         tau = 0.5 * self.clock_span(campaign)
-        return (scale, self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
+        return (scale, self.time_constant(tau))
 
     def apply(self, row: Row) -> None:
         grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")) if self.growth else 1.0

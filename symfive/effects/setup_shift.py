@@ -65,9 +65,12 @@ class SetupShift(Effect):
             clock = np.concatenate([[self.t_s], *(run.time for run in filter(self.applies, campaign.runs))])
             begin, end = float(clock.min()), float(clock.max()) + 1e-3
             tau = 0.3 * (end - self.t_s)
-            found.append(self.own("creep_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
+            found.append(self.time_constant(tau, "creep_s"))
             found.append(self.own("t_s", "s", 0.25 * (end - begin), mean=self.t_s, lower=begin, upper=end))
         return tuple(found)
+
+    def places(self, campaign: Campaign, looks: int) -> float:
+        return looks if self.shape == "step" else sum(run.measured for run in campaign.runs)
 
     def apply(self, row: Row) -> None:
         if self.shape == "creep":

@@ -34,7 +34,7 @@ class SpindleGrowth(Effect):
         tau = 0.5 * self.clock_span(campaign)
         return (
             self.own("amplitude", "um", 20.0),
-            self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau),
+            self.time_constant(tau),
         )
 
     def apply(self, row: Row) -> None:

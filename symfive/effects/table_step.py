@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
     from symfive.model._row import Row
 
-SHAPES = ("step", "dent", "late", "early")
+SHAPES = ("step", "dent", "late", "early", "gradual")
 NEAREST = 1e-6
+WIDE = 0.05
+"""Usual length of a ramp that is not known, as a share of the way that the axis goes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +32,8 @@ class TableStep(Effect):
 
     `at` and `ramp` (the distance between two nodes) in mm or degree; they are found by a scan. Where positions are as far
     apart as in a grid, one of them may lie on the step itself: `late` goes on with a second height to the next position
-    beyond, `early` begins at the one before. Typical 1–20 µm.
+    beyond, `early` begins at the one before. Along a path that is recorded closely, `gradual` is the step with its middle and
+    its ramp as parameters, both known beforehand to `about`. Typical 1–20 µm.
     """
 
     id = "table_step"
@@ -43,12 +46,15 @@ class TableStep(Effect):
     ramp: float = 0.1
     shape: str = "step"
     beyond: float = 0.0
+    about: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("shape", SHAPES)
         if not (math.isfinite(self.at) and self.ramp > 0.0):
             raise InputError(f"effect {self.id} needs a place and a ramp above 0", remedy="write at = …, ramp = 0.1")
         effect = super().prepare(campaign)
+        if self.shape == "gradual":
+            return replace(effect, about=self.about or effect._usual_ramp(campaign))
         if self.shape not in ("late", "early") or self.beyond:
             return effect  # what was prepared for a campaign stays so for some of its runs
         return replace(effect, beyond=effect._next_gap(campaign))
@@ -63,10 +69,25 @@ class TableStep(Effect):
             raise InputError(f"effect {self.id}: nothing was read beyond the step", remedy='write shape = "step"')
         return float(ahead.min())
 
+    def _usual_ramp(self, campaign: Campaign) -> float:
+        """What the middle and the ramp are known to beforehand. Raises `InputError` where the axis was not read as it moved."""
+        ways = [np.ptp(run.commands[str(self.axis)]) for run in campaign.runs if run.dynamic]
+        if not max(ways, default=0.0) > 0.0:
+            raise InputError(f"effect {self.id}: no run in which {self.axis} moves", remedy='write shape = "step"')
+        return WIDE * float(max(ways))
+
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        unit, sigma = ("urad", 30.0) if self.its_axis(campaign).rotary else ("um", 5.0)
+        axis = self.its_axis(campaign)
+        unit, sigma = ("urad", 30.0) if axis.rotary else ("um", 5.0)
         names = ("height", "rest") if self.beyond else ("height",)
-        return tuple(self.own(name, unit, sigma) for name in names)
+        heights = tuple(self.own(name, unit, sigma) for name in names)
+        if self.shape != "gradual":
+            return heights
+        middle = self.own("middle", axis.unit, self.about, mean=self.at + 0.5 * self.ramp)
+        return (*heights, middle, self.own("ramp", axis.unit, self.about, mean=self.about, lower=0.02 * self.about))
+
+    def amplitudes(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return tuple(p for p in self.parameters(campaign) if p.unit in ("um", "urad"))
 
     def _ramps(self) -> list[tuple[str, float, float]]:
         """Name of the height, beginning and length of each ramp, mm or degree."""
@@ -76,17 +97,24 @@ class TableStep(Effect):
         return [*first, ("rest", self.at + self.ramp if self.shape == "late" else self.at - self.beyond, self.beyond)]
 
     def apply(self, row: Row) -> None:
-        unit = row.machine.axes[str(self.axis)].to_internal
+        unit, position = row.machine.axes[str(self.axis)].to_internal, row.signal(Position(str(self.axis)))
         for name, begin, length in self._ramps():
-            place = (row.signal(Position(str(self.axis))) - begin * unit) / (length * unit)
+            place = (position - begin * unit) / (length * unit)
+            if self.shape == "gradual":
+                place = 0.5 + (position - self.parameter(row, "middle")) / self.parameter(row, "ramp")
             form = ca.fmax(1.0 - ca.fabs(place), 0.0) if self.shape == "dent" else ca.fmin(ca.fmax(place, 0.0), 1.0)
             row.axis[str(self.axis)] += self.parameter(row, name) * form
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`component` is the error motion along or about the axis itself, `at` its middle, `height` the whole step."""
+        """`component` is the error motion along or about the axis itself, `at` its middle, `height` the whole step; also its
+        `ramp` where that is a parameter."""
         axis = self.its_axis(campaign)
         main = max(range(3), key=lambda i: abs(axis.direction[i]))
         component = f"E{('ABC' if axis.rotary else 'XYZ')[main]}{axis.name}"
+        found = {"component": Quantity(component)}
+        if self.shape == "gradual":
+            height, middle, ramp = (own_quantity(p, values, covariance) for p in self.parameters(campaign))
+            return {**found, "at": middle, "height": height, "ramp": ramp}
         ramps = self._ramps()
         heights = np.array([values[f"{self.key}.{name}"] for name, *_ in ramps])
         weights = np.abs(heights) / max(float(np.abs(heights).sum()), 1e-300)
@@ -95,7 +123,7 @@ class TableStep(Effect):
         names = [f"{self.key}.{name}" for name, *_ in ramps]
         (total,), (std,) = propagate(lambda x: [float(x.sum())], names, values, covariance)
         return {
-            "component": Quantity(component),
+            **found,
             "at": Quantity(float(weights @ centres), spread, axis.unit),
             "height": Quantity(float(total), float(std), self.parameters(campaign)[0].unit),
         }

@@ -51,8 +51,14 @@ class ThermalDrift(Effect):
             raise InputError(
                 f"effect {self.id}: its onset is no time", remedy="write onset_s = …, in s from the campaign's start"
             )
-        usual = 0.25 * self.clock_span(campaign)
+        usual = self._usual_onset(campaign)
         return replace(effect, onset_s=self.onset_s or usual, onset_sigma_s=self.onset_sigma_s or usual)
+
+    def _usual_onset(self, campaign: Campaign) -> float:
+        return 0.25 * self.clock_span(campaign)
+
+    def places(self, campaign: Campaign, looks: int) -> float:
+        return self._usual_onset(campaign) / self.onset_sigma_s if self.shape == "delayed" else looks
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         if self.shape == "linear":
@@ -60,10 +66,11 @@ class ThermalDrift(Effect):
         span = self.clock_span(campaign)
         tau = (0.15 if self.shape == "mixture" else 0.5) * max(span - self.onset_s, SHORTEST * span)
         found = [self.own(f"amplitude.{c}", "um", 20.0) for c in "xyz"]
-        found.append(self.own("time_constant_s", "s", 2.0 * tau, mean=tau, lower=1e-2 * tau))
+        found.append(self.time_constant(tau))
         if self.shape == "mixture":
             found += [self.own(f"slow.{c}", "um", 20.0) for c in "xyz"]
-            found.append(self.own("slow_time_constant_s", "s", 5.0 * tau, mean=5.0 * tau, lower=tau))
+            slow = self.own("slow_time_constant_s", "s", 5.0 * tau, mean=5.0 * tau, lower=tau, per_decade=True)
+            found.append(slow)
         if self.shape == "delayed":
             found.append(self.own("onset_s", "s", self.onset_sigma_s, mean=self.onset_s, lower=0.0))
         return tuple(found)

@@ -65,7 +65,7 @@ class Instrument:
         raise InputError(f"instrument {self.name} has no reading")
 
 
-def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: float) -> Parameter:
+def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: Any) -> Parameter:
     """A run's own nuisance `setup.RUN.name`."""
     return Parameter(name=f"setup.{run.id}.{name}", unit=unit, sigma=sigma, kind="setup", run=run.id, **more)
 
