@@ -42,10 +42,7 @@ class BarTemperature(Effect):
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         longest = max([1.0, *(float(run.time[-1]) for run in campaign.runs)])
         tau = 0.5 * (longest if self.clock == "run" else self.clock_span(campaign))
-        return (
-            self.own("amplitude", "um", 3.0),
-            self.time_constant(tau),
-        )
+        return (self.own("amplitude", "um", 3.0), self.time_constant(tau))
 
     def apply(self, row: Row) -> None:
         time = row.time if self.clock == "run" else row.clock

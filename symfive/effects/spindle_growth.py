@@ -32,10 +32,7 @@ class SpindleGrowth(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         tau = 0.5 * self.clock_span(campaign)
-        return (
-            self.own("amplitude", "um", 20.0),
-            self.time_constant(tau),
-        )
+        return (self.own("amplitude", "um", 20.0), self.time_constant(tau))
 
     def apply(self, row: Row) -> None:
         growth = self.parameter(row, "amplitude") * (1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")))
