@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,12 +25,14 @@ from symfive.diagnose import (
 )
 from symfive.diagnose._next_test import possible_tests
 from symfive.diagnose._places import moves_the_same, reshapes
+from symfive.diagnose._refit import refitted, settled
 from symfive.diagnose._search import Member, Naming
 from symfive.diagnose._words import facts_of
 from symfive.effects import make_effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset
+from symfive.model import Model
 from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid, static_ball_bar
 from symfive.simulate import simulate
 
@@ -219,6 +222,45 @@ def test_a_term_without_a_name_reshapes_only_what_moves_the_same(over, place, di
     effect, what = named
     where = {"component": what} if len(what) == 3 else {"axis": what}
     assert reshapes(term, make_effect(effect, **where), preset("table-bc"), {}) is whether
+
+
+def test_only_the_fit_that_a_search_ends_with_is_refined_where_a_bound_binds(monkeypatch):
+    plain = identify(read_campaign(CAMPAIGNS / "dynamic-none" / "fit"))
+    model = Model(plain.model.campaign, [make_effect("sensor_low_pass")])
+    module = sys.modules[identify.__module__]
+    solve, refined = module.solve, []
+
+    def unsettled(problem, values, **more):
+        found, _ = solve(problem, values, **more)
+        found[model.index["sensor_low_pass.time_constant_ms"]] = 0.0
+        return found, False
+
+    def refine(problem, values, loss):
+        refined.append(loss)
+        return values, True, ""
+
+    monkeypatch.setattr(module, "solve", unsettled)
+    monkeypatch.setattr(module, "solve_with_ipopt", refine)
+    on_the_way = refitted(model, {}, plain)
+    assert not on_the_way.converged and not refined
+    assert settled(on_the_way).converged and refined == ["square"]
+    assert settled(plain) is plain
+
+
+def test_a_name_that_explains_less_than_the_rest_of_its_family_holds_with_even_odds():
+    found = locate(read_campaign(CAMPAIGNS / "dynamic-none" / "fit"))
+    before = found.detection.fit
+    play = make_effect("backlash", "C").prepare(before.model.campaign)
+    rest = make_effect("family_shape", "C", of=play.key, channel="axis", family="reversal", size=10.0)
+    model = Model(before.model.campaign, (play, rest.prepare(before.model.campaign)))
+    sizes = []
+    for size, holds in ((2.0, 1.0), (40.0, 0.5)):
+        values = model.vector({**before.named, "backlash.C.width": 20.0, f"{rest.key}.sign*place": size})
+        after = identify(model, fixed=model.named(values), start_noise=before.noises)
+        (finding,) = findings_of(Naming(before, after, (Member(play, -20.0),), found))
+        assert finding.confidence == pytest.approx(0.999 * holds)
+        sizes.append(finding.shape_differs)
+    assert 0.0 < sizes[0] < 1.0 < sizes[1]
 
 
 @pytest.mark.parametrize(

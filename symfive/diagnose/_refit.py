@@ -21,8 +21,8 @@ from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 
 __all__ = [
-    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted", "shaped", "start_of",
-    "tried", "widened", "with_families",
+    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted", "settled", "shaped",
+    "start_of", "tried", "widened", "with_families",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -278,6 +278,14 @@ def newest(result: Identification) -> Effect:
 def refitted(
     model: Model, start: Mapping[str, float], like: Identification, held: Collection[str] = ()
 ) -> Identification:
-    """The full fit, noise found anew from where it was; some parameters `held` where they start."""
+    """The full fit, noise found anew from where it was; some parameters `held` where they start. As it stands where it does not
+    settle: with friction at a bound, IPOPT would take minutes for each."""
     fixed = {name: start[name] for name in held if name in start}
-    return identify(model, start=start, fixed=fixed, start_noise=like.noises, noise="repeats")
+    return identify(model, start=start, fixed=fixed, start_noise=like.noises, noise="repeats", refine=False)
+
+
+def settled(result: Identification) -> Identification:
+    """The fit that the search ends with, brought to its end by whatever means where it has not settled."""
+    if result.converged:
+        return result
+    return identify(result.model, start=result.named, start_noise=result.noises, noise="repeats")

@@ -22,6 +22,7 @@ from symfive.diagnose._refit import (
     lacking,
     newest,
     refitted,
+    settled,
     shaped,
     tried,
     with_families,
@@ -96,7 +97,7 @@ def name_effects(
             break
         _forward(state)
     _prune(state, state.members)
-    return Naming(before, state.after, tuple(state.members), location)
+    return Naming(before, settled(state.after), tuple(state.members), location)
 
 
 def _forward(state: State, seen: Survey | None = None) -> None:

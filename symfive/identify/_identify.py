@@ -42,6 +42,7 @@ def identify(
     loss: str = "square",
     start: Mapping[str, float] | None = None,
     start_noise: Mapping[tuple[str, str], Noise] | None = None,
+    refine: bool = True,
     progress: Callable[[str], None] = _silent,
 ) -> Identification:
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
@@ -51,7 +52,8 @@ def identify(
     declared one), a coloured part and outliers; `repeats` does so from differences of runs that repeat each other, where
     these say that it is less; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
     (bounds by an interior point); `loss`: `square` or `huber` (IPOPT). `start` and `start_noise` (by run and instrument)
-    are where to begin. Runs of more than 50,000 rows are worked through window by window, and their residuals lie on disk.
+    are where to begin. `refine`: where a bound binds and Gauss–Newton did not settle, IPOPT goes on. Runs of more than 50,000
+    rows are worked through window by window, and their residuals lie on disk.
 
     Raises `InputError` where there are no readings. Source of the estimator: Gaussian prior and noise (A. Tarantola
     2005, ch. 3), restricted likelihood for the noise.
@@ -76,7 +78,7 @@ def identify(
     values, converged = solve(problem, values, noise=noise, progress=progress)
     notes = []
     at_bound = any(v in (p.lower, p.upper) for p, v in zip(model.parameters, values, strict=True))
-    if solver == "ipopt" or loss != "square" or (at_bound and not converged):
+    if solver == "ipopt" or loss != "square" or (refine and at_bound and not converged):
         progress("refining with IPOPT")
         values, converged, note = solve_with_ipopt(problem, values, loss)
         notes += [note] if note else []
