@@ -247,20 +247,20 @@ def test_only_the_fit_that_a_search_ends_with_is_refined_where_a_bound_binds(mon
     assert settled(plain) is plain
 
 
-def test_a_name_that_explains_less_than_the_rest_of_its_family_holds_with_even_odds():
+def test_a_name_holds_by_the_share_of_its_own_form():
     found = locate(read_campaign(CAMPAIGNS / "dynamic-none" / "fit"))
     before = found.detection.fit
     play = make_effect("backlash", "C").prepare(before.model.campaign)
     rest = make_effect("family_shape", "C", of=play.key, channel="axis", family="reversal", size=10.0)
     model = Model(before.model.campaign, (play, rest.prepare(before.model.campaign)))
     sizes = []
-    for size, holds in ((2.0, 1.0), (40.0, 0.5)):
+    for size in (0.0, 2.0, 40.0):
         values = model.vector({**before.named, "backlash.C.width": 20.0, f"{rest.key}.sign*place": size})
         after = identify(model, fixed=model.named(values), start_noise=before.noises)
         (finding,) = findings_of(Naming(before, after, (Member(play, -20.0),), found))
-        assert finding.confidence == pytest.approx(0.999 * holds)
+        assert finding.confidence == pytest.approx(0.999 / (1.0 + finding.shape_differs**2))
         sizes.append(finding.shape_differs)
-    assert 0.0 < sizes[0] < 1.0 < sizes[1]
+    assert 0.0 == sizes[0] < sizes[1] < 1.0 < sizes[2]
 
 
 @pytest.mark.parametrize(

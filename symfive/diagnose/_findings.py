@@ -28,8 +28,7 @@ ALIAS_EVIDENCE = 3.0
 MIMICRY = 0.5
 """Probability that a name holds at all where another effect found has none: the library lacks something there, and what it
 lacks is often mimicked by what it has. Six of seven such names were mimicry in the blind study's development cases; no more
-than even odds are taken away, since two effects may well act at once. Likewise where the rest of its family explains more than
-its own form does."""
+than even odds are taken away, since two effects may well act at once."""
 SAME = 4.0
 """What leaves less than this more of χ², 2σ, fits as well."""
 
@@ -110,7 +109,8 @@ def _finding(found: Naming, member: Member, share: float, without: Identificatio
     contribution = after.model.contribution(effect, after.values)
     shape = _shape_share(after, effect, contribution)
     nameless = any(m.effect.id == "unknown" and not leaves(m.effect, effect) for m in found.members)
-    holds = MIMICRY if effect.id != "unknown" and (nameless or shape > 1.0) else 1.0
+    # a name holds by the share that its own form has in what it explains together with the rest of its family
+    holds = (MIMICRY if nameless else 1.0) / (1.0 + shape**2) if effect.id != "unknown" else 1.0
     rivals, alias, nearest, confidence = _rivals(campaign, effect, member, holds)
     parameters = effect.describe(campaign, values, covariance)
     square = {run: float(np.mean(c**2)) for run, c in contribution.items()}
