@@ -191,6 +191,18 @@ def test_one_effect_for_two_is_looked_for_among_all_that_were_near(tmp_path):
         assert [m.effect.key for m in state.members] == [one]
 
 
+def test_that_one_of_two_does_without_the_other_is_no_merging(tmp_path):
+    """Whether one of them is needless pruning asks, with all others where they are."""
+    machine = plant.static_table()
+    tilt = {"effect": "location_error", "component": "EB0X", "value": 60.0}
+    campaign = _measured(tmp_path / "c", machine, _grids(machine), [tilt])
+    pair = [make_effect("location_error", component="EB0X"), make_effect("lateral_play", component="EZB")]
+    fit = identify(Model(campaign, pair))
+    assert fit["location_error.EB0X.value"] == pytest.approx(60.0, abs=10.0)
+    state = _holding(fit)
+    assert not merge(state) and len(state.members) == 2
+
+
 def test_a_shape_that_was_needed_while_something_lacked_is_given_up(tmp_path):
     """Before the play is found, a period of 180° follows it too, of which the true 90° is the second harmonic."""
     machine = plant.static_table()

@@ -99,10 +99,12 @@ def merge(state: State) -> bool:
         if not related:
             continue
         state.progress(f"one effect for {' and '.join(m.effect.key for m in pair)}")
+        own = [m.effect for m in pair]  # that one of them will do without the other is not asked here
         base = evidence_of(bare.problem(), bare.values)
         both = _together(bare, state.after, pair, state.forms) - base
         trials = [t for t in (tried(bare, base, s, state.forms) for s in related) if t is not None]
-        best = max((best_shape(bare, base, t, state.forms) for t in trials), key=lambda t: t.evidence, default=None)
+        shapes = [t for t in (best_shape(bare, base, t, state.forms) for t in trials) if t.effect not in own]
+        best = max(shapes, key=lambda t: t.evidence, default=None)
         if best is not None and best.evidence > both:
             state.after = shaped(bare, best)
             first = next(i for i, m in enumerate(state.members) if m in pair)
