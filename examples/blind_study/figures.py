@@ -115,6 +115,8 @@ def table(rows: Sequence[Row]) -> list[Line]:
         share("masked: confident wrong name", "none", (r["confident_wrong"] for r in by["masked"])),
         share("geometry after repair within 2σ of the oracle's", "all", (g["after"] <= 2.0 for g in geometry)),
         share("… of oracle's and its own stated uncertainty", "", (g["both"] <= 2.0 for g in geometry)),
+        share("… its 95 % intervals hold the truth", "", (abs(z) <= 1.96 for g in geometry for z in g["truth_z"])),
+        share("… the oracle's hold it", "", (abs(z) <= 1.96 for g in geometry for z in g["oracle_truth_z"])),
         figure("falsified geometry: bias before over after, median", "≥ 10", map(_relief, false), np.median),
         share("alias: class complete", "≥ 95 %", (r["class_complete"] for r in by["alias"])),
         share("alias: named after its own next test", "≥ 95 %", (bool(r["named_again"]) for r in by["alias"])),

@@ -17,7 +17,9 @@ from .judge import geometry
 WIDE = 1e3
 """Prior sigma of an error motion's coefficients (µm, µrad): over a small part of the travel they are large."""
 ROOM = 10.0
-"""Prior sigma of an effect over what it turned out."""
+"""Prior sigma of an effect over what it turned out, within a tenth."""
+WIDENINGS = 10
+"""At most so many: what geometry swallows nearly whole comes out larger each time."""
 SHAPES: dict[tuple[str, str], dict[str, Any]] = {
     ("backlash", "presliding"): {"shape": "pre_sliding"},
     ("backlash", "wind_up"): {"shape": "wind_up"},
@@ -94,11 +96,10 @@ def oracle(folder: Path, answer: Mapping[str, Any]) -> dict[str, Any] | None:
         return None
     known = [e.prepare(campaign) for e in effects if e is not None]
     result = identify(Model(campaign, tuple(known)))
-    result = identify(Model(campaign, tuple(_roomy(effect, result) for effect in known)), start=result.named)
+    for _ in range(WIDENINGS):
+        most = [effect.in_sigmas(campaign, result.named) for effect in known]
+        if max(most) <= 1.1 / ROOM:
+            break
+        known = [replace(e, spread=max(ROOM * m, 1.0) * e.spread) for e, m in zip(known, most, strict=True)]
+        result = identify(Model(campaign, tuple(known)), start=result.named)
     return {"geometry": geometry(result), "chi2_dof": result.chi2_dof}
-
-
-def _roomy(effect: Effect, result: Identification) -> Effect:
-    """The effect with a prior that does not pull it back, however large it is."""
-    most = effect.in_sigmas(result.model.campaign, result.named)
-    return replace(effect, spread=max(ROOM * most, 1.0) * effect.spread)

@@ -175,8 +175,8 @@ def _overlap(
 
 
 def _geometry(verdict: Mapping[str, Any], oracle: Mapping[str, Any] | None, truth: Mapping[str, float]) -> Row | None:
-    """Departures from the oracle in its own sigmas, before and after, and in `both` the oracle's and the verdict's; None without
-    an oracle or a geometry."""
+    """Departures from the oracle in its own sigmas, before and after, and in `both` the oracle's and the verdict's; departures of
+    both from the truth, each in its own; None without an oracle or a geometry."""
     if not oracle or not oracle.get("geometry"):
         return None
     reference = oracle["geometry"]
@@ -189,11 +189,13 @@ def _geometry(verdict: Mapping[str, Any], oracle: Mapping[str, Any] | None, trut
             abs(which[n][0] - reference[n][0]) / np.hypot(reference[n][1], which[n][1] if own else 0.0) for n in names
         )
 
-    known = [n for n in names if n in truth]
+    def from_truth(which: Mapping[str, Any]) -> list[float]:
+        return [(which[n][0] - truth[n]) / which[n][1] for n in names if n in truth and which[n][1] > 0.0]
+
     return {
         "before": departure(verdict["before"]), "after": departure(verdict["after"]),
         "both": departure(verdict["after"], own=True),
-        "truth_z": [(verdict["after"][n][0] - truth[n]) / verdict["after"][n][1] for n in known],
+        "truth_z": from_truth(verdict["after"]), "oracle_truth_z": from_truth(reference),
     }  # fmt: skip
 
 
