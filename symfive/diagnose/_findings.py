@@ -29,6 +29,8 @@ MIMICRY = 0.5
 """Probability that a name holds at all where another effect found has none: the library lacks something there, and what it
 lacks is often mimicked by what it has. Six of seven such names were mimicry in the blind study's development cases; no more
 than even odds are taken away, since two effects may well act at once."""
+MINORITY = 1.0
+"""What explains less by its own form than by the rest of its family (rms) is not called by its name."""
 SAME = 4.0
 """What leaves less than this more of χ², 2σ, fits as well."""
 
@@ -111,12 +113,17 @@ def _finding(found: Naming, member: Member, share: float, without: Identificatio
     nameless = any(m.effect.id == "unknown" and not leaves(m.effect, effect) for m in found.members)
     # a name holds by the share that its own form has in what it explains together with the rest of its family
     holds = (MIMICRY if nameless else 1.0) / (1.0 + shape**2) if effect.id != "unknown" else 1.0
+    name, axis = effect.vocabulary, axis_of(effect)
     rivals, alias, nearest, confidence = _rivals(campaign, effect, member, holds)
+    if shape > MINORITY:
+        nobody = next(r for r in rivals if r.effect == "unknown")
+        own = RivalName(name, axis, confidence, getattr(effect, "component", None))
+        rivals = tuple(sorted({*rivals, own} - {nobody}, key=lambda r: -r.confidence))
+        name, confidence, alias, nearest = "unknown", nobody.confidence, (), None
     parameters = effect.describe(campaign, values, covariance)
     square = {run: float(np.mean(c**2)) for run, c in contribution.items()}
     strongest = max(square.values(), default=0.0)
     runs = tuple(run for run, s in square.items() if s > 0.05 * strongest)
-    name, axis = effect.vocabulary, axis_of(effect)
     visible = next((o.visible for o in found.location.observability if o.form == effect.key), 1.0)
     shifted = moved(without, after)
     draft = Finding(
@@ -176,7 +183,7 @@ def _rivals(
     """
     own = next((t for t in member.trials if t.effect.key == effect.key), None)
     if own is None:
-        return (), (), None, 0.999 * holds
+        return (RivalName("unknown", None, 1.0 - holds),) if holds < 1.0 else (), (), None, 0.999 * holds
     best: dict[tuple[str, str | None], Effect] = {}
     weights: dict[tuple[str, str | None], float] = {}
     alias, others = [], list[tuple[float, str]]()

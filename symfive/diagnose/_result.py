@@ -94,6 +94,11 @@ class Finding:
     test: Discrimination | None = None
 
     @property
+    def nameless(self) -> bool:
+        """Whether no effect of the library has its shape; the parameters are then those of the nearest one."""
+        return self.name == "unknown"
+
+    @property
     def title(self) -> str:
         """The effect and its axis, as `Gravity sag of axis B`."""
         said = named(self.name, self.axis)

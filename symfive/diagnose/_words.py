@@ -39,12 +39,12 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         sizes.append(f"{plain_number(usual)} times its usual size: look for a slip of units or for another cause")
     hidden = [f"the fit without it had taken {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
-    hidden += [f"in general: {finding.effect.hidden_by.rstrip('.')}"] if finding.effect.hidden_by else []
+    hidden += [f"in general: {finding.effect.hidden_by.rstrip('.')}"] if finding.effect.hidden_by and not finding.nameless else []
     rivals = [f"{r.words} {percent(r.confidence)}" for r in finding.rivals if r.confidence >= SHOWN_RIVAL]
     test = [f"record {finding.next_test}"] if finding.next_test else []
     test += [finding.test.says] if finding.test is not None else []
     answers = {
-        "what it does": finding.effect.says,
+        "what it does": _deed(finding),
         "where": f"in {place_words(finding, machine)}, over {_over(finding, machine)}, {_runs(finding, after)}",
         "how large": ", ".join(sizes),
         "how sure": ", or ".join([_sure(finding), *rivals[:SHOWN_RIVALS]]),
@@ -68,6 +68,12 @@ def sentence_of(finding: Finding, after: Identification) -> str:
     elif finding.visible < 0.5:
         text += f"; the fit without it had taken {percent(1.0 - finding.visible)} of it"
     return f"{finding.title}: {text}."
+
+
+def _deed(finding: Finding) -> str:
+    """What its effect does; of a finding without a name the nearest one's."""
+    nearest = finding.nameless and finding.effect.id != "unknown"
+    return f"nothing of the library has its shape; the nearest: {finding.effect.says}" if nearest else finding.effect.says
 
 
 def _sure(finding: Finding) -> str:
@@ -94,7 +100,7 @@ def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
 def _times_usual(finding: Finding, after: Identification) -> float:
     """How many times its usual size an effect has; 0 of a term without a name."""
     effect = finding.effect
-    return 0.0 if effect.id == "unknown" else effect.times_usual(after.model.campaign, after.named)
+    return 0.0 if finding.nameless else effect.times_usual(after.model.campaign, after.named)
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:
