@@ -39,7 +39,11 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         sizes.append(f"{plain_number(usual)} times its usual size: look for a slip of units or for another cause")
     hidden = [f"the fit without it had taken {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
-    hidden += [f"in general: {finding.effect.hidden_by.rstrip('.')}"] if finding.effect.hidden_by and not finding.nameless else []
+    hidden += (
+        [f"in general: {finding.effect.hidden_by.rstrip('.')}"]
+        if finding.effect.hidden_by and not finding.nameless
+        else []
+    )
     rivals = [f"{r.words} {percent(r.confidence)}" for r in finding.rivals if r.confidence >= SHOWN_RIVAL]
     test = [f"record {finding.next_test}"] if finding.next_test else []
     test += [finding.test.says] if finding.test is not None else []
@@ -73,7 +77,9 @@ def sentence_of(finding: Finding, after: Identification) -> str:
 def _deed(finding: Finding) -> str:
     """What its effect does; of a finding without a name the nearest one's."""
     nearest = finding.nameless and finding.effect.id != "unknown"
-    return f"nothing of the library has its shape; the nearest: {finding.effect.says}" if nearest else finding.effect.says
+    return (
+        f"nothing of the library has its shape; the nearest: {finding.effect.says}" if nearest else finding.effect.says
+    )
 
 
 def _sure(finding: Finding) -> str:
