@@ -9,7 +9,7 @@ from typing import Any
 
 from symfive.campaign import read_campaign
 from symfive.effects import Effect, make_effect
-from symfive.identify import Identification, identify
+from symfive.identify import identify
 from symfive.model import Model
 
 from .judge import geometry
