@@ -290,6 +290,22 @@ def test_a_name_that_slow_noise_was_weighed_against_stays_a_rival(tmp_path):
     assert {"setup_shift.bar-x", "thermal_drift"} <= set(state.met)
 
 
+def test_noise_too_slow_and_too_large_for_an_instrument_is_a_drift_without_a_name(tmp_path):
+    """Heat in a library that has none: noise that wanders would explain it, but as large hardly any instrument has."""
+    machine = plant.static_table()
+    drift = {"effect": "thermal_drift", "amplitude": 14.0, "direction": [-0.55, 0.63, 0.55], "time_constant_s": 900.0}
+    lacking = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift")
+    runs = _bars(machine)[:2]
+    wandering = plant.NoiseOptions(coloured_um=0.2, correlation_s=500.0)
+    for effects, expected in (([drift], [("unknown", None)]), ([], [])):
+        measured = _measured(tmp_path / f"{len(effects)}", machine, runs, effects, options=wandering)
+        found = diagnose(measured, exclude=lacking)
+        assert _names(found) == expected and found.mismatch == bool(effects)
+        if effects:
+            assert found.findings[0].coordinate == "t"
+            assert found.fit.chi2_dof_before > 4.0 and found.fit.chi2_dof_after < 1.5
+
+
 @pytest.mark.slow
 def test_a_compliance_that_softens_by_another_curve_brings_no_resonance(tmp_path):
     machine = plant.planar_table()

@@ -29,7 +29,16 @@ from symfive.diagnose._refit import (
 )
 from symfive.diagnose._regroup import kin, merge, simplify, spell_out
 from symfive.diagnose._scores import Score
-from symfive.diagnose._slow import changes_slowly, large_noise, name_or_noise, physics_or_noise, slow_noise, whitened
+from symfive.diagnose._slow import (
+    changes_slowly,
+    drift,
+    large_noise,
+    log_share,
+    name_or_noise,
+    physics_or_noise,
+    slow_noise,
+    whitened,
+)
 from symfive.diagnose._state import MAX_ADDED, Member, State
 from symfive.diagnose._variants import simpler
 from symfive.effects import Effect
@@ -97,6 +106,7 @@ def name_effects(
             break
         _forward(state)
     _prune(state, state.members)
+    _drifting(state)
     return Naming(before, settled(state.after), tuple(state.members), location)
 
 
@@ -175,13 +185,34 @@ def _slow(state: State) -> tuple[Identification, float] | None:
     """An effect over time that was taken for noise, with its log p."""
     if not slow_noise(state.after, state.level):
         return None
-    seen = survey(whitened(state.after), state.exclude)
-    scores = [s for s in seen.scores if changes_slowly(s.effect) and state.open(s)]
+    scores = _scores_over_time(state)
     named = [s for s in scores if s.effect.id != "unknown"]
     candidates = [*_best_of(named), *(s for s in scores if s.effect.id == "unknown")]
     for score in candidates:
         state.meet(score)
     return physics_or_noise(state.after, candidates, len(named), state.level, state.progress)
+
+
+def _drifting(state: State) -> None:
+    """What is left as noise slower and larger than hardly any instrument's is a drift without a name, in place of any that was
+    found and left it."""
+    share = log_share(state.after, state.level)
+    if share > np.log(state.level):
+        return
+    for member in tuple(m for m in state.members if m.effect.id == "unknown" and changes_slowly(m.effect)):
+        _leave(state, member, lacking(state.after, member.effect))
+    nameless = [s for s in _scores_over_time(state) if s.effect.id == "unknown"]
+    after = drift(state.after, nameless, state.forms, state.progress)
+    if after is not None:
+        state.joined(after, share)
+        state.progress(f"found {newest(after).key}, too slow and too large for noise")
+
+
+def _scores_over_time(state: State) -> list[Score]:
+    """Effects over time as they score where none of the noise is slow."""
+    return [
+        s for s in survey(whitened(state.after), state.exclude).scores if changes_slowly(s.effect) and state.open(s)
+    ]
 
 
 def _contest(state: State) -> bool:
@@ -308,6 +339,11 @@ def _prune(state: State, members: Sequence[Member]) -> None:
         own = () if member.effect.id == "unknown" else amplitudes(state.campaign, member.effect)
         full = evidence_of(state.after.problem(), state.after.values, own)
         if full - evidence_of(without.problem(), without.values) < 3.0:
-            state.after = refitted(without.model, without.named, without)
-            state.members = [m for m in state.members if m.effect.key != member.effect.key]
+            _leave(state, member, without)
             state.dropped.add(member.effect.key)
+
+
+def _leave(state: State, member: Member, without: Identification) -> None:
+    """Take a member out; `without` is the fit that lacks it, its noise as it was."""
+    state.after = refitted(without.model, without.named, without)
+    state.members = [m for m in state.members if m.effect.key != member.effect.key]

@@ -28,7 +28,9 @@ from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
 from symfive.model import Model
 
-__all__ = ["changes_slowly", "large_noise", "name_or_noise", "physics_or_noise", "slow_noise", "whitened"]
+__all__ = [
+    "changes_slowly", "drift", "large_noise", "log_share", "name_or_noise", "physics_or_noise", "slow_noise", "whitened",
+]  # fmt: skip
 
 SLOW = 0.1
 """Noise whose correlation lasts longer than this part of a run may be something that drifts."""
@@ -67,6 +69,12 @@ def slow_noise(fit: Identification, level: float) -> float:
     return largest if hidden > -2.0 * np.log(level) else 0.0
 
 
+def log_share(fit: Identification, level: float) -> float:
+    """Log of the share of instruments whose own noise is as slow and large as the fit takes it for: of those with a `LARGE` one
+    the same share has twice as much, and so on (with its mean given the exponential law takes the least for granted)."""
+    return float(np.log(SLOW_NOISE)) * slow_noise(fit, level) / LARGE
+
+
 def large_noise(fit: Identification) -> bool:
     """Whether the fit takes more than few instruments have for coloured noise: a name may be in it."""
     return any(n.coloured > LARGE * n.declared for n in fit.noises.values())
@@ -89,8 +97,35 @@ def physics_or_noise(
     along single directions too: an instrument's noise prefers none. What the drives do is computed once: their parameters stay
     where they are but in the fit that comes out, and in the odds, which are those about any values near the best.
     """
+    tests = _over_time(fit, candidates, names, level, progress)
+    best = _best(tests, 0.0, level)
+    return (_released(best[0], fit), best[1]) if best else None
+
+
+def drift(
+    fit: Identification, candidates: Sequence[Score], forms: Forms, progress: Callable[[str], None]
+) -> Identification | None:
+    """The term over time without a name that explains most where no noise may be slow, with the noise found anew."""
+    white = whitened(fit)
+    base = evidence_of(white.problem(), white.values)
+    trials = []
+    for score in candidates:
+        progress(f"a drift as {score.effect.key}")
+        trials.append(tried(white, base, score, forms))
+    best = max((t for t in trials if t is not None), key=lambda t: t.evidence, default=None)
+    return shaped(white, best) if best else None
+
+
+def _over_time(
+    fit: Identification,
+    candidates: Sequence[Score],
+    names: int,
+    level: float,
+    progress: Callable[[str], None],
+) -> list[_Test]:
+    """Each of the effects over time against slow noise, what the drives do held."""
     campaign, white = fit.model.campaign, whitened(fit)
-    drives = {name for effect in fit.model.added for name in effect.frees().values()}
+    drives = _drives(fit)
     share = float(np.log(SLOW_NOISE)) if slow_noise(fit, level) > LARGE else 0.0
     tests: list[_Test] = []
 
@@ -113,8 +148,17 @@ def physics_or_noise(
         _, score = max(nameless, key=lambda n: n[0])
         for effect in (e for e in narrower(_simple(score.effect)) if len(e.directions) == 1):
             test(score, effect)
-    best = _best(tests, 0.0, level)
-    return (refitted(best[0].model, best[0].named, best[0]), best[1]) if best and drives else best
+    return tests
+
+
+def _drives(fit: Identification) -> set[str]:
+    """Parameters of what the effects of a fit do to the drives."""
+    return {name for effect in fit.model.added for name in effect.frees().values()}
+
+
+def _released(found: Identification, fit: Identification) -> Identification:
+    """A fit with one more effect than another, those parameters free again."""
+    return refitted(found.model, found.named, found) if _drives(fit) else found
 
 
 def name_or_noise(
