@@ -254,7 +254,7 @@ def test_a_name_holds_by_the_share_of_its_own_form():
     rest = make_effect("family_shape", "C", of=play.key, channel="axis", family="reversal", size=10.0)
     model = Model(before.model.campaign, (play, rest.prepare(before.model.campaign)))
     sizes = []
-    for size in (0.0, 2.0, 40.0):
+    for size in (0.0, 2.0, 40.0, -40.0):  # of what grows along the axis a part is a play itself
         values = model.vector({**before.named, "backlash.C.width": 20.0, f"{rest.key}.sign*place": size})
         after = identify(model, fixed=model.named(values), start_noise=before.noises)
         (finding,) = findings_of(Naming(before, after, (Member(play, -20.0),), found))
@@ -265,7 +265,7 @@ def test_a_name_holds_by_the_share_of_its_own_form():
         else:
             assert finding.name == "backlash" and finding.confidence == pytest.approx(own)
         sizes.append(finding.shape_differs)
-    assert 0.0 == sizes[0] < sizes[1] < 1.0 < sizes[2]
+    assert 0.0 == sizes[0] < sizes[1] < sizes[2] < 1.0 < sizes[3]
 
 
 @pytest.mark.parametrize(

@@ -147,14 +147,16 @@ def _pairs(result: Identification, effect: Effect) -> dict[tuple[str, str], floa
 
 
 def _shape_share(result: Identification, effect: Effect, contribution: Mapping[str, Array]) -> float:
-    """rms of the rest of the effect's family over its own: by how much its shape differs from the library's."""
+    """By how much its shape differs from the library's: what it explains together with the rest of its family, rms across its own
+    form over rms along it."""
     rest = next((e for e in result.model.effects if getattr(e, "of", "") == effect.key), None)
     if rest is None:
         return 0.0
     parts = result.model.contribution(rest, result.values)
-    own = np.concatenate([(c - c.mean(axis=0)).ravel() for c in contribution.values()])
-    other = np.concatenate([(c - c.mean(axis=0)).ravel() for c in parts.values()])
-    return float(np.sqrt(np.mean(other**2) / max(float(np.mean(own**2)), 1e-300)))
+    own, other = (np.concatenate([(c - c.mean(axis=0)).ravel() for c in p.values()]) for p in (contribution, parts))
+    square = max(float(own @ own), 1e-300)
+    along = (1.0 + float(own @ other) / square) * own
+    return float(np.linalg.norm(own + other - along) / max(float(np.linalg.norm(along)), 1e-150))
 
 
 def moved(before: Identification, after: Identification, most: int = 8) -> dict[str, tuple[float, float]]:

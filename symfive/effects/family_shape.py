@@ -34,7 +34,7 @@ class FamilyShape(Effect):
     `of` is the key of that effect, `channel` what it moves: `axis` (the coordinate of `axis`), an error motion's symbol
     (`EZB`) or `tool`. `family` chooses the functions f_k:
 
-    - `reversal`: the direction s of motion times decays over the distance since the reversal, and times the place;
+    - `reversal`: the direction s of motion times decays over the distance since the reversal, and times P1, P2 of the place;
     - `friction`: s times decays over the distance and the time since the reversal;
     - `servo`: velocity times speed, its third power, acceleration;
     - `inertial`: powers of u/√(1 + u²), u the acceleration in units of its commanded amplitude `usual`;
@@ -160,7 +160,7 @@ class FamilyShape(Effect):
     def _reversal(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         yield from self._after_distance()
         yield "sign*place", lambda row: self._sign(row) * self._place(row)
-        yield "sign*place2", lambda row: self._sign(row) * self._place(row) ** 2
+        yield "sign*P2", lambda row: self._sign(row) * _legendre(2, self._place(row))  # across a plain s
 
     def _friction(self, axis: Any) -> Iterator[tuple[str, Callable[[Row], Any]]]:
         def late(tau: float) -> Callable[[Row], Any]:
