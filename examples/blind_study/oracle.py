@@ -98,7 +98,7 @@ def oracle(folder: Path, answer: Mapping[str, Any]) -> dict[str, Any] | None:
     result = identify(Model(campaign, tuple(known)))
     for _ in range(WIDENINGS):
         most = [effect.in_sigmas(campaign, result.named) for effect in known]
-        if max(most) <= 1.1 / ROOM:
+        if max(most, default=0.0) <= 1.1 / ROOM:
             break
         known = [replace(e, spread=max(ROOM * m, 1.0) * e.spread) for e, m in zip(known, most, strict=True)]
         result = identify(Model(campaign, tuple(known)), start=result.named)
