@@ -31,7 +31,7 @@ from examples.blind_study import (  # noqa: E402
     store,
     study,
 )
-from examples.blind_study.oracle import true_effect  # noqa: E402
+from examples.blind_study.oracle import oracle, true_effect  # noqa: E402
 from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
 from examples.blind_study.plans import draw_setting  # noqa: E402
 from symfive.campaign import read_campaign  # noqa: E402
@@ -421,6 +421,18 @@ def test_the_oracle_holds_every_textbook_effect(tmp_path: Path) -> None:
         true_effect({"effect": "gravity_sag", "axis": "B", "component": "EXB", "form": "hysteresis"}, "r_test") is None
     )
     assert true_effect({"effect": "shock"}, "r_test") is None
+
+
+def test_the_oracles_prior_has_room_for_what_geometry_swallows_nearly_whole(tmp_path: Path) -> None:
+    """A scale error of a hundred times the usual size that static bars see in its curvature alone; and no effect at all."""
+    for case in ("masked-064", "none-000"):
+        stages.seal(tmp_path, 20, case)
+        sealed = store.Store(tmp_path)
+        answer = json.loads((tmp_path / "answers" / f"{case}.json").read_text())
+        found = oracle(sealed.case(case), answer)
+        assert found is not None
+        for name, (value, std) in found["geometry"].items():
+            assert abs(value - answer["location_errors_um_urad"][name]) < 3.5 * std, name
 
 
 def test_an_error_is_the_cases_own() -> None:
