@@ -115,6 +115,19 @@ def test_a_tilt_in_play_seen_at_one_height_reads_like_a_backlash(form: str) -> N
     assert ("backlash", "X") in span.aliases(whole, spec, whole.change(spec))["same"]
 
 
+@pytest.mark.slow
+def test_a_name_that_needs_far_more_motion_is_oversized(tmp_path: Path) -> None:
+    """A bar that lies across Z reads micrometres of sideways play of A as millimetres of its backlash; of Y it needs no more."""
+    stages.seal(tmp_path, 21, "alias-018")
+    answer = json.loads((tmp_path / "answers" / "alias-018.json").read_text())
+    assert {("backlash", "Z"), ("lateral_play", "Y")} < set(score.names_of(answer["facts"][0]))
+    alike = stages._alike(store.Store(tmp_path).case("alias-018"), answer)
+    assert alike["oversized"] == [("backlash", "Z")]
+    fact = {"name": ["lateral_play", "Z"], "same": [["backlash", "Z"]], "close": []}
+    found = _finding("lateral_play", "Z")
+    assert not score.class_complete(fact, found, []) and score.class_complete(fact, found, [], [["backlash", "Z"]])
+
+
 def test_only_what_is_a_convention_is_inseparable() -> None:
     """Which of two axes is straight nobody can measure, a scale error that reads like a sag on one grid somebody can."""
     setting = draw_setting(np.random.default_rng(2), ("r_test",), lean=True)

@@ -119,6 +119,7 @@ def table(rows: Sequence[Row]) -> list[Line]:
         share("… the oracle's hold it", "", (abs(z) <= 1.96 for g in geometry for z in g["oracle_truth_z"])),
         figure("falsified geometry: bias before over after, median", "≥ 10", map(_relief, false), np.median),
         share("alias: class complete", "≥ 95 %", (r["class_complete"] for r in by["alias"])),
+        share("… but for names that need 100 times the motion", "", (r["likely_complete"] for r in by["alias"])),
         share("alias: named after its own next test", "≥ 95 %", (bool(r["named_again"]) for r in by["alias"])),
         share("alias: of the others, in the class said, no test known that parts it", "", (r["told_alike"] for r in left)),
         share("pairs: both named", "≥ 85 %", (r["all_named"] for r in by["pairs"])),

@@ -78,6 +78,9 @@ def score(
         row["class_complete"] = bool(findings) and class_complete(
             facts[0], findings[0], verdict["diagnosis"]["classes"]
         )
+        row["likely_complete"] = bool(findings) and class_complete(
+            facts[0], findings[0], verdict["diagnosis"]["classes"], (oracle or {}).get("oversized", [])
+        )
         row["named_again"] = named_again(facts[0], (oracle or {}).get("inseparable", []), verdict, again)
         last = (again or verdict)["diagnosis"]["findings"]
         row["told_alike"] = not row["named_again"] and bool(last) and _told_alike(facts[0], last[0])
@@ -104,13 +107,19 @@ def _of_instrument(finding: Mapping[str, Any]) -> bool:
     return finding["effect"] in INSTRUMENTS_OWN or form.startswith(INSTRUMENT) or form.endswith("reading")
 
 
-def class_complete(fact: Mapping[str, Any], finding: Mapping[str, Any], classes: Sequence[Sequence[str]]) -> bool:
-    """Whether all that cannot be told from the effect is listed: the finding, its rivals, aliases and class."""
+def class_complete(
+    fact: Mapping[str, Any],
+    finding: Mapping[str, Any],
+    classes: Sequence[Sequence[str]],
+    oversized: Sequence[Sequence[str | None]] = (),
+) -> bool:
+    """Whether all that cannot be told from the effect is listed: the finding, its rivals, aliases and class; but for `oversized`
+    names."""
     listed = {(finding["effect"], finding["axis"])}
     listed |= {(r["effect"], r["axis"]) for r in finding["rivals"] if r["confidence"] >= LISTED}
     keys = {finding["form"], *finding["alias"]}
     listed |= {_of_key(k) for group in classes if keys & set(group) for k in group} | {_of_key(k) for k in keys}
-    return set(names_of(fact)) <= listed
+    return set(names_of(fact)) - set(map(_name, oversized)) <= listed
 
 
 def _of_key(key: str) -> Name:

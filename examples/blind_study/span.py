@@ -36,6 +36,8 @@ FREE = 1e4
 """1σ of what is a convention, µm and µrad."""
 PLACES, TOOL_MM = 300, (0.0, 100.0)
 """Places all over the travel at which a ball is measured with tools so much longer than the case's."""
+FAR = 100.0
+"""A name that needs so many times as much motion of the ball is no explanation."""
 UNSEEN = 1e-2
 """A family of which 1 µm, µrad or ppm changes less than this, in σ over all readings, explains nothing (it would need
 a ten-thousand times as much): what is left of it is the plant's second order."""
@@ -145,14 +147,21 @@ class Span:
 
     def change(self, spec: Spec) -> list[Array]:
         """Change of the readings of all runs by one effect, drives moved anew only where it needs that."""
-        stage = catalogue.EFFECTS[spec["effect"]][0]
-        return [self._changed(k, spec, stage) for k in range(len(self.states))]
+        changed = (self._with(k, spec) for k in range(len(self.states)))
+        return [readings(s, run) - y for s, run, y in zip(changed, self.setting.fit, self.plain, strict=True)]
 
-    def _changed(self, k: int, spec: Spec, stage: str) -> Array:
-        setting, run = self.setting, self.setting.fit[k]
+    def motion(self, spec: Spec) -> Array:
+        """How one effect moves the ball to be measured against the tool, (N, 3) um over all runs."""
+        changed = [self._with(k, spec) for k in range(len(self.states))]
+        return np.concatenate([
+            (instruments.ball(s) - instruments.ball(plain)) / UM for s, plain in zip(changed, self.states, strict=True)
+        ])  # fmt: skip
+
+    def _with(self, k: int, spec: Spec) -> RunState:
+        """A run's state with one effect."""
+        setting, stage = self.setting, catalogue.EFFECTS[spec["effect"]][0]
         if stage == "drive":
-            state = prepare(setting.machine, run, setting.location, setting.motions, [spec], NO_SETUP, 0, 1)
-            return readings(state, run) - self.plain[k]
+            return prepare(setting.machine, setting.fit[k], setting.location, setting.motions, [spec], NO_SETUP, 0, 1)
         state = copy.copy(self.states[k])
         state.motion = {name: rows.copy() for name, rows in state.motion.items()}
         state.location, state.x, state.sensor = dict(state.location), dict(state.x), list(state.sensor)
@@ -161,7 +170,7 @@ class Span:
             state.motion = {}
             for component, shape in setting.motions.items():
                 state.add_motion(component, error_motion_value(state, component, shape))
-        return readings(state, run) - self.plain[k]
+        return state
 
     def _stack(self, change: Sequence[Array]) -> Array:
         setting = self.setting
@@ -202,6 +211,27 @@ def aliases(span: Span, spec: Spec, change: Sequence[Array]) -> dict[str, list[N
         if name != own and rank <= least:
             found["same" if left < SAME else "close"] |= {name} if left < APART else set()
     return {k: sorted(v, key=str) for k, v in found.items()}
+
+
+def oversized(setting: Setting, spec: Spec) -> list[Name]:
+    """Names that read the same only if they move the ball `FAR` times as far as the effect does (rms about the mean): a bar that
+    lies across an axis reads a micrometre of sideways play as millimetres of backlash."""
+    span = Span.of(setting)
+    target = span.orthogonal(span.change(spec))
+    least: dict[Name, float] = {}
+    for name, family in families(setting, spec):
+        columns = np.stack([span.orthogonal(span.change(member)) for member in family], axis=1)
+        if np.linalg.norm(columns, axis=0).max() < UNSEEN:
+            continue
+        factors = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
+        if np.linalg.norm(target - columns @ factors) < APART:
+            size = _rms(np.tensordot(factors, [span.motion(member) for member in family], 1))
+            least[name] = min(size, least.get(name, np.inf))
+    return [name for name, size in least.items() if size > FAR * _rms(span.motion(spec))]
+
+
+def _rms(motion: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum((motion - motion.mean(axis=0)) ** 2, axis=1))))
 
 
 def inseparable(setting: Setting, spec: Spec) -> list[Name]:

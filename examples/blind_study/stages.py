@@ -22,7 +22,7 @@ from .plans import Setting
 from .recorded import judge_recorded
 from .rivals import compete
 from .score import Name, as_well, f1_table, names_of
-from .span import inseparable
+from .span import inseparable, oversized
 from .store import Store
 
 
@@ -49,17 +49,21 @@ def _opened(store: Store, id: str) -> dict[str, object]:
     """What needs the answer beside the verdict: the oracle's geometry, and where each finding acts."""
     answer, findings = store.open(id), store.get("verdicts", id)["diagnosis"]["findings"]
     known = oracle(store.case(id), answer) or {}
-    alike = _inseparable(store.case(id), answer) if answer["stratum"] == "alias" else []
-    return {**known, "f1": f1_table(store.case(id) / "fit", findings, answer["facts"]), "inseparable": alike}
+    alike = _alike(store.case(id), answer) if answer["stratum"] == "alias" else {"inseparable": [], "oversized": []}
+    return {**known, "f1": f1_table(store.case(id) / "fit", findings, answer["facts"]), **alike}
 
 
-def _inseparable(case: Path, answer: Mapping[str, Any]) -> list[Name]:
-    """Of the names that read like the truth, those that no measurement parts from it."""
+def _alike(case: Path, answer: Mapping[str, Any]) -> dict[str, list[Name]]:
+    """Of the names that read like the truth, those that no measurement parts from it, and those far larger than it."""
     machine, runs = read_plan(case / "fit")
     errors = answer["location_errors_um_urad"], answer["error_motions_um_urad"]
     setting = Setting(answer["kind"], answer["topology"], machine, runs, [], plant.PLAIN, *errors)
     (spec,), (fact,) = answer["effects"], answer["facts"]
-    return [name for name in inseparable(setting, spec) if name in names_of(fact)]
+    names = names_of(fact)
+    return {
+        "inseparable": [name for name in inseparable(setting, spec) if name in names],
+        "oversized": [name for name in oversized(setting, spec) if name in names],
+    }
 
 
 def control(root: Path, id: str) -> None:
