@@ -124,7 +124,11 @@ def test_what_is_printed_is_verdict_list_and_next_step(found):
     said = [" ".join(part.split()) for part in (text[first:second], text[second:])]
     assert "where in the structure that axis B carries, over the position of B, in all runs how large" in said[0]
     assert re.search(r"how large component EZB, amplitude one minus cos [\d.]+ ± [\d.]+ µm, 62.7 % of the", said[0])
-    assert "how sure confidence 99.6 % what hid it the fit without it had taken 82 % of it; EX0C 4.6" in said[0]
+    assert (
+        "how sure confidence 99.6 % (its component is open: EXB reads the same) what hid it the fit without it had"
+        in said[0]
+    )
+    assert "taken 82 % of it; EX0C 4.6" in said[0]
     assert "reads the same gravity_sag.B.EXB" in said[0] and "over time" in said[1]
     last = closing(found)
     assert " ".join(lines[-2:]) == last and "thermal drift. Next: use model.json, but do not rely" in last
@@ -156,8 +160,9 @@ def test_rivals_and_the_next_test_stand_with_the_finding(found):
     )
     unsure = replace(found.findings[1], confidence=0.84, rivals=rivals, next_test="plans/apart", test=test)
     facts = facts_of(unsure, found.after)
-    assert (
-        facts["how sure"] == "confidence 84 %, or error motion of axis B (EXB) 12 %, or none of the known effects 4 %"
+    assert facts["how sure"] == (
+        "confidence 84 % (its component is open: EXB reads the same), or error motion of axis B (EXB) 12 %, "
+        "or none of the known effects 4 %"
     )
     assert facts["next test"] == "record plans/apart: height 100 mm separates the two by 41.2σ (so far 2.0σ)"
 
@@ -166,7 +171,8 @@ def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found):
     unsure = replace(found.findings[1], confidence=0.991, nearest=("backlash.Y", 1.3), rivals=(), shape_differs=1.08)
     facts = facts_of(unsure, found.after)
     assert facts["how sure"] == (
-        "confidence 99.1 % by plausibility alone (the readings tell it from backlash.Y by 1.3σ only)"
+        "confidence 99.1 % by plausibility alone (the readings tell it from backlash.Y by 1.3σ only) "
+        "(its component is open: EXB reads the same)"
     )
     assert facts["how large"].endswith("its shape differs from the library's by 108 %")
 

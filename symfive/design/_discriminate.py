@@ -69,7 +69,8 @@ class Discrimination:
     def says(self) -> str:
         """The result in one sentence."""
         if not self.useful:
-            return f"none of the {len(self.table)} tests tells the two apart: at most {self.separation:.1f}σ"
+            most = f"{self.separation:.1f}σ expected at most"
+            return f"none of the {len(self.table)} tests tells them apart better than these recordings do: {most}"
         name = self.table[0].name
         if len(self.each) < 2:
             return f"{name} separates the two by {self.separation:.1f}σ (so far {self.before:.1f}σ)"

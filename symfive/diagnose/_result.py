@@ -182,7 +182,11 @@ class Fit:
                 sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
                 said.append(
                     f"{one} is foretold to {sizes[0]} {unit} rms only, where the fit leaves {sizes[1]} {unit}: "
-                    + ("something changes from run to run." if what == "run" else f"{beyond}.")
+                    + (
+                        "the others do not determine what it needs, or something changes from run to run."
+                        if what == "run"
+                        else f"{beyond}."
+                    )
                 )
         return tuple(said)
 
@@ -339,7 +343,8 @@ class Diagnosis:
             held = change(fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit)
             lines.append(f"left-out runs: rms {held} {unit}")
         ratio = change(fit.chi2_dof_before, fit.chi2_dof_after)
-        return [*lines, f"chi²/dof {ratio} to the declared noise ({expected_ratio(self.after.dof)})"]
+        lines.append(f"chi²/dof {ratio} to the declared noise ({expected_ratio(self.after.dof)})")
+        return [*lines, "± is 1σ (k = 1), given the name and all others"] if self.findings else lines
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"

@@ -85,10 +85,23 @@ def _deed(finding: Finding) -> str:
 def _sure(finding: Finding) -> str:
     """How probable the name is, and on what ground where another one fits the readings as well."""
     said = f"confidence {percent(finding.confidence)}"
-    if finding.nearest is None:
-        return said
-    other, sigmas = finding.nearest
-    return f"{said} by plausibility alone (the readings tell it from {other} by {plain_number(sigmas, 'σ')}σ only)"
+    if finding.nearest is not None:
+        other, sigmas = finding.nearest
+        said += f" by plausibility alone (the readings tell it from {other} by {plain_number(sigmas, 'σ')}σ only)"
+    if others := _components(finding):
+        said += f" (its component is open: {' and '.join(others)} read{'s' if len(others) == 1 else ''} the same)"
+    return said
+
+
+def _components(finding: Finding) -> list[str]:
+    """Other components under the same name that read the same."""
+    stem, _, own = finding.effect.key.rpartition(".")
+    split = (key.rpartition(".") for key in finding.alias)
+    return [
+        other
+        for start, _, other in split
+        if "component" in finding.parameters and (start, other[2:]) == (stem, own[2:])
+    ]
 
 
 def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:

@@ -25,8 +25,8 @@ __all__ = ["ForceFriction"]
 class ForceFriction(Effect):
     """F += coulomb·sgn(v) + offset in the recording of an axis' drive force, N or Nm.
 
-    `offset` is by how much the two directions differ (a counterweight, gravity, the amplifier's zero). A run whose baseline
-    already holds either (`force_terms`) is left alone. Typical 10–500 N.
+    `offset` is half of what the two directions differ in size (a counterweight, gravity, the amplifier's zero). A run whose
+    baseline already holds either (`force_terms`) is left alone. Typical 10–500 N.
     """
 
     id = "force_friction"

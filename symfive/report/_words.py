@@ -77,7 +77,8 @@ def _noise(identification: Identification) -> list[str]:
     most = max(slow, key=lambda n: n.coloured / n.declared)
     share, tau = f"{most.coloured / most.declared:.2g}", f"{most.time_constant:.2g}"
     return [f"Part of what is left is slow (up to {share} times the declared noise, over about {tau} s): drift, or a "
-            "cause that moves with the axes. The uncertainties below allow for it."]  # fmt: skip
+            "cause that moves with the axes. The uncertainties below allow for it as noise; “symfive diagnose” "
+            "tells whether it is."]  # fmt: skip
 
 
 def _knowledge(identification: Identification) -> str:
