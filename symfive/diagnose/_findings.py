@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
+from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import UNUSUAL
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of, leaves
 from symfive.diagnose._refit import amplitudes, lacking
@@ -69,10 +70,18 @@ def doubted(naming: Naming) -> Identification:
 
 
 def findings_of(naming: Naming) -> tuple[Finding, ...]:
-    """What was named, in words and numbers, the largest share of the deviation first."""
+    """What was named, in words and numbers, in the order of the evidence that each adds to all others."""
     shares = _shares(naming)
     findings = [_finding(naming, member, *shares[member.effect.key]) for member in naming.members]
-    return tuple(sorted(findings, key=lambda f: -f.share))
+    added = {key: _added(naming.after, without, key) for key, (_, without) in shares.items()}
+    return tuple(sorted(findings, key=lambda f: -added[f.effect.key]))
+
+
+def _added(after: Identification, without: Identification, key: str) -> float:
+    """Log evidence of the final fit over the one without an effect, under the same noise."""
+    effect = next(e for e in after.model.effects if e.key == key)
+    sized = () if effect.id == "unknown" else amplitudes(after.model.campaign, effect)
+    return evidence_of(after.problem(), after.values, sized) - evidence_of(without.problem(), without.values)
 
 
 def _shares(found: Naming) -> dict[str, tuple[float, Identification]]:

@@ -51,7 +51,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         "what it does": _deed(finding),
         "where": f"in {place_words(finding, machine)}, over {_over(finding, machine)}, {_runs(finding, after)}",
         "how large": ", ".join(sizes),
-        "how sure": ", or ".join([_sure(finding), *rivals[:SHOWN_RIVALS]]),
+        "how sure": ", or ".join([_sure(finding) + _component_is_open(finding), *rivals[:SHOWN_RIVALS]]),
         "what hid it": "; ".join(hidden),
         "reads the same": ", ".join(finding.alias),
         "next test": ": ".join(test),
@@ -88,20 +88,19 @@ def _sure(finding: Finding) -> str:
     if finding.nearest is not None:
         other, sigmas = finding.nearest
         said += f" by plausibility alone (the readings tell it from {other} by {plain_number(sigmas, 'σ')}σ only)"
-    if others := _components(finding):
-        said += f" (its component is open: {' and '.join(others)} read{'s' if len(others) == 1 else ''} the same)"
     return said
 
 
-def _components(finding: Finding) -> list[str]:
-    """Other components under the same name that read the same."""
+def _component_is_open(finding: Finding) -> str:
+    """That other components under the same name read the same."""
     stem, _, own = finding.effect.key.rpartition(".")
-    split = (key.rpartition(".") for key in finding.alias)
-    return [
-        other
-        for start, _, other in split
-        if "component" in finding.parameters and (start, other[2:]) == (stem, own[2:])
-    ]
+    split = (key.rpartition(".") for key in finding.alias if "component" in finding.parameters)
+    others = [other for start, _, other in split if (start, other[2:]) == (stem, own[2:])]
+    return (
+        f" (its component is open: {' and '.join(others)} read{'s' if len(others) == 1 else ''} the same)"
+        if others
+        else ""
+    )
 
 
 def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
