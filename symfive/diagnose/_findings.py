@@ -124,7 +124,7 @@ def _finding(found: Naming, member: Member, share: float, without: Identificatio
     holds = (MIMICRY if nameless else 1.0) / (1.0 + shape**2) if effect.id != "unknown" else 1.0
     name, axis = effect.vocabulary, axis_of(effect)
     rivals, alias, nearest, confidence = _rivals(campaign, effect, member, holds)
-    if shape > MINORITY:
+    if effect.id != "unknown" and shape > MINORITY:
         nobody = next(r for r in rivals if r.effect == "unknown")
         own = RivalName(name, axis, confidence, getattr(effect, "component", None))
         rivals = tuple(sorted({*rivals, own} - {nobody}, key=lambda r: -r.confidence))
