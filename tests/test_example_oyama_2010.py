@@ -156,9 +156,9 @@ def test_a_map_swallows_a_drift(folder):
 @pytest.mark.slow
 def test_the_drift_is_named(folder):
     _, warm = steps.look_again(folder / "warm", drift=True)
-    names = [finding.name for finding in warm.findings]
-    assert names == ["gravity_sag", "thermal_drift"]
-    assert warm.findings[1].parameters["amplitude"].value == pytest.approx(steps.DRIFT_UM, abs=0.4)
+    found = {finding.name: finding.parameters for finding in warm.findings}
+    assert set(found) == {"gravity_sag", "thermal_drift"} and len(warm.findings) == 2
+    assert found["thermal_drift"]["amplitude"].value == pytest.approx(steps.DRIFT_UM, abs=0.4)
 
 
 @pytest.mark.slow
