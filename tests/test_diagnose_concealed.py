@@ -24,8 +24,8 @@ from symfive.diagnose._locate import survey
 from symfive.diagnose._refit import Trial, beforehand, newest, refitted, shaped, tried
 from symfive.diagnose._regroup import merge
 from symfive.diagnose._scores import Score, log_tail, score_catalogue
-from symfive.diagnose._search import _contest, _forward, _slow
-from symfive.diagnose._slow import _Test, whitened
+from symfive.diagnose._search import _contest, _forward, _scores_over_time, _slow
+from symfive.diagnose._slow import _Test, drift, whitened
 from symfive.diagnose._state import Member, State
 from symfive.effects import make_effect
 from symfive.identify import Identification, identify
@@ -304,6 +304,21 @@ def test_noise_too_slow_and_too_large_for_an_instrument_is_a_drift_without_a_nam
         if effects:
             assert found.findings[0].coordinate == "t"
             assert found.fit.chi2_dof_before > 4.0 and found.fit.chi2_dof_after < 1.5
+
+
+def test_a_drift_found_as_noise_that_is_too_large_gets_the_name_that_leaves_none(tmp_path):
+    """Under noise that none of it may be, whatever bends most explains most: a name competes with the noise it leaves."""
+    machine = plant.static_table()
+    growth = {"effect": "bar_temperature", "amplitude": 3.2, "time_constant_s": 660.0}
+    wandering = plant.NoiseOptions(coloured_um=0.3, correlation_s=90.0)
+    measured = _measured(tmp_path / "c", machine, _bars(machine), [growth], options=wandering)
+    state = State(identify(measured), 0.005, (), lambda message: None, {})
+    scores = _scores_over_time(state)
+    named = [s for s in scores if s.effect.id != "unknown"]
+    nameless = [s for s in scores if s.effect.id == "unknown"]
+    assert newest(drift(state.after, [*named, *nameless], {}, 0.005, state.progress)).id == "bar_temperature"
+    others = [s for s in named if s.effect.id == "setup_shift"]
+    assert others and newest(drift(state.after, [*others, *nameless], {}, 0.005, state.progress)).id == "unknown"
 
 
 @pytest.mark.slow

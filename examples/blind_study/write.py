@@ -15,6 +15,8 @@ from .figures import Line, calibration, confusion, oracle_power, severity, table
 from .score import SEEN, Row, as_well
 
 logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
+PROBABILITIES = [1.0 / (1.0 + 10.0 ** (-0.05 * k)) for k in range(-10, 68)]
+"""0.24 to 0.9996, evenly in log odds."""
 
 
 def write(
@@ -187,39 +189,57 @@ def _pictures(root: Path, rows: Sequence[Row]) -> None:
 
 
 def _severity(rows: Sequence[Row], path: Path) -> None:
-    curve, (figure, axes) = severity(rows), _figure(6.0, 4.0)
+    curve, (figure, axes) = severity(rows), _figure(6.5, 4.5)
     grid = [0.5 * 1.05**k for k in range(150)]
-    axes.semilogx(grid, [oracle_power(s) for s in grid], "k--", label="oracle that knows the form (1 %)")
-    axes.semilogx([c[0] for c in curve], [c[1] for c in curve], "o-", label="detected")
-    axes.semilogx([c[0] for c in curve], [c[2] for c in curve], "s-", label="named")
-    axes.set(xlabel="SNR of what geometry and set-up leave of the effect", ylabel="share of cases", ylim=(-0.02, 1.02))
-    axes.legend()
+    axes.semilogx(grid, [oracle_power(s) for s in grid], "k--", label="oracle that knows the form (1 % false alarms)")
+    for column, marker, shift, label in ((1, "o", 0.97, "detected"), (2, "s", 1.03, "named")):
+        at, found = [shift * c[0] for c in curve], [c[column] for c in curve]
+        bounds = [wilson(round(c[column] * c[-1]), c[-1]) for c in curve]
+        reach = [[f - low for f, (low, _) in zip(found, bounds, strict=True)],
+                 [high - f for f, (_, high) in zip(found, bounds, strict=True)]]  # fmt: skip
+        axes.errorbar(at, found, reach, fmt=f"{marker}-", capsize=3, label=f"{label}, Wilson's 95 %")
+    for snr, *_, count in curve:
+        axes.annotate(str(count), (snr, -0.09), ha="center", fontsize="small")
+    axes.set(
+        xlabel="SNR of what geometry and set-up leave of the effect\n(root of the sum of squares over all readings, in noise's 1σ)",
+        ylabel="share of cases", ylim=(-0.12, 1.03),
+    )  # fmt: skip
+    axes.annotate("cases:", (grid[0], -0.09), ha="center", fontsize="small")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.1))
     figure.savefig(path, dpi=120)
 
 
 def _calibration(rows: Sequence[Row], path: Path) -> None:
-    bins, (figure, axes) = calibration(rows), _figure(5.0, 4.5)
-    axes.plot([0, 1], [0, 1], "k--", label="calibrated")
+    bins, (figure, axes) = calibration(rows), _figure(6.5, 4.5)
+    axes.plot(PROBABILITIES, PROBABILITIES, "k--", label="calibrated")
     for k, (stated, right, count) in enumerate(bins):
         low, high = wilson(round(right * count), count)
         label = "names, with their number and Wilson's 95 %" if k == 0 else None
         axes.errorbar(stated, right, [[right - low], [high - right]], fmt="o", color="tab:blue", capsize=3, label=label)
         axes.annotate(str(count), (stated, low), (0, -4), textcoords="offset points", ha="center", va="top")
-    axes.set(xlabel="stated probability of the name", ylabel="share that was right", xlim=(0, 1.02), ylim=(0, 1.05))
+    axes.set_xscale("logit", use_overline=False)
+    ticks = [0.3, 0.5, 0.7, 0.9, 0.97, 0.99, 0.999]
+    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axes.set_xticks([], minor=True)
+    axes.set(xlabel="stated probability of the name", ylabel="share that was right", ylim=(0, 1.05))
+    axes.set_xlim(PROBABILITIES[0], PROBABILITIES[-1])
     axes.legend(loc="lower right")
     figure.savefig(path, dpi=120)
 
 
 def _matrix(rows: Sequence[Row], path: Path) -> None:
+    """Counts, shaded by their share of the truth's cases."""
     lines, columns, counts = confusion(rows)
     figure, axes = _figure(2.0 + 0.45 * len(columns), 2.0 + 0.35 * len(lines))
+    shares = [[counts[t, c] / max(sum(counts[t, k] for k in columns), 1) for c in columns] for t in lines]
     if lines:
-        axes.imshow([[counts[t, c] for c in columns] for t in lines], cmap="Blues", aspect="auto")
+        axes.imshow(shares, cmap="Blues", aspect="auto", vmin=0.0, vmax=1.0)
     for (t, c), count in counts.items():
-        axes.text(columns.index(c), lines.index(t), str(count), ha="center", va="center", color="tab:red")
+        i, j = lines.index(t), columns.index(c)
+        axes.text(j, i, str(count), ha="center", va="center", color="white" if shares[i][j] > 0.5 else "black")
     axes.set_xticks(range(len(columns)), columns, rotation=60, ha="right")
     axes.set_yticks(range(len(lines)), lines)
-    axes.set(xlabel="first finding", ylabel="truth")
+    axes.set(xlabel="first finding", ylabel="truth (in brackets: no effect of the library)")
     figure.savefig(path, dpi=120)
 
 

@@ -131,9 +131,8 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
             yield make_effect("eccentric_mass", axis)
         yield from _motions(campaign, axis)
     for axis in machine.axis_names:
-        for letter in LETTERS:
-            if machine.axes[axis].rotary or letter in "ABC":
-                yield make_effect("location_error", component=f"E{letter}0{axis}")
+        for letter in _located(campaign, axis):
+            yield make_effect("location_error", component=f"E{letter}0{axis}")
     for driven in sorted({own for run in campaign.runs if (own := driven_axis(run)) is not None}):
         yield make_effect("force_friction", driven)
     yield make_effect("latency")
@@ -152,9 +151,23 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
 
 def _own_letter(campaign: Campaign, axis: str) -> str:
     """The component along which the axis itself moves."""
-    data = campaign.machine.axes[axis]
-    main = int(np.argmax(np.abs(data.direction)))
-    return ("ABC" if data.rotary else "XYZ")[main]
+    return ("ABC" if campaign.machine.axes[axis].rotary else "XYZ")[_along(campaign, axis)]
+
+
+def _located(campaign: Campaign, axis: str) -> Iterator[str]:
+    """The components of an axis' location (ISO 230-1, 3.4): of a rotary axis all but the place along itself, which it does not
+    have, of a linear axis two tilts: about itself none is its own."""
+    along = _along(campaign, axis)
+    other = [i for i in range(3) if i != along]
+    if campaign.machine.axes[axis].rotary:
+        yield from ("XYZ"[i] for i in other)
+        yield from "ABC"
+    else:
+        yield from ("ABC"[i] for i in other)
+
+
+def _along(campaign: Campaign, axis: str) -> int:
+    return int(np.argmax(np.abs(campaign.machine.axes[axis].direction)))
 
 
 def _optional(effect: str, **options: Any) -> Effect:

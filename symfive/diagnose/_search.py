@@ -194,18 +194,25 @@ def _slow(state: State) -> tuple[Identification, float] | None:
 
 
 def _drifting(state: State) -> None:
-    """What is left as noise slower and larger than hardly any instrument's is a drift without a name, in place of any that was
-    found and left it."""
+    """What is left as noise slower and larger than hardly any instrument's is a drift, in place of any without a name that was
+    found and left it; a name that it gets is put to the test."""
     share = log_share(state.after, state.level)
     if share > np.log(state.level):
         return
     for member in tuple(m for m in state.members if m.effect.id == "unknown" and changes_slowly(m.effect)):
         _leave(state, member, lacking(state.after, member.effect))
-    nameless = [s for s in _scores_over_time(state) if s.effect.id == "unknown"]
-    after = drift(state.after, nameless, state.forms, state.progress)
-    if after is not None:
-        state.joined(after, share)
-        state.progress(f"found {newest(after).key}, too slow and too large for noise")
+    scores = _scores_over_time(state)
+    nameless = [s for s in scores if s.effect.id == "unknown"]
+    named = _best_of([s for s in scores if s.effect.id != "unknown"])
+    after = drift(state.after, [*named, *nameless], state.forms, state.level, state.progress)
+    if after is None:
+        return
+    for score in named:
+        state.meet(score)
+    state.joined(after, share)
+    state.progress(f"found {newest(after).key}, too slow and too large for noise")
+    if newest(after).id != "unknown":
+        _contest(state)
 
 
 def _scores_over_time(state: State) -> list[Score]:

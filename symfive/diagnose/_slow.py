@@ -103,17 +103,24 @@ def physics_or_noise(
 
 
 def drift(
-    fit: Identification, candidates: Sequence[Score], forms: Forms, progress: Callable[[str], None]
+    fit: Identification, candidates: Sequence[Score], forms: Forms, level: float, progress: Callable[[str], None]
 ) -> Identification | None:
-    """The term over time without a name that explains most where no noise may be slow, with the noise found anew."""
+    """The most probable of effects over time, each with the noise found anew, and what it leaves as improbable as so slow and
+    large a noise is. A name has to leave none that hardly any instrument has: a step does not explain what creeps."""
     white = whitened(fit)
     base = evidence_of(white.problem(), white.values)
-    trials = []
+    found: list[tuple[float, Identification]] = []
     for score in candidates:
         progress(f"a drift as {score.effect.key}")
-        trials.append(tried(white, base, score, forms))
-    best = max((t for t in trials if t is not None), key=lambda t: t.evidence, default=None)
-    return shaped(white, best) if best else None
+        trial = tried(white, base, score, forms)
+        if trial is None:
+            continue
+        after = shaped(white, trial)
+        share, effect = log_share(after, level), newest(after)
+        if effect.id == "unknown" or share > np.log(level):
+            prior = beforehand(fit.model.campaign, effect, trial.looks, after.named, forms)
+            found.append((_odds(after, fit) + prior + share, after))
+    return max(found, key=lambda f: f[0])[1] if found else None
 
 
 def _over_time(
