@@ -157,6 +157,25 @@ def test_a_rotary_run_with_the_bar_fixed_in_the_table_counts_by_the_axis():
     assert "coordinate of C" in texts(figure)
 
 
+def test_run_up_and_run_out_do_not_count_in_the_height_of_a_circle(planar):
+    """ISO 230-4: complete circles, here one of a turn and a half; a jerk as the machine starts is none of it."""
+    campaign = planar.model.campaign
+    finder, run = CircleFinder(campaign.machine), campaign.runs[0]
+    time = np.arange(0.0, 40.0, 0.05)
+    angle = 3.0 * np.pi * time / time[-1]
+    commands = dict(run.commands)
+    commands |= {n: np.full(len(time), commands[n][0]) for n in commands}
+    radius = finder.find(run).radius
+    commands |= {"X": run.table_ball[0] + radius * np.cos(angle), "Y": run.table_ball[1] + radius * np.sin(angle)}
+    circle = finder.find(replace(run, time=time, commands=commands, readings={}, tool_ball=run.tool_ball))
+    counted = circle.evaluated
+    assert circle.turns == pytest.approx(1.5, rel=1e-6) and counted.mean() == pytest.approx(1.0 / 1.5, abs=0.01)
+    assert np.ptp(circle.angle[counted]) == pytest.approx(2.0 * np.pi, abs=0.05)
+    assert counted[len(time) // 2] and not counted[0] and not counted[-1]
+    short = finder.find(replace(run, time=time[:400], commands={n: c[:400] for n, c in commands.items()}, readings={}))
+    assert short.turns < 1.0 and short.evaluated.all()
+
+
 def test_error_motions_are_bands_and_maps(planar, static):
     figure = error_motion_bands(planar)
     words = texts(figure)

@@ -33,7 +33,7 @@ class EccentricMass(Effect):
 
     id = "eccentric_mass"
     says = "a mass off the axis tilts the table as it turns"
-    hidden_by = "axis tilt and coning; the mass moved by half a turn parts them"
+    hidden_by = "axis tilt and tilt error motion; the mass moved by half a turn parts them"
     reported_as = "error_motion"
     needs_axis = True
     down: tuple[float, float, float] = DOWN

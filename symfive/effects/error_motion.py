@@ -38,7 +38,7 @@ class ErrorMotion(Effect):
     part of the travel that is in use. Functions that the baseline already has are left out, so a higher order adds the higher
     ones only. A polynomial is taken less its value at the axis' zero (and its slope there, where a squareness or the baseline
     has that): however large an error motion is, the location errors stay what they are at zero. Typical straightness
-    1–10 µm, angular error motions 5–20 µrad, run-out of a rotary axis 0.5–5 µm.
+    1–10 µm, angular error motions 5–20 µrad, radial and axial error motions of a rotary axis 0.5–5 µm.
     """
 
     id = "error_motion"

@@ -50,6 +50,16 @@ class Circle:
         return float(np.ptp(self.angle) / (2.0 * np.pi))
 
     @property
+    def evaluated(self) -> NDArray[np.bool_]:
+        """Rows (N,) of the complete turns amid the path, without what run-up and run-out go beyond them (ISO 230-4); all rows where
+        it covers less than one turn."""
+        complete = np.floor(self.turns + 1e-3)
+        if complete < 1.0:
+            return np.ones(len(self.angle), dtype=bool)
+        middle = 0.5 * (self.angle[0] + self.angle[-1])
+        return np.asarray(np.abs(self.angle - middle) <= np.pi * complete + 1e-9)
+
+    @property
     def whole(self) -> bool:
         """Whether it covers enough of the circle for its centre to be found."""
         return self.turns > 0.75

@@ -104,7 +104,8 @@ def _lines_in_words(circles: Sequence[Circle], both: bool) -> str:
     if not any(circle.run.dynamic for circle in circles):
         return "Points: the readings at rest, of which p–v is the height from peak to valley; outliers left out."
     pale = "; pale: each reading; outliers left out." if both else "."
-    return f"Strong lines: running means, of which p–v is the height from peak to valley{pale}"
+    beyond = "" if all(c.evaluated.all() for c in circles) else " over the complete turns, run-up and run-out not counted"
+    return f"Strong lines: running means, of which p–v is the height from peak to valley{beyond}{pale}"
 
 
 def _layout(groups: int, panels: int, runs: int, notes: float) -> tuple[Figure, list[tuple[float, float, float]]]:
@@ -148,8 +149,8 @@ def _legend(figure: Figure, axes: Axes, group: Sequence[_Deviation], left: float
 def _deviation(circle: Circle, source: Identification | Campaign, model: Model) -> _Deviation:
     readings = model.readings(circle.run)
     raw = circle.measured(readings)
-    centring = _centring(circle)
-    removed = centring @ np.linalg.lstsq(centring, raw, rcond=None)[0]
+    centring, used = _centring(circle), circle.evaluated
+    removed = centring @ np.linalg.lstsq(centring[used], raw[used], rcond=None)[0]
     if not isinstance(source, Identification):
         return _Deviation(circle, raw - removed, None, None)
     residual = np.array(source.residuals[circle.run.id])
@@ -159,7 +160,8 @@ def _deviation(circle: Circle, source: Identification | Campaign, model: Model) 
             residual[outlier.row, names.index(outlier.column)] = np.nan
     left = circle.radial(residual)
     good = np.isfinite(left)
-    removed = centring @ np.linalg.lstsq(centring[good], raw[good], rcond=None)[0]
+    used &= good
+    removed = centring @ np.linalg.lstsq(centring[used], raw[used], rcond=None)[0]
     return _Deviation(circle, np.where(good, raw - removed, np.nan), raw - removed - left, left)
 
 
@@ -208,7 +210,7 @@ def _words(deviation: _Deviation) -> str:
 
 
 def _height(deviation: _Deviation, values: Array) -> float:
-    smooth = _smooth(deviation, values)
+    smooth = _smooth(deviation, values)[deviation.circle.evaluated]
     return float(np.nanmax(smooth) - np.nanmin(smooth))
 
 
