@@ -175,6 +175,8 @@ def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found):
         "(its component is open: EXB reads the same)"
     )
     assert facts["how large"].endswith("its shape differs from the library's by 108 %")
+    same = replace(unsure, nearest=("backlash.Y", 0.004))
+    assert "(the readings tell it from backlash.Y not at all)" in facts_of(same, found.after)["how sure"]
 
 
 def test_a_fit_that_did_not_converge_says_so_first(found, tmp_path, monkeypatch):

@@ -201,7 +201,7 @@ def _severity(rows: Sequence[Row], path: Path) -> None:
     for snr, *_, count in curve:
         axes.annotate(str(count), (snr, -0.09), ha="center", fontsize="small")
     axes.set(
-        xlabel="SNR of what geometry and set-up leave of the effect\n(root of the sum of squares over all readings, in noise's 1σ)",
+        xlabel="SNR of what geometry and set-up leave of the effect\n(root of the sum of squares over all readings, in 1σ)",
         ylabel="share of cases", ylim=(-0.12, 1.03),
     )  # fmt: skip
     axes.annotate("cases:", (grid[0], -0.09), ha="center", fontsize="small")

@@ -344,7 +344,11 @@ class Diagnosis:
             lines.append(f"left-out runs: rms {held} {unit}")
         ratio = change(fit.chi2_dof_before, fit.chi2_dof_after)
         lines.append(f"chi²/dof {ratio} to the declared noise ({expected_ratio(self.after.dof)})")
-        return [*lines, "± is 1σ (k = 1), given the name and all others"] if self.findings else lines
+        if self.findings:
+            lines.append(
+                "± is 1σ (k = 1), given the name and all others; confidence: among the library's names and `unknown`"
+            )
+        return lines
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -115,10 +115,16 @@ def _forward(state: State, seen: Survey | None = None) -> None:
 
     What later members made needless does not come back: without that, two that stand in for a third take turns for ever.
     """
+    done, fit = _Trials(), state.after
     while len(state.members) < state.most and state.added < MAX_ADDED:
+        if state.after is not fit:
+            done, fit = _Trials(), state.after
         state.progress(f"scoring the catalogue, {len(state.members)} effects found")
         seen = seen or survey(state.after, state.exclude)
-        best = _best(state, seen)
+        best = _best(state, seen, done)
+        if best is not None and _is_shape_of_another(best[0].effect, state.members, state.after, best[0].values):
+            state.useless.add(best[0].effect.key)  # nor would it be another's in fewer directions
+            continue
         after = shaped(state.after, best[0]) if best else None
         hidden = _behind_noise(state, after)
         if hidden is not None:
@@ -135,7 +141,7 @@ def _forward(state: State, seen: Survey | None = None) -> None:
             state.progress(f"found {newest(state.after).key}, taken for slow noise before")
             continue
         trial, log_p = best
-        if not _nearer(after, state.after) or _is_shape_of_another(newest(after), state.members, after):
+        if not _nearer(after, state.after) or _is_shape_of_another(newest(after), state.members, after, after.named):
             state.useless.add(trial.effect.key)
             continue
         state.joined(after, log_p, trial.looks)
@@ -145,11 +151,22 @@ def _forward(state: State, seen: Survey | None = None) -> None:
     state.after = with_families(state.after)
 
 
-def _is_shape_of_another(effect: Effect, members: Sequence[Member], fit: Identification) -> bool:
+@dataclass
+class _Trials:
+    """Exact refits made with one fit: its own log evidence, and by effect its plain shape and the best of all its shapes."""
+
+    base: float | None = None
+    plain: dict[str, Trial | None] = field(default_factory=dict)
+    shaped: dict[str, Trial] = field(default_factory=dict)
+
+
+def _is_shape_of_another(
+    effect: Effect, members: Sequence[Member], fit: Identification, values: Mapping[str, float]
+) -> bool:
     """Whether it is a term without a name that only changes the shape of a named one. Then the rest of the named one's family
     takes its place."""
     named = [m.effect for m in members if m.effect.id != "unknown"]
-    return isinstance(effect, Unknown) and any(reshapes(effect, e, fit.model.machine, fit.named) for e in named)
+    return isinstance(effect, Unknown) and any(reshapes(effect, e, fit.model.machine, values) for e in named)
 
 
 def _nearer(after: Identification, before: Identification) -> bool:
@@ -235,7 +252,7 @@ def _contest(state: State) -> bool:
         without = lacking(state.after, member.effect)
         scores = [s for s in survey(without, state.exclude, scanning=False).scores if s.effect.key != member.effect.key]
         others = [m for m in state.members if m is not member]
-        scores = [s for s in scores if not _is_shape_of_another(s.effect, others, without)]
+        scores = [s for s in scores if not _is_shape_of_another(s.effect, others, without, without.named)]
         close = {s.effect.key: s for s in kin(state, without, [member]) if s.effect.key != member.effect.key}
         rivals = state.near({s.effect.key for s in scores}) | close | {s.effect.key: s for s in _best_of(scores)}
         base = evidence_of(without.problem(), without.values)
@@ -317,16 +334,20 @@ def _own_score(result: Identification, member: Member) -> Score:
     return Score.unscored(member.effect, step, member.looks)
 
 
-def _best(state: State, seen: Survey) -> tuple[Trial, float] | None:
-    """The effect with the greatest evidence among those that are significant and material, by exact refits."""
+def _best(state: State, seen: Survey, done: _Trials) -> tuple[Trial, float] | None:
+    """The effect with the greatest evidence among those that are significant and material, by exact refits. `done`: those of the
+    present fit that were made before."""
     limit = float(np.log(state.level / seen.looks))
     significant = [s for s in seen.scores if s.log_p < limit and state.open(s)]
+    if significant and done.base is None:
+        done.base = evidence_of(state.after.problem(), state.after.values)
     trials = []
-    base = evidence_of(state.after.problem(), state.after.values) if significant else 0.0
     for s in _best_of(significant):
-        state.progress(f"trying {s.effect.key}")
-        state.meet(s)
-        trial = tried(state.after, base, s, state.forms)
+        if s.effect.key not in done.plain:
+            state.progress(f"trying {s.effect.key}")
+            state.meet(s)
+            done.plain[s.effect.key] = tried(state.after, done.base or 0.0, s, state.forms)
+        trial = done.plain[s.effect.key]
         if trial is not None and trial.size > MATERIAL**2:
             trials.append(trial)
     if not trials:
@@ -334,7 +355,10 @@ def _best(state: State, seen: Survey) -> tuple[Trial, float] | None:
     best = max(trials, key=lambda t: t.evidence)
     if best.effect.id == "unknown":  # no name is given up before its other shapes were tried
         named = [t for t in trials if t.effect.id != "unknown"]
-        best = max([best, *(best_shape(state.after, base, t, state.forms) for t in named)], key=lambda t: t.evidence)
+        for t in named:
+            if t.effect.key not in done.shaped:
+                done.shaped[t.effect.key] = best_shape(state.after, done.base or 0.0, t, state.forms)
+        best = max([best, *(done.shaped[t.effect.key] for t in named)], key=lambda t: t.evidence)
     log_p = next(s.log_p for s in significant if s.effect.key == best.effect.key) + float(np.log(seen.looks))
     return best, min(log_p, 0.0)
 

@@ -17,6 +17,8 @@ __all__ = ["facts_of", "place_words", "sentence_of"]
 SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
 SHOWN_RIVAL = 0.01
 """A less probable rival is not named in words."""
+NOT_AT_ALL = 0.1
+"""σ by which readings tell two names apart, below which one says that they do not."""
 HUGE = 30.0
 """What is so many times its usual size is hardly that: its unit or its cause is another one."""
 _QUANTITIES = {
@@ -87,7 +89,8 @@ def _sure(finding: Finding) -> str:
     said = f"confidence {percent(finding.confidence)}"
     if finding.nearest is not None:
         other, sigmas = finding.nearest
-        said += f" by plausibility alone (the readings tell it from {other} by {plain_number(sigmas, 'σ')}σ only)"
+        apart = f"by {plain_number(sigmas, 'σ')}σ only" if sigmas >= NOT_AT_ALL else "not at all"
+        said += f" by plausibility alone (the readings tell it from {other} {apart})"
     return said
 
 

@@ -51,8 +51,8 @@ class Circle:
 
     @property
     def evaluated(self) -> NDArray[np.bool_]:
-        """Rows (N,) of the complete turns amid the path, without what run-up and run-out go beyond them (ISO 230-4); all rows where
-        it covers less than one turn."""
+        """Rows (N,) of the complete turns amid the path, without what run-up and run-out go beyond them (ISO 230-4); all rows
+        of less than one turn."""
         complete = np.floor(self.turns + 1e-3)
         if complete < 1.0:
             return np.ones(len(self.angle), dtype=bool)

@@ -104,7 +104,9 @@ def _lines_in_words(circles: Sequence[Circle], both: bool) -> str:
     if not any(circle.run.dynamic for circle in circles):
         return "Points: the readings at rest, of which p–v is the height from peak to valley; outliers left out."
     pale = "; pale: each reading; outliers left out." if both else "."
-    beyond = "" if all(c.evaluated.all() for c in circles) else " over the complete turns, run-up and run-out not counted"
+    beyond = (
+        "" if all(c.evaluated.all() for c in circles) else " over the complete turns, run-up and run-out not counted"
+    )
     return f"Strong lines: running means, of which p–v is the height from peak to valley{beyond}{pale}"
 
 
