@@ -21,6 +21,7 @@ from symfive.design import (
     best_ratio,
     circle_information,
     discriminate,
+    in_addition,
     in_common,
     plan,
     plan_circles,
@@ -324,6 +325,21 @@ def test_a_rival_that_only_the_priors_make_improbable_spoils_no_test_against_the
     assert both.separation == 11.0 and both.before == 3.2
     assert "from sag by 10.5σ" in both.says and "no test here tells it from cubic" in both.says
     assert not in_common({"cubic": part(3.2, 3.3, 3.25)}, runs).useful
+
+
+def test_further_tests_are_those_that_part_what_the_first_leaves():
+    machine = preset("three-axis")
+    plain = campaign_of(machine, planar_circle(machine, direction="ccw"))
+
+    def part(before: float, **sigmas: float) -> Discrimination:
+        table = tuple(Separation(name, s, s, s, 1.0) for name, s in sigmas.items())
+        return Discrimination(plain, max(sigmas.values()), before, table)
+
+    one, two, three = part(0.0, a=9.0, b=1.0, c=0.0), part(4.0, a=4.1, b=5.5, c=4.0), part(0.0, a=0.0, b=4.0, c=9.0)
+    assert in_addition({"one": one}, "a") == ["a"]
+    assert in_addition({"one": one, "two": two, "three": three}, "a") == ["a", "b"]
+    assert in_addition({"one": one, "three": three}, "a") == ["a", "c"]
+    assert in_addition({"one": one, "known": part(4.0, a=4.5, b=4.9, c=4.0)}, "a") == ["a"]  # 2.8σ more at most
 
 
 def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is_for(tmp_path: Path) -> None:

@@ -201,6 +201,24 @@ def test_what_was_found_beside_a_finding_is_no_rival_of_it_any_more():
     assert next_test(plan, first, second, held=(make_effect("latency").prepare(plan),)) is not None
 
 
+def test_where_no_single_test_parts_all_that_reads_alike_the_next_ones_come_together(tmp_path):
+    """Play of Z as a tilt or sideways is told apart with a longer tool, a yaw of Y from both beside: it takes both."""
+    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
+    machine = plant.static_table()
+    bar = plant.static_ball_bar(machine, "bar-x", table_ball=(0.0, 0.0, 140.0), poses=np.vstack([poses, poses[::-1]]))
+    plant.write_campaign(tmp_path / "c", machine, [bar], {}, None, [], seed=5)
+    measured = read_campaign(tmp_path / "c")
+    tilt, side, yaw = (make_effect("lateral_play", component=c).prepare(measured) for c in ("EBZ", "EXZ", "ECY"))
+    for first, others in ((tilt, (side, yaw)), (yaw, (tilt, side))):
+        test = next_test(measured, first, *others)
+        assert [run.id for run in test.test.runs] == ["bar-x-beside", "bar-x-longer-tool"]
+        assert test.test.runs[1].start_s > test.test.runs[0].start_s + test.test.runs[0].duration
+        assert test.useful and min(sigmas for _, sigmas in test.each) > 30.0 and "no test" not in test.says
+    assert test.also == ("lateral_play.EBZ from lateral_play.EXZ",) and test.also[0] in test.says
+    improbable = next_test(measured, yaw, tilt, side, chances=(0.02, 0.01))
+    assert len(improbable.test.runs) == 1 and not improbable.also
+
+
 @pytest.mark.parametrize(
     ("over", "place", "directions", "named", "whether"),
     [

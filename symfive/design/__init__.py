@@ -3,13 +3,22 @@
 from symfive.design._assess import Assessment, assess
 from symfive.design._certificate import Certificate
 from symfive.design._criteria import CRITERIA, Criterion, criterion_of
-from symfive.design._discriminate import APART, Discrimination, Separation, discriminate, in_common
+from symfive.design._discriminate import (
+    APART,
+    PAUSE_S,
+    Candidate,
+    Discrimination,
+    Separation,
+    discriminate,
+    in_addition,
+    in_common,
+)
 from symfive.design._dynamic import Circle, CirclePlan, best_ratio, circle_information, plan_circles
 from symfive.design._plan import Plan, plan
 from symfive.design._write import assessment_data, write_test
 
 __all__ = [
-    "APART", "CRITERIA", "Assessment", "Certificate", "Circle", "CirclePlan", "Criterion", "Discrimination", "Plan", "Separation",
-    "assess", "assessment_data", "best_ratio", "circle_information", "criterion_of", "discriminate", "in_common", "plan",
-    "plan_circles", "write_test",
+    "APART", "CRITERIA", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "Criterion",
+    "Discrimination", "Plan", "Separation", "assess", "assessment_data", "best_ratio", "circle_information", "criterion_of",
+    "discriminate", "in_addition", "in_common", "plan", "plan_circles", "write_test",
 ]  # fmt: skip

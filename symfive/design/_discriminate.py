@@ -24,7 +24,7 @@ from symfive.errors import InputError
 from symfive.model import Model
 from symfive.threads import one_thread
 
-__all__ = ["APART", "Discrimination", "Separation", "discriminate", "in_common"]
+__all__ = ["APART", "PAUSE_S", "Candidate", "Discrimination", "Separation", "discriminate", "in_addition", "in_common"]
 
 Array = NDArray[np.float64]
 ITERATIONS = 4
@@ -52,13 +52,15 @@ class Separation:
 class Discrimination:
     """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
     the `table` of all candidates, best first. Of several rivals `each` with its separation by the best test; `separation` and
-    `before` are the smallest of those that it tells apart."""
+    `before` are the smallest of those that it tells apart. `also`: rivals that it tells from each other, where that took
+    several runs."""
 
     test: Campaign
     separation: float
     before: float
     table: tuple[Separation, ...]
     each: tuple[tuple[str, float], ...] = ()
+    also: tuple[str, ...] = ()
 
     @property
     def useful(self) -> bool:
@@ -79,6 +81,7 @@ class Discrimination:
         if not apart:
             return f"{name} separates them by {self.separation:.1f}σ (so far {self.before:.1f}σ)"
         rest = f"; no test here tells it from {' or '.join(alike)}" if alike else ""
+        rest = f", and {', '.join(self.also)}{rest}" if self.also else rest
         return f"{name} separates it from {' and '.join(apart)} (so far {self.before:.1f}σ){rest}"
 
 
@@ -124,10 +127,7 @@ def in_common(parts: Mapping[str, Discrimination], candidates: Sequence[Candidat
 
     `parts` a discrimination for every rival by name, all over the same `candidates`.
     """
-    added = {
-        rival: {row.name: max(row.sigmas**2 - part.before**2, 0.0) ** 0.5 for row in part.table}
-        for rival, part in parts.items()
-    }
+    added = _added(parts)
 
     def nearest(name: str) -> tuple[int, float, str]:
         """How many rivals a test tells apart, and the least that it adds for one of them, with that rival."""
@@ -146,6 +146,30 @@ def in_common(parts: Mapping[str, Discrimination], candidates: Sequence[Candidat
         tuple(rows),
         tuple((rival, table[ranked[0]]) for rival, table in added.items()),
     )
+
+
+def in_addition(parts: Mapping[str, Discrimination], first: str) -> list[str]:
+    """The candidates by name that tell all pairs apart which any of them can: the `first`, then whichever tells most of what is
+    left, of those the nearest by most.
+
+    `parts` a discrimination for every pair, all over the same candidates.
+    """
+    added, chosen = _added(parts), [first]
+    while True:
+        left = [table for table in added.values() if max(table[name] for name in chosen) < APART]
+        told = {name: [table[name] for table in left if table[name] >= APART] for table in left for name in table}
+        best = max(told, key=lambda n: (len(told[n]), min(told[n], default=0.0)), default=None)
+        if best is None or not told[best]:
+            return chosen
+        chosen.append(best)
+
+
+def _added(parts: Mapping[str, Discrimination]) -> dict[str, dict[str, float]]:
+    """What every candidate adds to the separation that is known, σ."""
+    return {
+        key: {row.name: max(row.sigmas**2 - part.before**2, 0.0) ** 0.5 for row in part.table}
+        for key, part in parts.items()
+    }
 
 
 def _later(run: Run, number: int, end: float) -> Run:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import zip_longest
+from itertools import combinations, zip_longest
 
 import numpy as np
 
 from symfive.campaign import Campaign, Run, Vector
-from symfive.design import Discrimination, discriminate, in_common
+from symfive.design import APART, PAUSE_S, Candidate, Discrimination, discriminate, in_addition, in_common
 from symfive.diagnose._catalogue import moving_axes
 from symfive.effects import Effect
 from symfive.errors import InputError
@@ -24,6 +24,8 @@ RUN_UP_DEG = 15.0
 HALF_DEG = 180.0 - 2.0 * RUN_UP_DEG
 LIFT_MM = 100.0
 FACTOR = 2.0
+IMPROBABLE = 0.05
+"""Two rivals that are less probable than this together need not be told from each other."""
 MOST_ROTARY = 2
 """A grid over the rotary axes is a test for machine tools; for an arm of seven it is none."""
 
@@ -35,26 +37,55 @@ def next_test(
     held: tuple[Effect, ...] = (),
     values: Mapping[str, float] | None = None,
     rival_values: Sequence[Mapping[str, float]] = (),
+    chances: Sequence[float] = (),
 ) -> Discrimination | None:
     """Which further test separates an explanation from its rivals, by how many σ; None where no test can be varied.
 
     `held` effects are in all models, and what cannot stand beside them is no rival any more; `values` parameters at which
     the first is true and `rival_values` those at which each rival is (default: of typical size). Of several rivals as many
-    as can be told apart at all count.
+    as can be told apart at all count. Where the first may be wrong, the rivals have to be told from each other as well: what
+    the best test leaves gets a further one. `chances` of the rivals (default: all count).
     """
     tests = list(possible_tests(campaign))
     if not tests or not rivals:
         return None
     plan = replace(campaign, runs=tuple(run.with_readings({}) for run in campaign.runs))
-    own = Model(plan, (*held, first))
-    parts = {}
+    models = {first.key: (Model(plan, (*held, first)), values)}
     for rival, theirs in zip_longest(rivals, rival_values):
         try:
-            model = Model(plan, (*held, rival))
+            models[rival.key] = Model(plan, (*held, rival)), theirs
         except InputError:
             continue
-        parts[rival.key] = discriminate(own, model, tests, values_a=values, values_b=theirs)
-    return in_common(parts, tests) if parts else None
+
+    def parted(a: str, b: str, tests: Sequence[Candidate]) -> Discrimination:
+        (one, at), (other, there) = models[a], models[b]
+        return discriminate(one, other, tests, values_a=at, values_b=there)
+
+    others = [key for key in models if key != first.key]
+    if not others:
+        return None
+    own = {key: parted(first.key, key, tests) for key in others}
+    best = in_common(own, tests)
+    if not best.useful:
+        return best
+    probable = dict(zip_longest((rival.key for rival in rivals), chances, fillvalue=1.0))
+    pairs = [(a, b) for a, b in combinations(others, 2) if probable[a] + probable[b] > IMPROBABLE]
+    between = {f"{a} from {b}": parted(a, b, tests) for a, b in pairs}
+    chosen = in_addition(own | between, best.test.runs[0].id)
+    if len(chosen) == 1:
+        return best
+    runs = _in_turn([run for name in chosen for run in tests if run.id == name])
+    together = in_common({key: parted(first.key, key, [runs]) for key in others}, [runs])
+    also = [pair for pair, part in between.items() if max(s.sigmas for s in part.table if s.name in chosen) >= APART]
+    return replace(together, table=(*together.table, *best.table), also=tuple(also))
+
+
+def _in_turn(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Runs one after the other."""
+    found = [runs[0]]
+    for run in runs[1:]:
+        found.append(replace(run, start_s=found[-1].start_s + found[-1].duration + PAUSE_S))
+    return tuple(found)
 
 
 def possible_tests(campaign: Campaign) -> Iterator[Run]:

@@ -119,6 +119,9 @@ def with_next_test(found: Naming, finding: Finding) -> Finding:
     held = tuple(e for e in found.after.model.added if finding.effect.key not in (e.key, getattr(e, "of", "")))
     shared = {p.name for p in found.after.parameters if p.run is None}
     values = {n: v for n, v in zip(found.after.model.index, found.after.values.tolist(), strict=True) if n in shared}
+    chances = {(r.effect, r.axis): r.confidence for r in finding.rivals} | {
+        (finding.name, finding.axis): finding.confidence
+    }
     others = [{n: v for n, v in t.values.items() if not n.startswith("setup.")} for t in open_]
     test = next_test(
         found.after.model.campaign,
@@ -127,6 +130,7 @@ def with_next_test(found: Naming, finding: Finding) -> Finding:
         held=held,
         values=values,
         rival_values=others,
+        chances=[chances.get((t.effect.vocabulary, axis_of(t.effect)), 0.0) for t in open_],
     )
     if test is None:
         return finding
