@@ -321,6 +321,17 @@ def test_a_drift_found_as_noise_that_is_too_large_gets_the_name_that_leaves_none
     assert others and newest(drift(state.after, [*others, *nameless], {}, 0.005, state.progress)).id == "unknown"
 
 
+def test_what_changes_with_the_faster_axis_is_one_term_over_both_velocities(tmp_path):
+    """Master/slave changeover of old controls: sectors that begin at 45°, which terms over one coordinate cannot hold."""
+    machine = plant.planar_table()
+    aside = {"effect": "changeover_sector", "axes": ["X", "Y"], "direction": [0.6, 0.8, 0.0], "amplitude": 3.0}
+    found = diagnose(_measured(tmp_path / "c", machine, _circles(machine, (800.0, 2000.0)), [aside]))
+    (finding,) = found.findings
+    assert finding.name == "unknown" and set(finding.effect.over) == {"X velocity", "Y velocity"}
+    assert found.fit.chi2_dof_before > 2.0 and found.fit.chi2_dof_after < 1.3
+    assert np.abs(finding.parameters["direction"].value) == pytest.approx([0.6, 0.8, 0.0], abs=0.05)
+
+
 @pytest.mark.slow
 def test_a_compliance_that_softens_by_another_curve_brings_no_resonance(tmp_path):
     machine = plant.planar_table()

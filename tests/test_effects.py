@@ -170,6 +170,7 @@ CASES = [
     Case("unknown", "planar", None, {"over": ("X velocity",), "place": "reading", "order": 4}),
     Case("unknown", "static", None, {"over": ("B", "C"), "basis": ("bspline", "fourier"), "order": (3, 1),
                                       "directions": "z"}),
+    Case("unknown", "planar", None, {"over": ("X velocity", "Y velocity"), "basis": "faster", "order": 1}),
     Case("unknown", "static", None, {"over": ("C velocity sign", "C"), "basis": ("polynomial", "fourier"), "order": 1,
                                       "place": "axis"},
          {"effect": "backlash", "axis": "C", "width": 40.0}, {"axis.P1(C velocity sign)": -20.0}),
@@ -471,6 +472,8 @@ REFUSED = [
     ("static", "unknown", None, {"over": ("B",), "carrier": "C", "directions": "xa"}, "needs coordinates and directions"),
     ("static", "unknown", None, {"over": ("B", "C"), "basis": "fourier", "period": 30.0}, "only an axis or time has a cycle"),
     ("planar", "unknown", None, {"over": ("Z",)}, "does not move"),
+    ("planar", "unknown", None, {"over": ("X", "Y velocity"), "basis": "faster"}, "only of two linear axes that move"),
+    ("planar", "unknown", None, {"over": ("X velocity",), "basis": "faster"}, "only of two linear axes that move"),
     ("static", "unknown", None, {"over": ("B",), "carrier": "Q"}, "no axis Q carries it"),
     ("static", "unknown", None, {"over": ("B",), "carrier": "C", "place": "reading"}, "no axis C carries it"),
 ]  # fmt: skip

@@ -26,8 +26,9 @@ MOST_ROTARY = 3
 
 
 def unknowns(campaign: Campaign, held: tuple[Effect, ...], lacking: Collection[str] = ()) -> Iterator[Effect]:
-    """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time; where the
-    library is `lacking` the name (an id) for what does the same, over its acceleration and the side it comes from too.
+    """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, which of two linear
+    axes is the faster, and time; where the library is `lacking` the name (an id) for what does the same, over its acceleration
+    and the side it comes from too.
 
     They move the axis itself, the tool in the machine frame or in what a rotary axis carries, the readings, or the force of
     a drive.
@@ -70,6 +71,9 @@ def _terms(campaign: Campaign, lacking: Collection[str]) -> Iterator[dict[str, A
         term = {"over": pair, "basis": tuple(b for b, _ in shapes), "order": tuple(n for _, n in shapes)}
         yield term
         yield from ({**term, "carrier": axis, "tag": f"carried-{axis}"} for axis in pair)
+    linear = [axis for axis in moving if not campaign.machine.axes[axis].rotary]
+    for pair in combinations(linear, 2) if dynamic else ():
+        yield {"over": tuple(f"{axis} velocity" for axis in pair), "basis": "faster", "order": 1}
     for place in ("structure", "reading"):
         yield _spline("t", place)
         if campaign.rows > 4 * FINE:

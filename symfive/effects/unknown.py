@@ -35,6 +35,7 @@ FORCE_SHARE = 0.05
 VELOCITY, ACCELERATION = " velocity", " acceleration"
 SINCE = " since reversal"
 SIGN = " velocity sign"
+FASTER = "faster"
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 RARE = 0.01
 """The share of a run that starts and stops, and above that of its ends, take at most."""
@@ -51,7 +52,8 @@ class Unknown(Effect):
     logarithm) or `t` (the campaign's clock, s). With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
     and fixed) it is the phase in a cycle that counts, and `basis` is fourier. Functions as in the
     machine file: `basis` and `order` one per coordinate (a single one holds for all), products for several; `bspline` of order
-    n has n intervals. They have no constant part, which zeros and set-ups hold.
+    n has n intervals. They have no constant part, which zeros and set-ups hold. `faster` is +1 while the first of two velocities
+    is the greater one, else -1.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
     covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
     machine frame (where an axis is named as `carrier`, what it carries, as its error motions do: along `xyz` or about
@@ -124,6 +126,11 @@ class Unknown(Effect):
             raise InputError(
                 f"{self.key}: only an axis or time has a cycle", remedy='write over = ["t"], basis = "fourier"'
             )
+        if self.basis == FASTER and not self._of_two_velocities(machine):
+            raise InputError(
+                f"{self.key}: only of two linear axes that move one can be the faster",
+                remedy='write over = ["X velocity", "Y velocity"]',
+            )
         spans = self.span
         if not spans:
             values = [np.concatenate([_values(name, run, machine) for run in campaign.runs]) for name in self.over]
@@ -136,6 +143,10 @@ class Unknown(Effect):
             return prepared  # what was prepared for a campaign stays so for some of its runs
         less = replace(prepared, less=())._held_by_the_drive(campaign)
         return replace(prepared, less=less, sigma_force=self.sigma_force or prepared._usual_force(campaign))
+
+    def _of_two_velocities(self, machine: Machine) -> bool:
+        names = [name.removesuffix(VELOCITY) for name in self.over if name.endswith(VELOCITY)]
+        return len(names) == len(self.over) == len(set(names)) == 2 and not any(machine.axes[n].rotary for n in names)
 
     @property
     def _turns(self) -> bool:
@@ -171,6 +182,8 @@ class Unknown(Effect):
         return run.dynamic or not any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
 
     def _basis(self, machine: Machine) -> Basis:
+        if self.basis == FASTER:
+            return _basis_over((FASTER,), ("linear",), ((-1.0, 1.0),), ("polynomial",), (1,))
         kinds = tuple(machine.axes[name].kind if name in machine.axes else "linear" for name in self.over)
         if self.period:
             kinds = ("rotary",)
@@ -222,7 +235,7 @@ class Unknown(Effect):
 
     def apply(self, row: Row) -> None:
         basis = self._basis(row.machine)
-        functions = ca.vertcat(*basis.values(*(self._held(row, i) for i in range(len(self.over)))))
+        functions = ca.vertcat(*basis.values(*self._coordinates(row)))
         if self.less:
             motion = [1.0, *(self._coordinate(row, f"{self.axis}{what}") for what in (SIGN, VELOCITY))]
             functions -= ca.DM(self.less) @ ca.vertcat(*motion)
@@ -246,6 +259,13 @@ class Unknown(Effect):
         else:
             for i in row.sensed:
                 row.readings[i] += term(row.columns[i].name)
+
+    def _coordinates(self, row: Row) -> list[Any]:
+        """What the functions are of."""
+        if self.basis == FASTER:
+            first, second = (ca.fabs(self._coordinate(row, name)) for name in self.over)
+            return [ca.sign(first - second)]
+        return [self._held(row, number) for number in range(len(self.over))]
 
     def _held(self, row: Row, number: int) -> Any:
         """A coordinate; for polynomials, which would run away, no further than the span."""
@@ -295,6 +315,9 @@ class Unknown(Effect):
 
     def _table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
         """The functions in all rows of some runs (N, number of functions)."""
+        if self.basis == FASTER:
+            first, second = (np.abs(np.concatenate([_values(n, run, machine) for run in runs])) for n in self.over)
+            return np.asarray(self._basis(machine).matrix(np.sign(first - second)))
         points = []
         for number, (name, (low, high)) in enumerate(zip(self.over, self.span, strict=True)):
             there = np.concatenate([_values(name, run, machine) for run in runs])
