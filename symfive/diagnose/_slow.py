@@ -105,11 +105,12 @@ def physics_or_noise(
 def drift(
     fit: Identification, candidates: Sequence[Score], forms: Forms, level: float, progress: Callable[[str], None]
 ) -> Identification | None:
-    """The most probable of effects over time, each with the noise found anew, and what it leaves as improbable as so slow and
-    large a noise is. A name has to leave none that hardly any instrument has: a step does not explain what creeps."""
+    """The term over time without a name that explains most where no noise may be slow, or a name that is more probable than any
+    such, each with the noise found anew, and what it leaves as improbable as so slow and large a noise is. A name has to leave
+    none that hardly any instrument has: a step does not explain what creeps."""
     white = whitened(fit)
     base = evidence_of(white.problem(), white.values)
-    found: list[tuple[float, Identification]] = []
+    nameless, named = list[_Drift](), list[_Drift]()
     for score in candidates:
         progress(f"a drift as {score.effect.key}")
         trial = tried(white, base, score, forms)
@@ -117,10 +118,25 @@ def drift(
             continue
         after = shaped(white, trial)
         share, effect = log_share(after, level), newest(after)
-        if effect.id == "unknown" or share > np.log(level):
-            prior = beforehand(fit.model.campaign, effect, trial.looks, after.named, forms)
-            found.append((_odds(after, fit) + prior + share, after))
-    return max(found, key=lambda f: f[0])[1] if found else None
+        prior = beforehand(fit.model.campaign, effect, trial.looks, after.named, forms)
+        found = _Drift(after, trial.evidence, _odds(after, fit) + prior + share)
+        if effect.id == "unknown":
+            nameless.append(found)
+        elif share > np.log(level):
+            named.append(found)
+    best = max(named, key=lambda d: d.odds, default=None)
+    if best is not None and best.odds > max((d.odds for d in nameless), default=-np.inf):
+        return best.after
+    return max(nameless, key=lambda d: d.evidence).after if nameless else None
+
+
+@dataclass(frozen=True)
+class _Drift:
+    """A fit with an effect over time: its log `evidence` where no noise may be slow, and log `odds` with the noise it leaves."""
+
+    after: Identification
+    evidence: float
+    odds: float
 
 
 def _over_time(
