@@ -148,6 +148,7 @@ def _next(finding: Finding) -> str:
         said += f' Its plan: <a href="{folder}">{folder}</a>.'
     if test is not None and len(test.table) > 1:
         rows: list[list[str | Cell]] = [[s.name, Cell(f"{s.sigmas:.1f}", s.sigmas)] for s in test.table[:MOST_TESTS]]
-        tests = table("Tests that could be recorded", ["test", "expected separation / σ"], rows)
+        nearest = " from the nearest rival that it parts" if len(test.each) > 1 else ""
+        tests = table("Tests that could be recorded", ["test", f"expected separation{nearest} / σ"], rows)
         said += f"<details><summary>What other tests would tell</summary>{tests}</details>"
     return f'<div class="next"><strong>Next test.</strong> {said}</div>'
