@@ -13,6 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
+from symfive.effects._coordinates import (
+    ACCELERATION,
+    SIGN,
+    SINCE,
+    VELOCITY,
+    coordinate_values,
+    owner,
+    steps,
+    usual_span,
+)
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
@@ -20,7 +30,7 @@ from symfive.instruments import instruments_of
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import Basis
 from symfive.machine import Axis, ErrorTerm, Machine
-from symfive.motion import Acceleration, Direction, Position, ReversalDistance, Velocity, approach
+from symfive.motion import Acceleration, Direction, Position, ReversalDistance, Velocity
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -32,15 +42,8 @@ Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "reading", "force")
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
-VELOCITY, ACCELERATION = " velocity", " acceleration"
-SINCE = " since reversal"
-SIGN = " velocity sign"
 FASTER = "faster"
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
-RARE = 0.01
-"""The share of a run that starts and stops, and above that of its ends, take at most."""
-FINEST = 1e-3
-"""Distances since a reversal below this share of the travel are one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +93,7 @@ class Unknown(Effect):
     @property
     def owners(self) -> frozenset[str]:
         """What its coordinates speak of: axes, or `t`."""
-        return frozenset(map(_owner, self.over))
+        return frozenset(map(owner, self.over))
 
     @property
     def stage(self) -> str:  # type: ignore[override]
@@ -101,16 +104,16 @@ class Unknown(Effect):
         self.choose("place", PLACES)
         machine = campaign.machine
         for name in self.over:
-            if name != "t" and _owner(name) not in machine.axes:
+            if name != "t" and owner(name) not in machine.axes:
                 raise InputError(
                     f'{self.key}: coordinate "{name}" is unknown',
                     remedy=f'use "t", an axis ({", ".join(machine.axis_names)}) or one of them with {_QUANTITIES}',
                 )
-        if self.place in ("axis", "force") and _owner(self.over[0]) not in machine.axes:
+        if self.place in ("axis", "force") and owner(self.over[0]) not in machine.axes:
             raise InputError(f"{self.key}: time moves no axis", remedy='write place = "structure"')
         if self.place == "force" and not any(map(self.applies, campaign.runs)):
             raise InputError(
-                f"{self.key}: no run records the drive force of {_owner(self.over[0])}",
+                f"{self.key}: no run records the drive force of {owner(self.over[0])}",
                 remedy='record drive_force, or write place = "structure"',
             )
         if self.carrier and (self.carrier not in machine.axes or self.place != "structure"):
@@ -133,11 +136,13 @@ class Unknown(Effect):
             )
         spans = self.span
         if not spans:
-            values = [np.concatenate([_values(name, run, machine) for run in campaign.runs]) for name in self.over]
-            spans = tuple(_span(name, v) for name, v in zip(self.over, values, strict=True))
+            values = [
+                np.concatenate([coordinate_values(name, run, machine) for run in campaign.runs]) for name in self.over
+            ]
+            spans = tuple(usual_span(name, v) for name, v in zip(self.over, values, strict=True))
         if len(spans) != len(self.over) or any(low >= high for low, high in spans):
             raise InputError(f"{self.key}: the campaign does not move there", remedy="choose a coordinate that changes")
-        axis = _owner(self.over[0]) if self.place in ("axis", "force") else None
+        axis = owner(self.over[0]) if self.place in ("axis", "force") else None
         prepared = replace(super().prepare(campaign), span=spans, axis=axis)
         if self.place != "force" or len(self.less) == len(prepared._basis(machine).names):
             return prepared  # what was prepared for a campaign stays so for some of its runs
@@ -172,13 +177,14 @@ class Unknown(Effect):
         """Offset, direction and speed in all rows of some runs (N, 3)."""
         axis = str(self.axis)
         columns = [
-            np.concatenate([_values(f"{axis}{what}", run, machine) for run in runs]) for what in (SIGN, VELOCITY)
+            np.concatenate([coordinate_values(f"{axis}{what}", run, machine) for run in runs])
+            for what in (SIGN, VELOCITY)
         ]
         return np.column_stack([np.ones(len(columns[0])), *columns])
 
     def applies(self, run: Run) -> bool:
         if self.place == "force":
-            return driven_axis(run) == _owner(self.over[0])
+            return driven_axis(run) == owner(self.over[0])
         return run.dynamic or not any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
 
     def _basis(self, machine: Machine) -> Basis:
@@ -227,10 +233,10 @@ class Unknown(Effect):
         over = (
             self.over if self.place != "force" else (*self.over, *(f"{self.axis}{what}" for what in (SIGN, VELOCITY)))
         )
-        found: list[Signal] = [Velocity(_owner(name)) for name in over if name.endswith(VELOCITY)]
-        found += [Acceleration(_owner(name)) for name in over if name.endswith(ACCELERATION)]
-        found += [Direction(_owner(name)) for name in over if name.endswith((SINCE, SIGN))]
-        found += [ReversalDistance(_owner(name)) for name in self.over if name.endswith(SINCE)]
+        found: list[Signal] = [Velocity(owner(name)) for name in over if name.endswith(VELOCITY)]
+        found += [Acceleration(owner(name)) for name in over if name.endswith(ACCELERATION)]
+        found += [Direction(owner(name)) for name in over if name.endswith((SINCE, SIGN))]
+        found += [ReversalDistance(owner(name)) for name in self.over if name.endswith(SINCE)]
         return tuple(found)
 
     def apply(self, row: Row) -> None:
@@ -303,29 +309,31 @@ class Unknown(Effect):
         if name == "t":
             return row.clock
         if name.endswith(SINCE):
-            axis = _owner(name)
+            axis = owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
-            return row.signal(Direction(axis)) * _steps(row.signal(ReversalDistance(axis)) / reach, ca)
+            return row.signal(Direction(axis)) * steps(row.signal(ReversalDistance(axis)) / reach, ca)
         if name.endswith(SIGN):
-            return row.signal(Direction(_owner(name)))
+            return row.signal(Direction(owner(name)))
         if name.endswith((VELOCITY, ACCELERATION)):
-            axis, of = _owner(name), Velocity if name.endswith(VELOCITY) else Acceleration
+            axis, of = owner(name), Velocity if name.endswith(VELOCITY) else Acceleration
             return row.signal(of(axis)) / row.machine.axes[axis].to_internal
         return row.signal(Position(name))
 
     def _table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
         """The functions in all rows of some runs (N, number of functions)."""
         if self.basis == FASTER:
-            first, second = (np.abs(np.concatenate([_values(n, run, machine) for run in runs])) for n in self.over)
+            first, second = (
+                np.abs(np.concatenate([coordinate_values(n, run, machine) for run in runs])) for n in self.over
+            )
             return np.asarray(self._basis(machine).matrix(np.sign(first - second)))
         points = []
         for number, (name, (low, high)) in enumerate(zip(self.over, self.span, strict=True)):
-            there = np.concatenate([_values(name, run, machine) for run in runs])
+            there = np.concatenate([coordinate_values(name, run, machine) for run in runs])
             unit = machine.axes[name].to_internal if name in machine.axes else 1.0
             if period:
                 unit = 2.0 * np.pi / period
             there = unit * (np.clip(there, low, high) if self._bases[number] == "polynomial" else there)
-            points.append(np.sign(there) * _steps(np.abs(there) / high, np) if name.endswith(SINCE) else there)
+            points.append(np.sign(there) * steps(np.abs(there) / high, np) if name.endswith(SINCE) else there)
         table = self._basis(machine).matrix(*points)
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
 
@@ -375,43 +383,3 @@ def _basis_over(
     }
     term = ErrorTerm(name="EXunknown", sigma=1.0, basis=basis, order=order, over=over)
     return Basis(term, SimpleNamespace(axes=axes))
-
-
-def _owner(name: str) -> str:
-    """The axis that a coordinate speaks of."""
-    for quantity in (VELOCITY, ACCELERATION, SINCE, SIGN):
-        name = name.removesuffix(quantity)
-    return name
-
-
-def _steps(share: Any, library: Any) -> Any:
-    """A distance as a share of the travel, 0…1 and beyond, in equal steps of its logarithm down to FINEST."""
-    return library.log1p(share / FINEST) / float(np.log1p(1.0 / FINEST))
-
-
-def _values(name: str, run: Run, machine: Machine) -> Array:
-    """A coordinate along the commands of a run, in file units (mm, degree, s)."""
-    if name == "t":
-        return run.start_s + np.asarray(run.time)
-    command = np.asarray(run.commands[_owner(name)])
-    if name.endswith(SINCE):
-        return _since_reversal(command)
-    if name.endswith(SIGN):
-        return approach(command)
-    for _ in range(1 if name.endswith(VELOCITY) else 2 if name.endswith(ACCELERATION) else 0):
-        command = np.gradient(command, run.time) if run.dynamic and run.rows > 1 else np.zeros(run.rows)
-    return command
-
-
-def _span(name: str, values: Array) -> tuple[float, float]:
-    """From the lowest to the highest; of an acceleration without the jerks at starts and stops."""
-    low, high = np.quantile(values, (RARE, 1.0 - RARE) if name.endswith(ACCELERATION) else (0.0, 1.0))
-    return float(low), float(high)
-
-
-def _since_reversal(command: Array) -> Array:
-    """Way since the last reversal with the sign of the motion (before the first one: since the start)."""
-    sign = approach(command)
-    turned = np.flatnonzero(np.diff(sign))
-    origin = np.concatenate([[0], turned])[np.searchsorted(turned + 1, np.arange(len(command)), side="right")]
-    return np.asarray(sign * np.abs(command - command[origin]))

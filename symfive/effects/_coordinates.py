@@ -1,0 +1,63 @@
+"""Coordinates of a term without a name, by their words: an axis, what its motion does, or time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.machine import Machine
+from symfive.motion import approach
+
+__all__ = ["ACCELERATION", "SIGN", "SINCE", "VELOCITY", "coordinate_values", "owner", "steps", "usual_span"]
+
+Array = NDArray[np.float64]
+VELOCITY, ACCELERATION = " velocity", " acceleration"
+SINCE = " since reversal"
+SIGN = " velocity sign"
+RARE = 0.01
+"""The share of a run that starts and stops, and above that of its ends, take at most."""
+FINEST = 1e-3
+"""Distances since a reversal below this share of the travel are one."""
+
+
+def owner(name: str) -> str:
+    """The axis that a coordinate speaks of."""
+    for quantity in (VELOCITY, ACCELERATION, SINCE, SIGN):
+        name = name.removesuffix(quantity)
+    return name
+
+
+def steps(share: Any, library: Any) -> Any:
+    """A distance as a share of the travel, 0…1 and beyond, in equal steps of its logarithm down to FINEST."""
+    return library.log1p(share / FINEST) / float(np.log1p(1.0 / FINEST))
+
+
+def coordinate_values(name: str, run: Run, machine: Machine) -> Array:
+    """A coordinate along the commands of a run, in file units (mm, degree, s)."""
+    if name == "t":
+        return run.start_s + np.asarray(run.time)
+    command = np.asarray(run.commands[owner(name)])
+    if name.endswith(SINCE):
+        return _since_reversal(command)
+    if name.endswith(SIGN):
+        return approach(command)
+    for _ in range(1 if name.endswith(VELOCITY) else 2 if name.endswith(ACCELERATION) else 0):
+        command = np.gradient(command, run.time) if run.dynamic and run.rows > 1 else np.zeros(run.rows)
+    return command
+
+
+def usual_span(name: str, values: Array) -> tuple[float, float]:
+    """From the lowest to the highest; of an acceleration without the jerks at starts and stops."""
+    low, high = np.quantile(values, (RARE, 1.0 - RARE) if name.endswith(ACCELERATION) else (0.0, 1.0))
+    return float(low), float(high)
+
+
+def _since_reversal(command: Array) -> Array:
+    """Way since the last reversal with the sign of the motion (before the first one: since the start)."""
+    sign = approach(command)
+    turned = np.flatnonzero(np.diff(sign))
+    origin = np.concatenate([[0], turned])[np.searchsorted(turned + 1, np.arange(len(command)), side="right")]
+    return np.asarray(sign * np.abs(command - command[origin]))
