@@ -107,7 +107,7 @@ def drift(
 ) -> Identification | None:
     """The term over time without a name that explains most where no noise may be slow, or a name that is more probable than any
     such, each with the noise found anew, and what it leaves as improbable as so slow and large a noise is. A name has to leave
-    none that hardly any instrument has: a step does not explain what creeps."""
+    no more than a fifth of instruments have: a step does not explain what creeps."""
     white = whitened(fit)
     base = evidence_of(white.problem(), white.values)
     nameless, named = list[_Drift](), list[_Drift]()
@@ -122,7 +122,7 @@ def drift(
         found = _Drift(after, trial.evidence, _odds(after, fit) + prior + share)
         if effect.id == "unknown":
             nameless.append(found)
-        elif share > np.log(level):
+        elif share > np.log(SLOW_NOISE):
             named.append(found)
     best = max(named, key=lambda d: d.odds, default=None)
     if best is not None and best.odds > max((d.odds for d in nameless), default=-np.inf):
