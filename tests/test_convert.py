@@ -132,6 +132,24 @@ def test_emps_gives_back_invented_forces(tmp_path: Path) -> None:
     assert found == pytest.approx([80.0, 150.0, 17.0, -4.0], rel=0.005)
 
 
+def test_emps_pulses_are_in_the_voltage_already(tmp_path: Path) -> None:
+    """The carriage answers to all that the drive gets; the file names the part of it that the pulses are."""
+    t = np.arange(12000) * 1e-3
+    pulses = np.where((t % 3.0 > 1.0) & (t % 3.0 < 1.5), 30.0, 0.0)
+    controller = 200.0 * np.cos(2 * np.pi * 0.5 * t)
+    x = np.cumsum(np.cumsum((controller + pulses) / 80.0) * 1e-3) * 1e-3
+    (tmp_path / "emps").mkdir()
+    data = {"t": t, "qg": x, "qm": x, "vir": (controller + pulses) / 20.0, "gtau": 20.0, "kp": 160.0, "pulses_N": pulses}
+    savemat(tmp_path / "emps" / "DATA_EMPS_PULSES.mat", data)
+    campaign = convert("emps", tmp_path)
+    run, model = campaign.run("DATA_EMPS_PULSES"), Model(campaign)
+    slopes = model.linearise(run, model.start).jacobian[:, 1, :]
+    square = low_pass(pulses, run.options["low_pass_hz"], 1e-3)[np.searchsorted(t, run.time)]
+    found = np.linalg.lstsq(np.column_stack([slopes, square]), run.readings["X_force_N"], rcond=None)[0]
+    assert found[0] == pytest.approx(80.0, rel=0.005)
+    assert abs(found[-1]) < 0.01  # nothing that looks like the pulses is left beside the inertia
+
+
 def test_emps_file_that_lacks_a_column(tmp_path: Path) -> None:
     (tmp_path / "emps").mkdir()
     savemat(tmp_path / "emps" / "DATA_EMPS.mat", {"t": [0.0, 1.0]})
