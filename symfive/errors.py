@@ -1,10 +1,10 @@
-"""The one exception a user can cause: a sentence with file, line, column and remedy."""
+"""The exceptions a user can cause: a sentence with file, line, column and remedy; values at which a model has no readings."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["InputError"]
+__all__ = ["EvaluationError", "InputError"]
 
 
 class InputError(ValueError):
@@ -49,3 +49,11 @@ class InputError(ValueError):
         text = f"{place}: {self.problem}" if place else self.problem
         text = f"{text}; {self.remedy}." if self.remedy else f"{text}."
         return " ".join(text.split())
+
+
+class EvaluationError(InputError):
+    """Parameter values at which the model has no finite readings: most often gains that make a drive unstable.
+
+    Only `symfive.model` raises it, before a library sees such numbers. To a solver it is a step that went too far
+    (`symfive.inference.halved`); only where a user's own values are such does it reach him.
+    """

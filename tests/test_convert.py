@@ -139,7 +139,15 @@ def test_emps_pulses_are_in_the_voltage_already(tmp_path: Path) -> None:
     controller = 200.0 * np.cos(2 * np.pi * 0.5 * t)
     x = np.cumsum(np.cumsum((controller + pulses) / 80.0) * 1e-3) * 1e-3
     (tmp_path / "emps").mkdir()
-    data = {"t": t, "qg": x, "qm": x, "vir": (controller + pulses) / 20.0, "gtau": 20.0, "kp": 160.0, "pulses_N": pulses}
+    data = {
+        "t": t,
+        "qg": x,
+        "qm": x,
+        "vir": (controller + pulses) / 20.0,
+        "gtau": 20.0,
+        "kp": 160.0,
+        "pulses_N": pulses,
+    }
     savemat(tmp_path / "emps" / "DATA_EMPS_PULSES.mat", data)
     campaign = convert("emps", tmp_path)
     run, model = campaign.run("DATA_EMPS_PULSES"), Model(campaign)

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from symfive.campaign import Campaign, Run, read_campaign
+from symfive.diagnose._catalogue import catalogue
 from symfive.effects import EFFECTS, VOCABULARY, Effect, make_effect
 from symfive.errors import InputError
 from symfive.machine import machine_from_data, preset
@@ -450,6 +451,35 @@ def test_latency_leaves_the_control_s_own_recording_alone() -> None:
     for run in runs:
         assert np.abs(change[run.id][:, 0]).max() > 0.01
         assert np.abs(change[run.id][:, 1:]).max() == 0.0
+
+
+def test_latency_leaves_what_other_effects_do_to_the_control_s_own_recording_alone() -> None:
+    """A clock belongs to a reading: force and bar may look at the velocity of one axis, and only the bar sees it late."""
+    plan = campaign("planar")
+    options = {"axis": "X", "force_terms": ("mass", "viscous")}
+    runs = tuple(
+        replace(run, instrument=("drive_force", "ball_bar"), options=options, readings={}) for run in plan.runs
+    )
+    plan = replace(plan, runs=runs)
+    others = [make_effect("force_friction", "X"), make_effect("unknown", over=("X velocity",), place="force")]
+    model = Model(plan, [*others, make_effect("latency")])
+    at = {p.name: 5.0 for e in model.effects[:2] for p in e.parameters(plan)} | {"drive_force.X.mass": 90.0}
+    on_time, late = model.predict(at), model.predict({**at, "latency.delay_ms": 8.0})
+    for run in runs:
+        change = late[run.id] - on_time[run.id]
+        assert np.abs(change[:, 0]).max() == 0.0 and np.ptp(on_time[run.id][:, 0]) > 1.0
+        assert np.abs(change[:, 1]).max() > 0.01
+    names = [*at, "latency.delay_ms", next(p.name for p in model.parameters if p.kind == "location_error")]
+    assert_exact(model, names)
+
+
+@pytest.mark.parametrize("name", ["latency", "sensor_low_pass"])
+def test_where_the_control_records_everything_no_instrument_is_late(name: str) -> None:
+    plan = campaign("planar")
+    runs = tuple(replace(run, instrument=("encoder",), readings={}) for run in plan.runs)
+    assert not any(make_effect(name).applies(run) for run in runs)
+    assert any(make_effect(name).applies(run) for run in plan.runs)
+    assert name not in {effect.id for effect in catalogue(replace(plan, runs=runs))}
 
 
 REFUSED = [

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.errors import InputError
+from symfive.errors import EvaluationError, InputError
+from symfive.inference import halved
 from symfive.model import Model
 from symfive.threads import one_thread
 
@@ -225,15 +226,18 @@ def _separation(
 
 def _left(true: Model, truth: Array, rival: Model, ids: Sequence[str]) -> float:
     """T: what the rival cannot explain of the true model's readings (Gauss–Newton with the priors)."""
-    wanted = {id: true.predict_run(id, truth) / true.noise(id) for id in ids}
+    _, wanted = halved(lambda at: {id: true.predict_run(id, at) / true.noise(id) for id in ids}, truth, true.start)
     precision = rival.prior_sigma**-2.0
     values = rival.start
     best = math.inf
     for _ in range(ITERATIONS):
         gram, gradient, square = np.diag(precision), -precision * (values - rival.prior_mean), 0.0
         square = float(np.sum(precision * (values - rival.prior_mean) ** 2))
-        for id in ids:
-            line = rival.linearise(id, values)
+        try:
+            lines = {id: rival.linearise(id, values) for id in ids}
+        except EvaluationError:
+            break  # a step too far: the best so far counts
+        for id, line in lines.items():
             noise = rival.noise(id)
             residual = (wanted[id] - line.prediction / noise).ravel()
             slopes = (line.jacobian / noise[:, None]).reshape(len(residual), -1)

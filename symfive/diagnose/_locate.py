@@ -23,8 +23,9 @@ from symfive.diagnose._scan import scan
 from symfive.diagnose._scores import Board, Score, Secant, score_catalogue
 from symfive.diagnose._unknown import unknowns
 from symfive.effects import Effect
+from symfive.errors import EvaluationError
 from symfive.identify import Identification
-from symfive.inference import whiten
+from symfive.inference import halved, whiten
 from symfive.model import Model
 from symfive.threads import one_thread
 
@@ -192,9 +193,13 @@ def _secants(result: Identification, scores: Sequence[Score]) -> list[Secant]:
         for levels in effect.levels(fitted.campaign):
             model = Model(fitted.campaign, (*fitted.added, effect))
             at = model.vector({**values, **levels})
-            adds = {r.id: model.predict_run(r, at) - fitted.predict_run(r, result.values) for r in fitted.campaign.runs}
-            if all(np.isfinite(a).all() for a in adds.values()):
-                found.append(Secant(effect, levels, adds))
+            try:
+                adds = {
+                    r.id: model.predict_run(r, at) - fitted.predict_run(r, result.values) for r in fitted.campaign.runs
+                }
+            except EvaluationError:
+                continue
+            found.append(Secant(effect, levels, adds))
     return found
 
 
@@ -283,8 +288,9 @@ def _suspect(fit: Identification, link: str, axis: str | None, score: Score, loo
     if log_p < -1.0:
         model = Model(fit.model.campaign, [*fit.model.added, effect])
         fitted = fit.named
-        values = model.vector(fitted | start_of(model, score))
-        acts = {r.id: model.predict_run(r, values) - fit.model.predict_run(r, fit.values) for r in model.campaign.runs}
+        stepped = model.vector(fitted | start_of(model, score))
+        _, there = halved(model.predict, stepped, model.vector(fitted))
+        acts = {r.id: there[r.id] - fit.model.predict_run(r, fit.values) for r in model.campaign.runs}
         where = intervals_of(model.campaign, acts)
     direction = direction_of(fit.model.machine, effect, score.step)
     return Suspect(link, axis, coordinate_of(effect), effect, score.drop, log_p, where, direction)

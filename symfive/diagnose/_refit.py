@@ -15,7 +15,7 @@ from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scores import Score
 from symfive.diagnose._variants import carried, narrower, shapes, variants
 from symfive.effects import Effect
-from symfive.errors import InputError
+from symfive.errors import EvaluationError, InputError
 from symfive.identify import Identification, identify
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
@@ -62,25 +62,24 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
     effect = score.effect
     named = result.named
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
-            for widening in range(1 + WIDENINGS):
-                model = Model(campaign, (*result.model.added, effect))
-                problem = result.problem(model)
-                start = named if widening else named | start_of(model, score)
-                values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
-                named = model.named(values)
-                wider = _roomy(campaign, effect, named)
-                if wider.spread == effect.spread:
-                    break
-                effect = wider
-            evidence, left = weighed(problem, values, amplitudes(campaign, effect))
-            evidence -= base
-    except np.linalg.LinAlgError:
+        for widening in range(1 + WIDENINGS):
+            model = Model(campaign, (*result.model.added, effect))
+            problem = result.problem(model)
+            start = named if widening else named | start_of(model, score)
+            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
+            named = model.named(values)
+            wider = _roomy(campaign, effect, named)
+            if wider.spread == effect.spread:
+                break
+            effect = wider
+        evidence, left = weighed(problem, values, amplitudes(campaign, effect))
+        evidence -= base
+        size = _size(result, problem.model, effect, values)
+    except (EvaluationError, np.linalg.LinAlgError):
         return None
     if not np.isfinite(evidence):
         return None
     evidence += beforehand(campaign, effect, score.looks, named, forms)
-    size = _size(result, problem.model, effect, values)
     return Trial(effect, evidence, named, size, score.looks, left + _pull(problem, effect, values))
 
 
@@ -184,7 +183,7 @@ def _reshaped(result: Identification, plain: Identification) -> Identification:
             start = _best_start(problem, prepared, others | carried(effect, prepared, campaign, named))
             values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
             evidence = evidence_of(problem, values)
-        except (ValueError, np.linalg.LinAlgError):
+        except (InputError, np.linalg.LinAlgError):
             continue
         simpler = len(prepared.parameters(campaign)) < len(effect.parameters(campaign))
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):

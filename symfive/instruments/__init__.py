@@ -18,7 +18,7 @@ from symfive.instruments.tracker import Tracker
 if TYPE_CHECKING:
     from symfive.campaign import Run
 
-__all__ = ["INSTRUMENTS", "Column", "Instrument", "instruments_of"]
+__all__ = ["INSTRUMENTS", "Column", "Instrument", "has_clock_of_its_own", "instruments_of"]
 
 INSTRUMENTS: dict[str, Instrument] = {
     instrument.name: instrument
@@ -32,3 +32,8 @@ def instruments_of(run: Run) -> tuple[Instrument, ...]:
         if name not in INSTRUMENTS:
             raise InputError(f"instrument {name!r} is unknown", remedy=f"use one of {', '.join(INSTRUMENTS)}")
     return tuple(INSTRUMENTS[name] for name in run.instrument)
+
+
+def has_clock_of_its_own(run: Run) -> bool:
+    """Whether a run has readings that the control does not record itself."""
+    return any(not instrument.on_control for instrument in instruments_of(run))

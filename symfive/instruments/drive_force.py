@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument
-from symfive.motion import Acceleration, OnControlClock, RunMotion, Series, Velocity
+from symfive.motion import Acceleration, RunMotion, Series, Velocity
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -137,10 +137,10 @@ class DriveForce(Instrument):
         name = run.options["axis"]
         cut_off = run.options.get("low_pass_hz")
         if cut_off is None:
-            return (OnControlClock(Velocity(name)), OnControlClock(Acceleration(name)))
+            return (Velocity(name), Acceleration(name))
         rest = self.constants(run, machine)["v_rest"]
         quantities = ("velocity", "acceleration", "direction")
-        return tuple(OnControlClock(FilteredMotion(name, q, float(cut_off), rest)) for q in quantities)
+        return tuple(FilteredMotion(name, q, float(cut_off), rest) for q in quantities)
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         name = run.options["axis"]

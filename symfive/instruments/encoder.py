@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter
-from symfive.motion import OnControlClock, Position
+from symfive.motion import Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -49,12 +49,9 @@ class Encoder(Instrument):
         axes = [machine.axes[name] for name in self.axes(run, machine)]
         return tuple(setup_parameter(run, f"zero.{axis.name}", axis.unit, sigma) for axis in axes)
 
-    def signals(self, run: Run, machine: Machine) -> tuple[OnControlClock, ...]:
-        return tuple(OnControlClock(Position(name)) for name in self.axes(run, machine))
-
     def reading(self, row: Row, run: Run) -> list[Any]:
         readings = []
         for name in self.axes(run, row.machine):
             zero = row.parameter(f"setup.zero.{name}") if row.has(f"setup.zero.{name}") else 0.0
-            readings.append(row.signal(OnControlClock(Position(name))) + zero)
+            readings.append(row.signal(Position(name)) + zero)
         return readings

@@ -11,7 +11,6 @@ from symfive.motion._signals import (
     Acceleration,
     Command,
     Direction,
-    OnControlClock,
     Play,
     Position,
     PreSliding,
@@ -25,7 +24,7 @@ from symfive.motion._signals import (
 )
 
 __all__ = [
-    "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position",
+    "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position",
     "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
     "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
 ]  # fmt: skip

@@ -20,7 +20,7 @@ from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import RunMotion, Series
 
 __all__ = [
-    "Acceleration", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding", "Resonance",
+    "Acceleration", "Command", "Direction", "Play", "Position", "PreSliding", "Resonance",
     "ReversalDistance", "ReversalTime", "Signal", "Velocity",
 ]  # fmt: skip
 
@@ -92,27 +92,6 @@ def approach(positions: Array) -> Array:
     last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), -1))
     filled = signs[np.where(last < 0, moved[0], last)]
     return np.concatenate([filled[:1], filled])
-
-
-@dataclass(frozen=True)
-class OnControlClock:
-    """A signal as the control itself records it: an instrument's delay does not touch it."""
-
-    signal: Signal
-
-    @property
-    def axis(self) -> str | None:
-        """The axis it belongs to, if any."""
-        return getattr(self.signal, "axis", None)
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Those of the signal."""
-        return self.signal.parameters
-
-    def series(self, motion: RunMotion) -> Series:
-        """Those of the signal."""
-        return self.signal.series(motion)
 
 
 class Direction(_OfAxis):
