@@ -80,9 +80,8 @@ def check(path: Path | str) -> Check:
         machine, runs, found = campaign_problems(path)
     else:
         machine, found = machine_problems(path)
-    if machine is not None and not machine.errors and not any(map(_concerns_errors, found)):
-        problem = "no error is declared, so that nothing can be identified"
-        found = [*found, InputError(problem, path=_machine_path(path), remedy="write what may be wrong into [errors]")]
+    if machine is not None and not machine.errors and not runs and not any(map(_concerns_errors, found)):
+        found = [*found, _nothing_free(path)]
     notes = (
         tuple(
             f'key "{key}" is unknown to symfive; it is kept'
@@ -93,13 +92,25 @@ def check(path: Path | str) -> Check:
         else ()
     )
     if machine is not None and runs and not found:
+        from symfive.model import Model
         from symfive.plausible import doubts
 
+        campaign = Campaign(machine=machine, runs=runs)
         try:
-            notes += doubts(Campaign(machine=machine, runs=runs))
+            free = Model(campaign).parameters  # errors of the machine, what a drive's force has, set-up
+            if not free:
+                found = [_nothing_free(path)]
+            elif all(parameter.run is not None for parameter in free):
+                notes += ("no error is declared, so that only the set-up of the runs can be identified",)
+            notes += doubts(campaign)
         except InputError as error:
             found = [error]
     return Check(path, machine, runs, tuple(found), notes)
+
+
+def _nothing_free(path: Path) -> InputError:
+    problem = "no error is declared, so that nothing can be identified"
+    return InputError(problem, path=_machine_path(path), remedy="write what may be wrong into [errors]")
 
 
 def errors_block(machine: Machine) -> str:

@@ -62,9 +62,8 @@ class FilteredMotion:
 
     def series(self, motion: RunMotion) -> Series:
         """Its values along the run, mm or rad, s."""
-        axis = motion.machine.axes[self.axis]
-        time = motion.run.time
-        measured = np.asarray(motion.run.readings[f"{self.axis}_act_{axis.unit}"]) * axis.to_internal
+        time, recorded = motion.run.time, motion.recorded(self.axis)
+        measured = motion.axis(self.axis).position.value if recorded is None else recorded
         if len(time) < 6:
             return Series(np.zeros_like(time))
         spline = make_interp_spline(time, measured, k=5)

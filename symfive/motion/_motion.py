@@ -118,8 +118,9 @@ class RunMotion:
         rest = Series(np.zeros_like(command))
         if not self.run.dynamic:
             return AxisMotion(command, Series(command), rest, rest)
-        if self.run.options.get("motion_from") == "encoder":
-            return self._recorded(axis, command)
+        measured = self.recorded(axis.name)
+        if measured is not None:
+            return self._smoothed(command, measured)
         constant = bool(np.all(command == command[0]))
         if axis.drive is None or constant:
             velocity = np.zeros_like(command) if constant else np.gradient(command, self.run.time)
@@ -127,9 +128,16 @@ class RunMotion:
             return AxisMotion(command, Series(command), Series(velocity), Series(acceleration))
         return self._driven(axis, command)
 
-    def _recorded(self, axis: Axis, command: Array) -> AxisMotion:
+    def recorded(self, name: str) -> Array | None:
+        """The positions of an axis (mm, rad) where the run takes its motion from the encoder and that has recorded them."""
+        axis = self.machine.axes[name]
+        readings = self.run.readings.get(f"{name}_act_{axis.unit}")
+        if readings is None or self.run.options.get("motion_from") != "encoder":
+            return None
+        return np.asarray(readings) * axis.to_internal
+
+    def _smoothed(self, command: Array, measured: Array) -> AxisMotion:
         """Motion as the encoder recorded it, smoothed by a local cubic over `smoothing_s` (Savitzky & Golay 1964)."""
-        measured = np.asarray(self.run.readings[f"{axis.name}_act_{axis.unit}"]) * axis.to_internal
         span = float(self.run.options.get("smoothing_s", SMOOTHING_S))
         window = min(2 * round(span / self.run.interval / 2) + 1, (len(measured) - 1) // 2 * 2 + 1)
         if window < 5:
@@ -180,7 +188,7 @@ class RunMotion:
     def _finely(self, name: str, factor: int) -> tuple[Series, NDArray[np.int64], float]:
         axis, motion = self.machine.axes[name], self.axis(name)
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
-        driven = axis.drive is not None and self.run.options.get("motion_from") != "encoder"
+        driven = axis.drive is not None and self.recorded(name) is None
         if driven and np.any(motion.command != motion.command[0]):
             response, names = self._response(axis, motion.command, factor)
             series = Series(response[:, 2, 0], {n: response[:, 2, 1 + i] for i, n in enumerate(names)})
