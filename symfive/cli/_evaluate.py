@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +24,7 @@ from symfive.cli._common import (
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
+    from symfive.machine import Machine
 
 __all__ = ["diagnose", "fleet", "identify", "predict"]
 
@@ -72,25 +74,32 @@ def predict(
     from symfive.campaign import write_campaign_files
     from symfive.files import output_folder, write_json
     from symfive.identify import predict as predict_campaign
-    from symfive.instruments import instruments_of
     from symfive.model import read_model
-    from symfive.numbers import plain_number, unit_words
-
-    def unit_of(run: Run) -> str:
-        units = {c.unit for i in instruments_of(run) for c in i.columns(run, result.campaign.machine)}
-        return unit_words(units.pop()) if len(units) == 1 else "(in its readings' units)"
 
     result = predict_campaign(read_model(model), read(campaign, quiet))
     with output_folder(output) as folder:
         write_campaign_files(result.campaign, folder)
         setup = {run: dict(values) for run, values in result.setup.items()}
-        summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "setup": setup}
+        summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "rms_kept": dict(result.rms_kept),
+                   "rms_by_column": {run: dict(each) for run, each in result.rms_by_column.items()}, "setup": setup}  # fmt: skip
         write_json(folder / "prediction.json", summary)
     lines = [
-        f"{run}: rms of measured minus predicted {plain_number(rms)} {unit_of(result.campaign.run(run))}"
-        for run, rms in result.rms.items()
+        f"{run}: rms of measured minus predicted {_by_unit(result.campaign.run(run), result.campaign.machine, rms, each)}"
+        for (run, rms), each in zip(result.rms.items(), result.rms_by_column.values(), strict=True)
     ]
     tell(summary, "\n".join(lines) or "no run has readings: nothing to compare with", as_json)
+
+
+def _by_unit(run: Run, machine: Machine, rms: float, each: Mapping[str, float]) -> str:
+    """The rms with its unit; of a run that reads in several units, of each column."""
+    from symfive.instruments import instruments_of
+    from symfive.numbers import plain_number, unit_words
+
+    units = {c.name: c.unit for i in instruments_of(run) for c in i.columns(run, machine) if c.name in each}
+    if len(set(units.values())) == 1:
+        unit = next(iter(units.values()))
+        return f"{plain_number(rms, unit)} {unit_words(unit)}"
+    return ", ".join(f"{n} {plain_number(v, units[n])} {unit_words(units[n])}" for n, v in each.items())
 
 
 @app.command(epilog="Example: symfive diagnose measured/ -o diagnosis/")

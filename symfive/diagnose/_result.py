@@ -142,6 +142,12 @@ def _quantity(q: Quantity) -> Any:
     return {"value": value, "std": std, "unit": q.unit}
 
 
+def _excluded(fit: Identification) -> dict[str, Any]:
+    every = fit.problem().readings
+    return {"excluded": len(fit.outliers), "readings": every, "share": len(fit.outliers) / max(every, 1),
+            "rms_kept_um": fit.rms_kept.get(fit.file_unit, 0.0)}  # fmt: skip
+
+
 def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
     """Of the residuals, without these readings."""
     total, count = 0.0, 0
@@ -155,8 +161,8 @@ def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
 
 @dataclass(frozen=True)
 class Fit:
-    """Quality before and after, over kept readings; the held-out part by leaving out runs in turn, `heldout_by` a whole feed
-    or place at a time: what → (before, after), µm."""
+    """Quality before and after: rms over all readings, excluded outliers too; χ² over those that each fit kept; the held-out
+    part by leaving out runs in turn, `heldout_by` a whole feed or place at a time: what → (before, after), µm."""
 
     rms_before_um: float
     rms_after_um: float
@@ -245,6 +251,7 @@ class Diagnosis:
                     what: {"rms_before_um": b, "rms_after_um": a} for what, (b, a) in self.fit.heldout_by.items()
                 },
             },
+            "outliers": {"before": _excluded(self.before), "after": _excluded(self.after)},
             "tests": [
                 {"test": t.name, "statistic": t.statistic, "dof": t.dof, "p_value": t.p_value, "says": t.says}
                 for t in self.detection.tests
@@ -261,19 +268,22 @@ class Diagnosis:
     @property
     def letter(self) -> str:
         """The verdict in plain words, a sentence a finding."""
+        return self._warned(" ".join([self._letter(), *self.excluded]))
+
+    def _letter(self) -> str:
         if self.mismatch:
-            return self._warned(" ".join([*(f.says for f in self.findings), *self.doubts]))
+            return " ".join([*(f.says for f in self.findings), *self.doubts])
         left, ratio = plain_number(self.fit.rms_after_um, self.after.unit), plain_number(self.noise_ratio)
         text = (
             f"None of {len(self.observability)} effects that were looked for stands out of what the baseline leaves "
             f"({left} {self.after.unit} rms)."
         )
         if self.noise_ratio > EXPLAINED:
-            return self._warned(
+            return (
                 f"{text} That is {ratio} times the declared noise: coloured noise of the instrument, or something that "
                 "no effect of the catalogue describes and these recordings cannot place."
             )
-        return self._warned(f"{text} The baseline explains the readings down to the declared noise.")
+        return f"{text} The baseline explains the readings down to the declared noise."
 
     def _warned(self, said: str) -> str:
         """Behind a warning where the fit did not converge."""
@@ -302,6 +312,17 @@ class Diagnosis:
     def doubts(self) -> tuple[str, ...]:
         """What speaks against the findings, and what is left beside them."""
         return (*(self.fit.doubts(self.after.unit) if self.findings else ()), *self.unnamed)
+
+    @property
+    def excluded(self) -> tuple[str, ...]:
+        """What was excluded as outliers, before and after, in a sentence; none where nothing was."""
+        counts = len(self.before.outliers), len(self.after.outliers)
+        if not any(counts):
+            return ()
+        every, unit = self.after.problem().readings, self.after.file_unit
+        numbers = " → ".join(dict.fromkeys(f"{n} of {every} ({percent(n / every)})" for n in counts))
+        kept = change(self.before.rms_kept.get(unit, 0.0), self.after.rms_kept.get(unit, 0.0), unit)
+        return (f"Excluded outliers: {numbers} readings; without them rms {kept} {self.after.unit}.",)
 
     @property
     def verdict(self) -> str:
@@ -334,7 +355,8 @@ class Diagnosis:
     def _quality(self) -> list[str]:
         fit, unit = self.fit, self.after.unit
         noise = plain_number(self.noise_um, unit)
-        lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit}, noise {noise} {unit}"]
+        lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit} (all readings), noise {noise} {unit}"]
+        lines += self.excluded
         if self.geometry_share > SHOWN_SHARE:
             lines.append(
                 f"geometry and set-up, identified anew: {percent(self.geometry_share)} of the deviation's mean square"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -113,7 +113,7 @@ def summarise(
     excess = problem.excess_at(values)[inner]
     covariance[inner] += covariance[inner] @ excess @ covariance[inner]
     spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
-    declared, rms = _squares(problem, residuals)
+    declared, rms, rms_kept = _squares(problem, residuals)
     dof = max(information.count - spent, 1.0)
     if information.count <= spent:
         notes = (*notes, "there are no more readings than parameters: the fit cannot be judged")
@@ -136,6 +136,7 @@ def summarise(
         noises=dict(problem.noises),
         residuals=residuals,
         rms=rms,
+        rms_kept=rms_kept,
         chi2_dof=declared / dof,
         chi2_dof_whitened=information.square / dof,
         dof=dof,
@@ -144,17 +145,26 @@ def summarise(
     )
 
 
-def _squares(problem: Problem, residuals: Mapping[str, Array]) -> tuple[float, dict[str, float]]:
-    """Sum of the kept residuals' squares over the declared noise's, and their root mean square by unit of reading."""
+def _squares(problem: Problem, residuals: Mapping[str, Array]) -> tuple[float, dict[str, float], dict[str, float]]:
+    """Sum of the kept residuals' squares over the declared noise's; the residuals' root mean square by unit of reading, of all
+    of them and of those that were kept."""
     declared = 0.0
-    sums: dict[str, list[float]] = {}
+    every: dict[str, list[float]] = {}
+    kept: dict[str, list[float]] = {}
     for run in problem.model.campaign.runs:
         for name, part in problem.parts(run):
-            left_out = problem.left_out[run.id][:, part]
-            square = square_of(residuals[run.id][:, part], left_out)
+            residual, left_out = residuals[run.id][:, part], problem.left_out[run.id][:, part]
+            square = square_of(residual, left_out)
+            whole = square_of(residual, np.zeros_like(left_out)) if left_out.any() else square
             declared += square / problem.noises[run.id, name].declared ** 2
-            units = {column.unit for column in problem.model.columns(run)[part]}
-            entry = sums.setdefault(units.pop() if len(units) == 1 else "mixed", [0.0, 0.0])
-            entry[0] += square
-            entry[1] += left_out.size - int(left_out.sum())
-    return declared, {unit: float(np.sqrt(square / max(count, 1.0))) for unit, (square, count) in sums.items()}
+            unit = problem.unit_of(run, part)
+            for sums, part_square, out in ((every, whole, 0), (kept, square, int(left_out.sum()))):
+                entry = sums.setdefault(unit, [0.0, 0.0])
+                entry[0] += part_square
+                entry[1] += left_out.size - out
+    return declared, _root_means(every), _root_means(kept)
+
+
+def _root_means(sums: Mapping[str, Sequence[float]]) -> dict[str, float]:
+    """Unit → root of (sum of squares, number)."""
+    return {unit: float(np.sqrt(square / max(count, 1.0))) for unit, (square, count) in sums.items()}

@@ -19,11 +19,15 @@ __all__ = ["Prediction", "fitted_model", "predict"]
 
 @dataclass(frozen=True)
 class Prediction:
-    """`campaign` with predicted readings; `rms` run → root mean square of measured minus predicted (measured runs only),
-    over all its reading columns; `setup` run → fitted nuisances (file units)."""
+    """`campaign` with predicted readings; `rms` run → root mean square of measured minus predicted (measured runs only) over
+    all readings in the unit that the run reads in, µm where any of its columns does; `rms_kept` the same without those that
+    the fit of its set-up excludes as outliers; `rms_by_column` run → column → over all readings of that column; `setup` run →
+    fitted nuisances (file units). A recording that is taken for the motion is not predicted and has none."""
 
     campaign: Campaign
     rms: Mapping[str, float]
+    rms_kept: Mapping[str, float]
+    rms_by_column: Mapping[str, Mapping[str, float]]
     setup: Mapping[str, Mapping[str, float]]
 
 
@@ -58,7 +62,7 @@ def predict(fitted: FittedModel, campaign: Campaign) -> Prediction:
             remedy="use the model of the same machine",
         )
     campaign = campaign.with_machine(fitted.machine)
-    predicted, rms, setup = [], {}, {}
+    predicted, rms, kept, by_column, setup = [], {}, {}, {}, {}
     for run in campaign.runs:
         model = Model(replace(campaign, runs=(run,)), fitted.effects)
         known = {name: value for name, value in fitted.values.items() if name in model.index}
@@ -66,12 +70,21 @@ def predict(fitted: FittedModel, campaign: Campaign) -> Prediction:
         if run.measured:
             result = identify(model, fixed=known)
             values = result.values
-            left_out = np.zeros_like(result.residuals[run.id], dtype=bool)
-            for outlier in result.outliers:
-                left_out[outlier.row, [c.name for c in model.columns(run)].index(outlier.column)] = True
-            rms[run.id] = float(np.sqrt(np.mean(result.residuals[run.id][~left_out] ** 2)))
+            rms[run.id], kept[run.id] = result.rms_um, result.rms_kept.get(result.file_unit, 0.0)
+            by_column[run.id] = _by_column(result)
             setup[run.id] = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True) if p.run == run.id}
         readings = model.predict_run(run, values)
         columns = model.columns(run)
         predicted.append(run.with_readings({c.name: readings[:, i] for i, c in enumerate(columns)}))
-    return Prediction(replace(campaign, runs=tuple(predicted)), rms, setup)
+    return Prediction(replace(campaign, runs=tuple(predicted)), rms, kept, by_column, setup)
+
+
+def _by_column(result: Identification) -> dict[str, float]:
+    """The rms of every column that is fitted, of the only run."""
+    (run,) = result.model.campaign.runs
+    columns = result.model.columns(run)
+    found = dict[str, float]()
+    for _, part in result.problem().parts(run):
+        means = np.sqrt(np.mean(result.residuals[run.id][:, part] ** 2, axis=0))
+        found |= {column.name: float(mean) for column, mean in zip(columns[part], means, strict=True)}
+    return found

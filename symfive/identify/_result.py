@@ -18,7 +18,7 @@ from symfive.errors import InputError
 from symfive.inference import Confounding, Noise, Outlier, Problem
 from symfive.kinematics import basis_of
 from symfive.model import Model
-from symfive.numbers import unit_words
+from symfive.numbers import percent, plain_number, unit_words
 from symfive.parameters import Parameter
 
 __all__ = ["SCHEMA", "Identification", "MotionCurve"]
@@ -44,9 +44,9 @@ class Identification:
     """Estimated parameters of a model with covariance, fit quality, outliers and confounded combinations.
 
     `values`, `std` (k,) in the order and units of `model.parameters`; `covariance` (k, k); `rank` directions in which
-    the data outweigh the prior; `rms_um` root mean square of the residuals that were kept, per unit of reading;
-    `chi2_dof` their mean square over the *declared* noise per degree of freedom; `residuals` run → (N, ny), on disk where a
-    run is long.
+    the data outweigh the prior; `rms` root mean square of all residuals, by unit of reading, `rms_kept` without those of
+    the `outliers`, which the fit excluded; `chi2_dof` mean square of the kept ones over the *declared* noise per degree of
+    freedom; `residuals` run → (N, ny), on disk where a run is long.
     """
 
     model: Model
@@ -59,6 +59,7 @@ class Identification:
     noises: Mapping[tuple[str, str], Noise]
     residuals: Mapping[str, Array]
     rms: Mapping[str, float]
+    rms_kept: Mapping[str, float]
     chi2_dof: float
     chi2_dof_whitened: float
     dof: float
@@ -110,13 +111,26 @@ class Identification:
     @property
     def rms_um(self) -> float:
         """Root mean square of all residuals, in µm where readings are in µm, else in `unit`."""
-        return self.rms.get("um", next(iter(self.rms.values()), 0.0))
+        return self.rms.get(self.file_unit, 0.0)
+
+    @property
+    def file_unit(self) -> str:
+        """The unit of `rms_um` as files spell it."""
+        return "um" if "um" in self.rms else next(iter(self.rms), "um")
 
     @property
     def unit(self) -> str:
         """The unit of `rms_um`, as it is printed."""
-        units = list(self.rms)
-        return "µm" if "um" in units or not units else units[0].replace("urad", "µrad").replace("^2", "²")
+        return unit_words(self.file_unit)
+
+    @property
+    def excluded(self) -> str:
+        """How many readings the fit excluded as outliers, their share, and what the others leave; "" where there are none."""
+        if not self.outliers:
+            return ""
+        count, every, unit = len(self.outliers), self.problem().readings, self.file_unit
+        kept = f"{plain_number(self.rms_kept[unit], unit)} {self.unit}"
+        return f"Excluded outliers: {count} of {every} readings ({percent(count / every)}); without them rms {kept}."
 
     def error_motion(self, name: str, points: int = CURVE_POINTS) -> MotionCurve:
         """The identified error motion over the travel, with the 1σ of each point from the joint covariance."""
@@ -177,6 +191,7 @@ class Identification:
             "says": [c.words for c in self.confounded if self._concerns_machine(c)],
             "rms_um": float(self.rms_um),
             "rms": {unit: float(v) for unit, v in self.rms.items()},
+            "rms_kept": {unit: float(v) for unit, v in self.rms_kept.items()},
             "chi2_dof": float(self.chi2_dof),
             "chi2_dof_whitened": float(self.chi2_dof_whitened),
             "noise": {
@@ -207,6 +222,7 @@ class Identification:
         lines.append(
             f"rms {self.rms_um:.3g} {self.unit}, chi²/dof {self.chi2_dof:.3f} to the declared noise, rank {self.rank}"
         )
+        lines += [self.excluded] if self.excluded else []
         lines += [c.words for c in self.confounded if self._concerns_machine(c)]
         return "\n".join(lines)
 

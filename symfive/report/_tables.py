@@ -75,8 +75,8 @@ def noise_table(identification: Identification) -> str:
     for key in dict.fromkeys((t.run.id, t.instrument) for t in found):
         traces = [t for t in found if (t.run.id, t.instrument) == key]
         run, noise, unit = traces[0].run, traces[0].noise, traces[0].unit
-        kept = [float(v) for t in traces for v in t.residual[~t.outlier]]
-        rms = math.sqrt(math.fsum(v * v for v in kept) / max(len(kept), 1))
+        values = [float(v) for t in traces for v in t.residual]
+        rms = math.sqrt(math.fsum(v * v for v in values) / max(len(values), 1))
         slow = noise.coloured > 0.0
         size = _number(noise.coloured, unit) if slow else Cell("none", 0.0)
         tau = _number(noise.time_constant, "s") if slow else Cell("–", 0.0)
@@ -113,7 +113,7 @@ def outlier_table(identification: Identification) -> str:
                      _number(o.residual, units.get((o.run, o.column), "")), unit, Cell(sigmas, o.sigmas)])  # fmt: skip
     heads = ["run", "file", "row in the file", "column", "time / s", "residual", "unit", "in σ of the noise"]
     more = len(identification.outliers) - len(rows)
-    return table(f"Outliers left out of the fit{f' (first {len(rows)}; {more} more)' if more else ''}", heads, rows)
+    return table(f"Outliers excluded from the fit{f' (first {len(rows)}; {more} more)' if more else ''}", heads, rows)
 
 
 def setup_table(identification: Identification) -> str:

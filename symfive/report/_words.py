@@ -43,10 +43,7 @@ def verdict(identification: Identification) -> str:
     if apart:
         count = "one combination" if len(apart) == 1 else f"{len(apart)} combinations"
         sentences.append(f"The data leave {count} of the machine's parameters open (named below): read them together.")
-    outliers = len(identification.outliers)
-    if outliers:
-        readings = "One reading was" if outliers == 1 else f"{outliers} readings were"
-        sentences.append(f"{readings} left out as outliers.")
+    sentences.append(identification.excluded)
     if not identification.converged:
         sentences.insert(0, UNCONVERGED)
     return " ".join(sentence for sentence in sentences if sentence)
