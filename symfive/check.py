@@ -180,7 +180,8 @@ def _noises(run: Run) -> str:
 def _run_line(run: Run) -> str:
     state = "measured" if run.measured else "a plan, no readings yet"
     instruments = " and ".join(name.replace("_", " ") for name in run.instrument)
-    return f"run {run.id}: {run.rows} rows, {instruments}, {run.sampling}, {_noises(run)}, {state}"
+    clock = "" if run.has_clock else ", clock not recorded"
+    return f"run {run.id}: {run.rows} rows, {instruments}, {run.sampling}{clock}, {_noises(run)}, {state}"
 
 
 def _machine_data(machine: Machine) -> dict[str, Any]:

@@ -193,6 +193,7 @@ def test_iso230_rows_tell_the_direction_of_approach(tmp_path: Path) -> None:
     campaign = convert("ess-xyz", tmp_path)
     run = campaign.runs[0]
     assert run.instrument == ("laser",) and run.options["axis"] == "Y"
+    assert not run.has_clock  # the file holds an order, and no times
     assert run.commands["Y"].round(3).tolist() == [-5.0, 5.0, 5.0, -5.0, -5.0, 5.0, 5.0, -5.0]
     assert run.readings["Y_dev_um"].round(2).tolist() == [10.0, 20.0, 0.0, -10.0, 20.0, 30.0, -10.0, -20.0]
     direction = Direction("Y").series(RunMotion(run, campaign.machine, {}, {})).value
@@ -234,6 +235,7 @@ def test_xyz_log_gives_stops_and_scan(tmp_path: Path) -> None:
     assert stops.readings["X_act_mm"] == pytest.approx(stops.commands["X"], abs=1e-6)
     assert np.diff(stops.readings["X_dev_um"]) == pytest.approx([0.0, 0.0, 20.0, 0.0], abs=1e-3)
     assert scan.dynamic and scan.rows == 510
+    assert stops.has_clock and stops.time[-1] == pytest.approx(40.0, abs=0.1)
     assert np.ptp(scan.readings["X_dev_um"]) == pytest.approx(20.0, abs=1e-3)
 
 
@@ -330,6 +332,7 @@ def test_tracker_placement_and_lost_reflectors(tmp_path: Path) -> None:
     write(folder / "measured_joints.txt", columns(joints))
     campaign = convert("irb120-tracker", tmp_path)
     assert campaign.run("base-1").rows == 28 and len(campaign.notes) == 6
+    assert not any(run.has_clock for run in campaign.runs)
     model = Model(campaign)
     prediction = model.predict(model.start)
     for run in campaign.runs:
@@ -343,6 +346,7 @@ def test_arm_in_its_socket_reads_zero(tmp_path: Path) -> None:
     write(folder / "here/hole_0_pose.csv", "this file is not read\n")
     campaign = convert("mukca/panda_1", tmp_path)
     run = campaign.run("here-hole_0")
+    assert not run.has_clock
     rotation, position = forward(PANDA_AXES, np.degrees(angles))
     assert np.asarray(run.table_ball) == pytest.approx(rotation[0] @ np.array(TOOL_BALL) + position[0], abs=1e-3)
     model = Model(campaign)

@@ -80,7 +80,8 @@ class Run:
     """One test: what stood where, what was commanded and, once measured, what was read. Equal only to itself.
 
     `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
-    empty in a plan; all three stay on disk where they are given as `numpy.memmap`. `table_ball` and `tool_ball` mm in
+    empty in a plan; all three stay on disk where they are given as `numpy.memmap`. `clock` is `recorded`, or `none` where it
+    was not: then `time` only orders the rows of a static run, and nothing is said over time. `table_ball` and `tool_ball` mm in
     the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one
     reading, one number or one per instrument.
     """
@@ -98,6 +99,7 @@ class Run:
     u: Vector | None = None
     v: Vector | None = None
     start_s: float = 0.0
+    clock: str = "recorded"
     noise_um: float | Mapping[str, float] = 0.3
     setup_sigma_um: SetupSigma = field(default_factory=SetupSigma)
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -113,6 +115,10 @@ class Run:
         put(self, "readings", freeze({k: _frozen_array(v) for k, v in self.readings.items()}))
         put(self, "options", freeze(self.options))
         one_of(owner, "sampling", self.sampling, ("static", "dynamic"))
+        one_of(owner, "clock", self.clock, ("recorded", "none"))
+        if self.dynamic and not self.has_clock:
+            problem = f'{owner}: clock = "none" in a recording at a constant rate'
+            raise InputError(problem, remedy='remove it, or write sampling = "static" where the axes rest at each row')
         names = [name for name in self.instrument if isinstance(name, str)]
         if not names or len(set(names)) != len(self.instrument):
             problem = f"{owner}: instrument {shown(list(self.instrument))} is not a list of different names"
@@ -165,6 +171,11 @@ class Run:
         """Whether it is a recording at a constant rate (and not axes at rest at each row)."""
         return self.sampling == "dynamic"
 
+    @property
+    def has_clock(self) -> bool:
+        """Whether it was recorded when each row was read, and not only in what order."""
+        return self.clock != "none"
+
     def noise(self, instrument: str) -> float:
         """1σ of the instrument's white noise in µm (or the unit of its columns)."""
         if isinstance(self.noise_um, (int, float)):
@@ -179,7 +190,9 @@ class Run:
     @cached_property
     def interval(self) -> float:
         """The row interval, s (1 for a single row). Missing rows do not count nor, in a recording, that its stamps are a little
-        off; of a long run, over its first rows."""
+        off; of a long run, over its first rows. Without a clock it is 1 row."""
+        if not self.has_clock:
+            return 1.0
         time = np.asarray(self.time[:LONG])
         if len(time) < 2:
             return 1.0
@@ -188,8 +201,8 @@ class Run:
 
     @property
     def duration(self) -> float:
-        """Time from the first row to the last, s."""
-        return float(self.time[-1] - self.time[0])
+        """Time from the first row to the last, s; without a clock, in rows."""
+        return float(self.time[-1] - self.time[0]) if self.has_clock else self.rows - 1.0
 
     def fastest(self, way: Array) -> float:
         """The highest speed along a way (N,) that something goes in its rows, per minute."""
@@ -197,10 +210,24 @@ class Run:
 
     def repeated_by(self, other: Run) -> bool:
         """Whether the other run was made in the same way: the readings differ by noise and by what changes in time."""
-        alike = ("instrument", "sampling", "table_ball", "tool_ball", "length", "u", "v", "noise_um", "rows", "options")
+        alike = (
+            "instrument",
+            "sampling",
+            "clock",
+            "table_ball",
+            "tool_ball",
+            "length",
+            "u",
+            "v",
+            "noise_um",
+            "rows",
+            "options",
+        )
         if any(getattr(self, name) != getattr(other, name) for name in alike):
             return False
-        if not np.allclose(self.time - self.time[0], other.time - other.time[0], rtol=1e-6, atol=1e-6):
+        if self.has_clock and not np.allclose(
+            self.time - self.time[0], other.time - other.time[0], rtol=1e-6, atol=1e-6
+        ):
             return False
         return all(
             np.allclose(v, other.commands[n], atol=1e-6) for n, v in self.commands.items() if n in other.commands

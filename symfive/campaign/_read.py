@@ -182,6 +182,8 @@ def _run_table(run: Run) -> dict[str, Any]:
     table: dict[str, Any] = {"id": run.id, "file": run.file, "instrument": instrument, "sampling": run.sampling}
     if run.start_s:
         table["start_s"] = run.start_s
+    if not run.has_clock:
+        table["clock"] = run.clock
     table["table_ball"] = list(run.table_ball)
     table["tool_ball"] = list(run.tool_ball)
     for key in ("length", "u", "v"):

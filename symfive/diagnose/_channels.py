@@ -103,14 +103,15 @@ class Channels:
         return self._course_scores([0, 1, 2], courses)
 
     def _course_scores(self, channels: Sequence[int], courses: Mapping[str, Array]) -> Array:
-        """Score of something that takes each of `courses` in all `channels`, each with its own factor, also of each part."""
+        """Score of something that takes each of `courses` in all `channels`, each with its own factor, also of each part; in runs
+        that these leave out it does not act."""
         parts = {id: course.reshape(*course.shape[:2], -1) for id, course in courses.items()}
         count, ways = next(iter(parts.values())).shape[1:]
         size, wide = len(self.board.result.model.parameters), len(channels) * ways
         base = self.board.base[:size]
         normal = self.board.gram[np.ix_(base, base)] + np.diag(self.board.prior[:size])
         cross, own, answer = np.zeros((size, count * wide)), np.zeros((count, wide, wide)), np.zeros(count * wide)
-        for run in self.campaign.runs:
+        for run in (self.campaign.run(id) for id in parts):
             tangents = self.board.tangents[run.id][:, :, channels]
             moved = np.einsum("ncd,nkm->nckdm", tangents, parts[run.id]).reshape(*tangents.shape[:2], -1)
             columns, (line, fitted) = self._flat(run, moved), self._fitted(run)

@@ -149,6 +149,11 @@ def _span(runs: Sequence[Run]) -> float:
     )
 
 
+def _timed(channels: Channels) -> list[Run]:
+    """The runs whose clock was recorded: all that can be said over time."""
+    return [run for run in channels.campaign.runs if run.has_clock]
+
+
 def _clocks(runs: Sequence[Run]) -> dict[str, Array]:
     """Run → its rows (N,) on the campaign's clock, s."""
     return {run.id: run.start_s + np.asarray(run.time) for run in runs}
@@ -182,10 +187,13 @@ FEWEST, MOST_CYCLES = 2.5, 16
 def _cycles(channels: Channels) -> Iterator[Finding]:
     """A cycle that is too slow for a vibration, over the campaign's clock: a cooler, a pump, the light of day. It has no name,
     but it can be foretold."""
-    runs = channels.campaign.runs
+    runs = _timed(channels)
+    if not runs:
+        return
     span = _span(runs)
     longest = max((run.duration for run in runs if run.dynamic), default=0.0)
-    fastest = 4.0 / longest if longest > 0.0 else 0.25 * (channels.campaign.rows - 1) / max(span, 1e-9)
+    rows = sum(run.rows for run in runs)
+    fastest = 4.0 / longest if longest > 0.0 else 0.25 * (rows - 1) / max(span, 1e-9)
     count = int(FINE * (fastest * span - FEWEST))
     if span <= 0.0 or count < FINE:
         return
@@ -220,7 +228,9 @@ LASTS = (0.1, 0.3, 1.0)
 
 def _onsets(channels: Channels) -> Iterator[Finding]:
     """A thermal drift whose heat comes on at one instant of the campaign's clock; in a pause if it could as well be there."""
-    runs = channels.campaign.runs
+    runs = _timed(channels)
+    if not runs:
+        return
     clocks = _clocks(runs)
     rows = np.sort(np.concatenate(list(clocks.values())))
     span, end = float(np.ptp(rows)), float(rows[-1])
@@ -251,7 +261,7 @@ MOST_STEPS, NARROW = 100, 0.1
 def _shifts(channels: Channels) -> Iterator[Finding]:
     """Set-up shift: the tool against the ball by a constant from one instant of one run on, at once or creeping."""
     best: tuple[float, Finding] | None = None
-    for run in channels.campaign.runs:
+    for run in _timed(channels):
         if run.rows < 4 * _margin(run):
             continue
         score, at = _best_row(channels, run, PLACES, partial(_late, run))

@@ -38,7 +38,7 @@ class Effect:
 
     At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
     usual size. Its amplitudes are the parameters whose prior mean is 0; or all of them where it `departs` from what
-    is set on the machine.
+    is set on the machine. What acts `over_time` is not seen in runs whose clock was not recorded.
     """
 
     id: ClassVar[str]
@@ -49,6 +49,7 @@ class Effect:
     needs_axis: ClassVar[bool] = False
     dynamic_only: ClassVar[bool] = False
     departs: ClassVar[bool] = False
+    over_time: ClassVar[bool] = False
     axis: str | None = None
     tag: str = ""
     spread: float = field(default=1.0, compare=False)
@@ -110,7 +111,7 @@ class Effect:
 
     def applies(self, run: Run) -> bool:
         """Whether it can act in this run."""
-        return run.dynamic or not self.dynamic_only
+        return (run.dynamic or not self.dynamic_only) and (run.has_clock or not self.over_time)
 
     def apply(self, row: Row) -> None:
         """Change the row's symbols (the exact forward model)."""
@@ -192,7 +193,7 @@ class Effect:
 
     def clock_span(self, campaign: Campaign) -> float:
         """How long the campaign's clock runs, s (at least 1)."""
-        return max([1.0, *(run.start_s + float(run.time[-1]) for run in campaign.runs)])
+        return max([1.0, *(run.start_s + float(run.time[-1]) for run in campaign.runs if run.has_clock)])
 
     def choose(self, field: str, allowed: tuple[str, ...]) -> None:
         """Raise `InputError` where the option `field` is not one of `allowed`."""

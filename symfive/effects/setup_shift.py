@@ -33,6 +33,7 @@ class SetupShift(Effect):
     """
 
     id = "setup_shift"
+    over_time = True
     says = "the artefact moved within the run"
     hidden_by = "the run's set-up errors where it happened near its start or end"
     run: str
@@ -57,7 +58,7 @@ class SetupShift(Effect):
         return super().prepare(campaign)
 
     def applies(self, run: Run) -> bool:
-        return run.id == self.run
+        return super().applies(run) and run.id == self.run
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = [self.own(f"shift.{c}", "um", 10.0) for c in "xyz"]

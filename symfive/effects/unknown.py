@@ -100,6 +100,11 @@ class Unknown(Effect):
         """Where it enters."""
         return "reading" if self.place == "force" else self.place
 
+    @property
+    def over_time(self) -> bool:  # type: ignore[override]
+        """Whether a coordinate of it is time."""
+        return "t" in self.over
+
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("place", PLACES)
         machine = campaign.machine
@@ -134,11 +139,13 @@ class Unknown(Effect):
                 f"{self.key}: only of two linear axes that move one can be the faster",
                 remedy='write over = ["X velocity", "Y velocity"]',
             )
-        spans = self.span
+        spans, runs = self.span, [run for run in campaign.runs if run.has_clock or not self.over_time]
         if not spans:
-            values = [
-                np.concatenate([coordinate_values(name, run, machine) for run in campaign.runs]) for name in self.over
-            ]
+            if not runs:
+                raise InputError(
+                    f"{self.key}: no run's clock was recorded", remedy="choose another coordinate than time"
+                )
+            values = [np.concatenate([coordinate_values(name, run, machine) for run in runs]) for name in self.over]
             spans = tuple(usual_span(name, v) for name, v in zip(self.over, values, strict=True))
         if len(spans) != len(self.over) or any(low >= high for low, high in spans):
             raise InputError(f"{self.key}: the campaign does not move there", remedy="choose a coordinate that changes")
@@ -185,7 +192,8 @@ class Unknown(Effect):
     def applies(self, run: Run) -> bool:
         if self.place == "force":
             return driven_axis(run) == owner(self.over[0])
-        return run.dynamic or not any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
+        rates = any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
+        return super().applies(run) and (run.dynamic or not rates)
 
     def _basis(self, machine: Machine) -> Basis:
         if self.basis == FASTER:

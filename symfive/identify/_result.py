@@ -196,7 +196,8 @@ class Identification:
             "chi2_dof_whitened": float(self.chi2_dof_whitened),
             "noise": {
                 f"{run}.{instrument}": {
-                    "declared": n.declared, "white": n.white, "coloured": n.coloured, "time_constant_s": n.time_constant,
+                    "declared": n.declared, "white": n.white, "coloured": n.coloured,
+                    "time_constant_s" if self.model.campaign.run(run).has_clock else "rows_correlated": n.time_constant,
                 }
                 for (run, instrument), n in self.noises.items()
             },

@@ -51,7 +51,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
     along it ends up on the wall, and straight down from there lies the valley again (R. Fletcher 1982, second-order correction).
     If that does not help, steps are shortened by Levenberg's damping, which follows how well the cost was foretold
     (H. B. Nielsen 1999). A parameter that would leave its bounds stays at the bound. A step to where the model has no readings is
-    one that does not lower the cost; a start without any is brought nearer to the model's own.
+    one that does not lower the cost; a start without any is brought nearer to the prior means.
     """
     model = problem.model
     precision = problem.prior_precision
@@ -59,7 +59,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
     upper = np.array([p.upper for p in model.parameters])
     free = np.flatnonzero(problem.free)
     damping, growth, last = 0.0, 2.0, np.inf
-    values, begins = halved(problem.information_at, values, np.where(problem.free, model.start, values))
+    values, begins = halved(problem.information_at, values, np.where(problem.free, model.prior_mean, values))
     information: Information | None = begins
     best = values.copy()
     matrix, gradient, expected = np.zeros((0, 0)), np.zeros(0), 0.0

@@ -80,6 +80,8 @@ def noise_table(identification: Identification) -> str:
         slow = noise.coloured > 0.0
         size = _number(noise.coloured, unit) if slow else Cell("none", 0.0)
         tau = _number(noise.time_constant, "s") if slow else Cell("–", 0.0)
+        if slow and not run.has_clock:
+            tau = Cell(f"{tau.text} rows", tau.value)
         words = [run.id, traces[0].instrument.replace("_", " "), run.sampling]
         numbers = [
             Cell(str(run.rows), run.rows),
@@ -107,9 +109,9 @@ def outlier_table(identification: Identification) -> str:
     rows: list[list[str | Cell]] = []
     for o in identification.outliers[:MOST_OUTLIERS]:
         run = campaign.run(o.run)
-        time = float(run.time[o.row])
+        time = Cell(f"{run.time[o.row]:.3f}", float(run.time[o.row])) if run.has_clock else Cell("–", math.nan)
         unit, sigmas = unit_words(units.get((o.run, o.column), "")), f"{o.sigmas:.1f}".replace("-", "−")
-        rows.append([run.id, run.file, Cell(str(o.row + FIRST_LINE), o.row), o.column, Cell(f"{time:.3f}", time),
+        rows.append([run.id, run.file, Cell(str(o.row + FIRST_LINE), o.row), o.column, time,
                      _number(o.residual, units.get((o.run, o.column), "")), unit, Cell(sigmas, o.sigmas)])  # fmt: skip
     heads = ["run", "file", "row in the file", "column", "time / s", "residual", "unit", "in σ of the noise"]
     more = len(identification.outliers) - len(rows)

@@ -68,12 +68,13 @@ def _fit(identification: Identification) -> str:
 
 
 def _noise(identification: Identification) -> list[str]:
-    slow = [n for n in identification.noises.values() if n.coloured > 0.1 * n.declared]
+    slow = [(key, n) for key, n in identification.noises.items() if n.coloured > 0.1 * n.declared]
     if not slow:
         return []
-    most = max(slow, key=lambda n: n.coloured / n.declared)
+    (run, _), most = max(slow, key=lambda item: item[1].coloured / item[1].declared)
     share, tau = f"{most.coloured / most.declared:.2g}", f"{most.time_constant:.2g}"
-    return [f"Part of what is left is slow (up to {share} times the declared noise, over about {tau} s): drift, or a "
+    unit = "s" if identification.model.campaign.run(run).has_clock else "rows"
+    return [f"Part of what is left is slow (up to {share} times the declared noise, over about {tau} {unit}): drift, or a "
             "cause that moves with the axes. The uncertainties below allow for it as noise; “symfive diagnose” "
             "tells whether it is."]  # fmt: skip
 
