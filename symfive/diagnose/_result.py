@@ -356,7 +356,7 @@ class Diagnosis:
         fit, unit = self.fit, self.after.unit
         noise = plain_number(self.noise_um, unit)
         lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit} (all readings), noise {noise} {unit}"]
-        lines += self.excluded
+        lines += [line for said in self.excluded for line in wrapped("", said)]
         if self.geometry_share > SHOWN_SHARE:
             lines.append(
                 f"geometry and set-up, identified anew: {percent(self.geometry_share)} of the deviation's mean square"
