@@ -61,7 +61,9 @@ def simulated() -> Study:
     effect = make_effect("backlash", "X")
     plan = axis_under_test()
     pieces = tuple(cycles(plan.runs[0]))  # each begins anew: its first row counts as approached like its second
-    whole = simulate(replace(plan, runs=pieces), truth={"backlash.X.width": WIDTH_UM}, effects=[effect], seed=3).campaign
+    whole = simulate(
+        replace(plan, runs=pieces), truth={"backlash.X.width": WIDTH_UM}, effects=[effect], seed=3
+    ).campaign
     recording = Recording(
         name="simulated (cycles)", machine="a simulated axis", source="none", prepared="cycles as runs", unit="um", over="X",
         column="X_dev_um", parts=(runs_with("1, 2 → 3, 4", "cycle-1", "cycle-2"), runs_with("4 → 1 to 3", "cycle-4")),

@@ -53,10 +53,10 @@ def alike(model: Model, keys: Sequence[Key]) -> dict[Key, list[Alike]]:
     return found
 
 
-def _setting(run: Run, model: Model) -> object:
+def _setting(run: Run, model: Model) -> str:
     """What runs at rest have in common that can be compared reading by reading."""
     columns = tuple(column.name for column in model.columns(run))
-    return columns, run.table_ball, run.tool_ball, run.length, run.u, run.v
+    return repr((columns, run.table_ball, run.tool_ball, run.length, run.u, run.v))
 
 
 def _at_rest(runs: Sequence[Run]) -> Iterator[list[NDArray[np.int64]]]:
