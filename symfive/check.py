@@ -49,7 +49,7 @@ class Check:
             "runs": [_run_data(run) for run in self.runs],
             "problems": [
                 {"problem": e.problem, "remedy": e.remedy, "file": None if e.path is None else str(e.path),
-                 "line": e.line, "column": e.column}
+                 "line": e.line, "column": e.column, "keys": list(e.keys)}
                 for e in self.problems
             ],
             "notes": list(self.notes),
@@ -82,7 +82,8 @@ def check(path: Path | str) -> Check:
         machine, found = machine_problems(path)
     if machine is not None and not machine.errors and not any(map(_concerns_errors, found)):
         problem = "no error is declared, so that nothing can be identified"
-        found = [*found, InputError(problem, path=_machine_path(path), remedy="write what may be wrong into [errors]")]
+        remedy = "write what may be wrong into [errors]"
+        found = [*found, InputError(problem, path=_machine_path(path), remedy=remedy, keys=("errors",))]
     notes = (
         tuple(
             f'key "{key}" is unknown to symfive; it is kept'
@@ -121,11 +122,11 @@ def _machine_path(path: Path) -> Path:
 
 
 def _named_in(problems: Sequence[InputError], key: str) -> bool:
-    return any(f"'{key.rsplit('.', 1)[-1]}'" in problem.problem for problem in problems)
+    return any(".".join(map(str, problem.keys)) == key for problem in problems)
 
 
 def _concerns_errors(error: InputError) -> bool:
-    return "error" in error.problem.split()[:4] or "[errors]" in error.remedy
+    return error.keys[:1] == ("errors",)
 
 
 def _machine_lines(machine: Machine) -> list[str]:

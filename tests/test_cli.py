@@ -190,6 +190,7 @@ def test_check_finds_every_problem(symfive, broken):
         assert words in answer.out
     found = json.loads(symfive("check", broken, "--json").out)
     assert len(found["problems"]) == 3 and found["problems"][0]["line"] and found["problems"][0]["remedy"]
+    assert found["problems"][0]["keys"] == ["errors", "EXOC"]
     (broken / "campaign.toml").write_text("[[run")
     assert symfive("check", broken).code == 1
 

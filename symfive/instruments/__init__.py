@@ -30,5 +30,6 @@ def instruments_of(run: Run) -> tuple[Instrument, ...]:
     """The instruments of a run. Raises `InputError` for a name that is not in the table."""
     for name in run.instrument:
         if name not in INSTRUMENTS:
-            raise InputError(f"instrument {name!r} is unknown", remedy=f"use one of {', '.join(INSTRUMENTS)}")
+            problem = f"instrument {name!r} is unknown"
+            raise InputError(problem, remedy=f"use one of {', '.join(INSTRUMENTS)}", keys=("instrument",))
     return tuple(INSTRUMENTS[name] for name in run.instrument)

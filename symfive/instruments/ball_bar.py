@@ -23,7 +23,8 @@ class BallBar(Instrument):
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.length is None:
-            raise InputError(f"run {run.id}: a ball bar needs its length", remedy="add length = … in mm")
+            problem = f"run {run.id}: a ball bar needs its length"
+            raise InputError(problem, remedy="add length = … in mm", keys=("length",))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return (Column("dL_um", "um", 1e-3),)

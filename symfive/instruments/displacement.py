@@ -35,16 +35,17 @@ class Displacement(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         sensors = run.options.get("sensors")
         if not isinstance(sensors, (list, tuple)) or not sensors:
-            raise InputError(
-                f"run {run.id}: there are no sensors", remedy="add sensors = [{ direction = …, position = … }]"
-            )
-        for sensor in sensors:
+            remedy = "add sensors = [{ direction = …, position = … }]"
+            raise InputError(f"run {run.id}: there are no sensors", remedy=remedy, keys=("sensors",))
+        for number, sensor in enumerate(sensors):
             if not {"direction", "position"} <= set(sensor):
-                raise InputError(f"run {run.id}: a sensor lacks direction or position", remedy="give both, in mm")
+                problem = f"run {run.id}: a sensor lacks direction or position"
+                raise InputError(problem, remedy="give both, in mm", keys=("sensors", number))
             if sensor.get("on", "machine") != "machine" or sensor.get("target", "ball") not in TARGETS:
                 raise InputError(
                     f"run {run.id}: a sensor stands on something unknown",
                     remedy=f'use on = "machine" and target = one of {", ".join(TARGETS)}',
+                    keys=("sensors", number),
                 )
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:

@@ -98,14 +98,17 @@ class DriveForce(Instrument):
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.options.get("axis") not in machine.axes:
-            raise InputError(f"run {run.id}: a drive force belongs to one axis", remedy='add axis = "X" to the run')
+            problem = f"run {run.id}: a drive force belongs to one axis"
+            raise InputError(problem, remedy='add axis = "X" to the run', keys=("axis",))
         unknown = [term for term in self.terms(run) if term not in TERMS]
         if unknown:
-            raise InputError(f"run {run.id}: force term {unknown[0]!r} is unknown", remedy=f"use {', '.join(TERMS)}")
+            problem = f"run {run.id}: force term {unknown[0]!r} is unknown"
+            raise InputError(problem, remedy=f"use {', '.join(TERMS)}", keys=("force_terms",))
         if "low_pass_hz" in run.options and run.options.get("motion_from") != "encoder":
             raise InputError(
                 f"run {run.id}: low_pass_hz filters a motion recorded by the encoder",
                 remedy='add motion_from = "encoder"',
+                keys=("low_pass_hz",),
             )
 
     def terms(self, run: Run) -> tuple[str, ...]:

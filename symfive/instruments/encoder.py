@@ -34,9 +34,8 @@ class Encoder(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         names = self.axes(run, machine)
         if not names or any(name not in machine.axes for name in names):
-            raise InputError(
-                f"run {run.id}: the encoder's axes are not known", remedy='add encoder_axes = ["X"] to the run'
-            )
+            problem = f"run {run.id}: the encoder's axes are not known"
+            raise InputError(problem, remedy='add encoder_axes = ["X"] to the run', keys=("encoder_axes",))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         axes = [machine.axes[name] for name in self.axes(run, machine)]

@@ -30,7 +30,8 @@ class GridEncoder(Instrument):
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.u is None or run.v is None:
-            raise InputError(f"run {run.id}: a grid encoder needs u and v", remedy="add u = [1.0, 0.0, 0.0] and v = …")
+            problem = f"run {run.id}: a grid encoder needs u and v"
+            raise InputError(problem, remedy="add u = [1.0, 0.0, 0.0] and v = …")
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return (Column("du_um", "um", 1e-3), Column("dv_um", "um", 1e-3))

@@ -28,7 +28,8 @@ class Laser(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         axis = str(run.options.get("axis", ""))
         if axis not in machine.axes or machine.axes[axis].rotary:
-            raise InputError(f"run {run.id}: a laser measures one linear axis", remedy='add axis = "X" to the run')
+            problem = f"run {run.id}: a laser measures one linear axis"
+            raise InputError(problem, remedy='add axis = "X" to the run', keys=("axis",))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return (Column(f"{run.options['axis']}_dev_um", "um", 1e-3),)

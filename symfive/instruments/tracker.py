@@ -35,9 +35,11 @@ class Tracker(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         placement = run.options.get("placement", [0.0] * 6)
         if len(placement) != 6:
-            raise InputError(f"run {run.id}: placement has {len(placement)} numbers", remedy="write [x, y, z, a, b, c]")
+            problem = f"run {run.id}: placement has {len(placement)} numbers"
+            raise InputError(problem, remedy="write [x, y, z, a, b, c]", keys=("placement",))
         if run.options.get("reflector_on", "tool") not in ("tool", "workpiece"):
-            raise InputError(f"run {run.id}: reflector_on is unknown", remedy='write "tool" or "workpiece"')
+            problem = f"run {run.id}: reflector_on is unknown"
+            raise InputError(problem, remedy='write "tool" or "workpiece"', keys=("reflector_on",))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return tuple(Column(f"{c}_mm", "mm", 1.0) for c in "xyz")
