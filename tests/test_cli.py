@@ -166,8 +166,8 @@ def test_check_says_what_is_declared(symfive, small_plan):
     answer = symfive("check", BAR)
     assert answer.code == 0 and answer.err == ""
     lines = answer.out.splitlines()
-    assert lines[0].startswith("machine plant: w ") and lines[1].startswith("axes: ") and "EX0C ±" in lines[2]
-    assert lines[3] == "run low: 24 rows, ball bar, static, noise 0.4 µm, measured" and lines[-1] == "no problem found"
+    assert lines[0].startswith("machine plant: w ") and lines[1].startswith("axes: ") and "EX0C ±" in answer.out
+    assert "run low: 24 rows, ball bar, static, noise 0.4 µm, measured" in lines and lines[-1] == "no problem found"
     assert "a plan, no readings yet" in symfive("check", small_plan).out
     data = json.loads(symfive("check", small_plan / "machine.toml", "--json").out)
     assert data["schema"] == "symfive.check/1" and data["problems"] == [] and data["runs"] == []

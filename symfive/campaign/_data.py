@@ -18,6 +18,8 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine import Machine
 from symfive.machine._checks import finite, freeze, is_number, numbers, one_of
+from symfive.numbers import plain_number
+from symfive.screen import OnScreen, listed, plural
 
 __all__ = ["FIRST_LINE", "Campaign", "Run", "SetupSigma"]
 
@@ -77,8 +79,8 @@ class SetupSigma:
                 raise InputError(problem, remedy="write µm (plate: µrad), at least 0", keys=(name,))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Run(OnScreen):
     """One test: what stood where, what was commanded and, once measured, what was read. Equal only to itself.
 
     `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
@@ -152,6 +154,13 @@ class Run:
         if many and not set(self.noise_um) <= set(self.instrument):  # type: ignore[arg-type]
             problem = f"{owner}: noise_um speaks of an instrument that the run lacks"
             raise InputError(problem, remedy=f"use {', '.join(map(str, self.instrument))}", keys=("noise_um",))
+
+    def __str__(self) -> str:
+        state = "measured" if self.measured else "a plan, no readings yet"
+        instruments = " and ".join(name.replace("_", " ") for name in self.instrument)
+        noises = tuple(dict.fromkeys(plain_number(self.noise(name)) for name in self.instrument))
+        noise = f"noise {' and '.join(noises)} µm" + (" (or its reading's unit)" if len(noises) > 1 else "")
+        return f"run {self.id}: {plural(self.rows, 'row')}, {instruments}, {self.sampling}, {noise}, {state}"
 
     @property
     def rows(self) -> int:
@@ -236,8 +245,8 @@ def _steps(time: Array) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(whole).astype(np.int64)])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Campaign:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Campaign(OnScreen):
     """A machine and its runs. A campaign without readings is a measurement plan.
 
     `notes` are remarks of the reader (unknown keys kept, rows that are odd but legal); `comments` those of
@@ -277,6 +286,13 @@ class Campaign:
                 raise InputError(
                     problem, remedy=f"command each of {', '.join(self.machine.axis_names)}", keys=("run", number)
                 )
+
+    def __str__(self) -> str:
+        count = sum(run.measured for run in self.runs)
+        state = "measured" if self.measured else f"{count} of them measured" if count else "a plan, no readings yet"
+        machine = f"machine {self.machine.name}: {self.machine.structure.code}"
+        head = f"campaign {self.name}: {plural(len(self.runs), 'run')}, {plural(self.rows, 'row')}, {state}"
+        return "\n".join([head, machine, *listed([str(run) for run in self.runs], "campaign.runs")])
 
     @property
     def measured(self) -> bool:

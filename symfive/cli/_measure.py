@@ -16,7 +16,6 @@ from symfive.cli._common import (
     Quiet,
     app,
     dialects_of,
-    machine_of,
     read,
     tell,
 )
@@ -94,10 +93,11 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.design import plan_circles
     from symfive.executors import executor
+    from symfive.given import machine_given
     from symfive.nc import Post
 
     dialects = dialects_of(nc)
-    data = machine_of(machine)
+    data = machine_given(machine)
     post = Post(
         tool_centre_on=tool_centre_on, tool_centre_off=tool_centre_off, reversed_axes=_rotary(data, reversed_axes)
     )

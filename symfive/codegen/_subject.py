@@ -14,9 +14,9 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run
 from symfive.effects import Effect, baseline_effects
-from symfive.errors import InputError
-from symfive.machine import Machine, machine_to_data, preset, presets, read_machine
-from symfive.model import FittedModel, effect_to_data, read_model
+from symfive.given import machine_or_model_given
+from symfive.machine import Machine, machine_to_data
+from symfive.model import FittedModel, effect_to_data
 from symfive.model._assembly import apply_errors, machine_parameters
 from symfive.model._row import Row
 from symfive.motion import Position
@@ -54,7 +54,7 @@ class Subject:
 
 def subject_of(source: Machine | FittedModel | Path | str) -> Subject:
     """The subject of a machine, a fitted model, the file of either, or the name of a preset. Raises `InputError`."""
-    found = source if isinstance(source, Machine | FittedModel) else _read(source)
+    found = machine_or_model_given(source)
     machine = found if isinstance(found, Machine) else found.machine
     also = () if isinstance(found, Machine) else found.effects
     effects: list[Effect] = []
@@ -84,20 +84,6 @@ def subject_of(source: Machine | FittedModel | Path | str) -> Subject:
 
 def _plain(value: Any) -> Any:
     return dict(value) if isinstance(value, Mapping) else str(value)
-
-
-def _read(source: Path | str) -> Machine | FittedModel:
-    path = Path(source)
-    if str(source) in presets() and not path.exists():
-        return preset(str(source))
-    if path.suffix == ".toml":
-        return read_machine(path)
-    if path.suffix == ".json" or path.is_dir():
-        return read_model(path)
-    raise InputError(
-        "this is neither a machine nor a model", path=path,
-        remedy=f"name a machine.toml, a model.json, or one of {', '.join(presets())}",
-    )  # fmt: skip
 
 
 def _two_rows(machine: Machine) -> Campaign:

@@ -4,27 +4,48 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.errors import InputError
+from symfive.given import campaign_given, model_given
 from symfive.identify._identify import identify
 from symfive.identify._result import Identification
+from symfive.instruments import instruments_of
 from symfive.model import FittedModel, Model
+from symfive.numbers import plain_number, unit_words
+from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
 __all__ = ["Prediction", "fitted_model", "predict"]
 
 
-@dataclass(frozen=True)
-class Prediction:
+@dataclass(frozen=True, repr=False)
+class Prediction(OnScreen):
     """`campaign` with predicted readings; `rms` run → root mean square of measured minus predicted (measured runs only),
     over all its reading columns; `setup` run → fitted nuisances (file units)."""
 
     campaign: Campaign
     rms: Mapping[str, float]
     setup: Mapping[str, Mapping[str, float]]
+
+    def __str__(self) -> str:
+        return "\n".join([f"prediction of {self.campaign.name}", *listed(self.lines, "prediction.rms")])
+
+    @property
+    def lines(self) -> list[str]:
+        """Of every run with readings the rms of measured minus predicted, with its unit."""
+        return [
+            f"{run}: rms of measured minus predicted {plain_number(rms)} {self._unit(run)}"
+            for run, rms in self.rms.items()
+        ] or ["no run has readings: nothing to compare with"]
+
+    def _unit(self, run: str) -> str:
+        found = self.campaign.run(run)
+        units = {c.unit for i in instruments_of(found) for c in i.columns(found, self.campaign.machine)}
+        return unit_words(units.pop()) if len(units) == 1 else "(in its readings' units)"
 
 
 def fitted_model(result: Identification) -> FittedModel:
@@ -46,12 +67,15 @@ def fitted_model(result: Identification) -> FittedModel:
 
 
 @one_thread
-def predict(fitted: FittedModel, campaign: Campaign) -> Prediction:
+def predict(fitted: FittedModel | Identification | Path | str, campaign: Campaign | Path | str) -> Prediction:
     """Predicted readings of a plan or campaign. Raises `InputError` where the machines differ.
 
+    `fitted` a fitted model, an identification, or the path of a `model.json`; `campaign` a campaign or the path of its folder.
     The machine's errors and the effects stay as fitted; zeros and set-up errors of a run are fitted on its own readings,
     and stand at zero where it has none.
     """
+    fitted = fitted_model(fitted) if isinstance(fitted, Identification) else model_given(fitted)
+    campaign = campaign_given(campaign)
     if campaign.machine.structure != fitted.machine.structure:
         raise InputError(
             f'the model is of a machine "{fitted.machine.structure.code}", the campaign of "{campaign.machine.structure.code}"',

@@ -17,6 +17,6 @@ from symfive.machine._suggest import error_names, refuse_slips
 
 __all__ = [
     "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace", "error_names", "machine_from_data",
-    "machine_problems", "machine_to_data", "make_axis", "preset", "presets", "read_machine", "refuse_slips", "unknown_keys",
-    "write_machine",
+    "machine_problems", "machine_to_data", "make_axis", "preset", "presets", "read_machine", "refuse_slips",
+    "unknown_keys", "write_machine",
 ]  # fmt: skip

@@ -12,9 +12,11 @@ from symfive.files import shown
 from symfive.machine._checks import finite, freeze, numbers, one_of, positive
 from symfive.machine._structure import DEFAULT_DIRECTION, default_kind
 
-__all__ = ["Axis", "Drive", "make_axis"]
+__all__ = ["UNREAD", "Axis", "Drive", "make_axis"]
 
 Vector = tuple[float, float, float]
+UNREAD = (-1e9, 1e9)
+"""What stands for the travel of an axis whose table is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +14,8 @@ from symfive.machine._checks import freeze, numbers, positive
 from symfive.machine._errors import ErrorTerm
 from symfive.machine._structure import Structure
 from symfive.machine._suggest import nearest_error
+from symfive.machine._words import machine_lines
+from symfive.screen import OnScreen
 
 __all__ = ["EffectEntry", "Machine", "Workspace", "check_error"]
 
@@ -76,8 +79,8 @@ class EffectEntry:
             raise InputError(problem, remedy='write { effect = "backlash", axis = "C" }')
 
 
-@dataclass(frozen=True, kw_only=True)
-class Machine:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Machine(OnScreen):
     """A machine: its structural code, its axes, the errors its baseline model may vary, its workspace.
 
     Validates itself on construction and raises `InputError`. Vectors are in the machine frame, all axes at
@@ -116,6 +119,10 @@ class Machine:
                     raise _lacking(
                         f"effect {entry.effect}", entry.axis, f"use one of {', '.join(self.structure.axes)}", "axis"
                     )
+
+    def __str__(self) -> str:
+        lines = machine_lines(self)
+        return "\n".join([lines[0], *(textwrap.fill(line, 100, subsequent_indent="  ") for line in lines[1:])])
 
     @property
     def axis_names(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from symfive.errors import InputError
 from symfive.files import shown, write_text
-from symfive.machine._axis import Axis, Drive, make_axis
+from symfive.machine._axis import UNREAD, Axis, Drive, make_axis
 from symfive.machine._data import EffectEntry, Machine, Workspace, check_error
 from symfive.machine._errors import ErrorTerm, axis_of_error
 from symfive.machine._structure import DEFAULT_DIRECTION, Structure, default_kind
@@ -155,7 +155,7 @@ def _axes(file: TomlFile, structure: Structure, tables: Mapping[str, Any], probl
                 raise file.error(words, "axes", remedy=f"add [axes.{key}] with its travel = [lowest, highest]")
         if key not in found:
             kind, direction = default_kind(key) or "linear", DEFAULT_DIRECTION.get(key, (1.0, 0.0, 0.0))
-            found[key] = Axis(name=key, kind=kind, direction=direction, travel=(-1e9, 1e9))
+            found[key] = Axis(name=key, kind=kind, direction=direction, travel=UNREAD)
     return found
 
 
