@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 import shutil
 import subprocess
@@ -25,23 +26,26 @@ MEASURE = """<script>addEventListener("load", () => {
     && e.getBoundingClientRect().right > wide + 1);
   const cut = [...document.querySelectorAll("main *")].filter(e => e.scrollHeight > e.clientHeight + 2
     && ["auto", "hidden", "scroll"].includes(getComputedStyle(e).overflowY) && getComputedStyle(e).maxHeight !== "none");
-  document.title = `wide ${wide} needs ${root.scrollWidth} out ${out.length} cut ${cut.length} `
+  top.document.title = `wide ${wide} needs ${root.scrollWidth} out ${out.length} cut ${cut.length} `
     + `paper ${getComputedStyle(document.body).backgroundColor}`; });</script></body>"""
+
+FRAME = """<!doctype html><iframe style="width: {width}px; height: 900px; border: 0" srcdoc="{page}"></iframe>"""
+"""A window may be no narrower than 500 px, a frame may."""
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory) -> dict[str, Path]:
     """One page of each kind."""
     folder = tmp_path_factory.mktemp("pages")
-    sf.plan("table-bc", points=12, starts=1, anywhere=False).write(folder / "plan")
-    campaign = sf.read_campaign(NESTS)
+    plan = sf.plan("table-bc", points=12, starts=1, anywhere=False)
+    plan.write(folder / "plan")
     for name in ("id", "diagnosis"):
         (folder / name).mkdir()
-    result = sf.identify(campaign)
+    result = sf.identify(sf.simulate(plan))
     write_identification(result, folder / "id")
     for target in ("c", "siemens", "haas"):
         sf.codegen(sf.fitted_model(result), folder / "code", target=target)
-    write_diagnosis(sf.diagnose(campaign), folder / "diagnosis")
+    write_diagnosis(sf.diagnose(NESTS), folder / "diagnosis")
     return {path.name: path for path in folder.rglob("*.html")}
 
 
@@ -49,13 +53,13 @@ def pages(tmp_path_factory) -> dict[str, Path]:
 @pytest.mark.skipif(CHROMIUM is None, reason="Skipped (optional): no Chromium on this computer.")
 @pytest.mark.parametrize("name", PAGES)
 def test_no_page_is_wider_than_its_window_nor_cuts_a_table(pages, tmp_path, name):
-    text = re.sub(r"<meta http-equiv[^>]*>", "", pages[name].read_text())
-    (tmp_path / "page.html").write_text(text.replace("</body>", MEASURE))
+    text = re.sub(r"<meta http-equiv[^>]*>", "", pages[name].read_text()).replace("</body>", MEASURE)
     papers = set()
     for width, dark in ((400, 0), (400, 1), (1280, 0)):
+        (tmp_path / "page.html").write_text(FRAME.format(width=width, page=html.escape(text)))
         said = subprocess.run(
             [CHROMIUM, "--no-sandbox", "--headless", "--disable-gpu", "--no-first-run", "--dump-dom",
-             "--disable-background-networking", f"--user-data-dir={tmp_path / 'user'}", f"--window-size={width},900",
+             "--disable-background-networking", f"--user-data-dir={tmp_path / 'user'}", "--window-size=1400,1000",
              f"--blink-settings=preferredColorScheme={1 - dark}", f"file://{tmp_path / 'page.html'}"],
             capture_output=True, text=True, timeout=120, check=True,
         ).stdout  # fmt: skip
