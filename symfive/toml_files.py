@@ -1,4 +1,7 @@
-"""TOML files with the place of every key, written with their comments and layout kept."""
+"""TOML files with the place of every key, written with their comments and layout kept.
+
+They are read by the standard library alone; what writes them is loaded when something is written.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
 from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
@@ -176,6 +176,8 @@ def toml_text(data: Mapping[str, Any], comments: Sequence[str] = (), *, sections
     Entries of the top-level tables named in `sections` become tables of their own (`[axes.X]`); every other
     mapping below the first level is written inline.
     """
+    import tomlkit
+
     document = tomlkit.document()
     for comment in comments:
         document.add(tomlkit.comment(comment))
@@ -186,6 +188,8 @@ def toml_text(data: Mapping[str, Any], comments: Sequence[str] = (), *, sections
 
 def _toml_item(value: Any, level: int) -> Any:
     """`level` 0 a table of tables, 1 a table, 2 all inline."""
+    import tomlkit
+
     if isinstance(value, Mapping):
         table = tomlkit.inline_table() if level > 1 else tomlkit.table(is_super_table=level == 0 and bool(value))
         for key, entry in value.items():
@@ -209,6 +213,9 @@ def edited_toml(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> st
 
     None where that cannot be done, as when the order of tables has to change.
     """
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
     try:
         document = tomlkit.parse(text)
         _edit(document, old, new, level=1)

@@ -31,12 +31,16 @@ __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 def check(
     path: Annotated[Path, typer.Argument(help="A machine file, or a campaign's folder.", show_default=False)],
     as_json: Json = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print the problems only.")] = False,
 ) -> None:
     """What the files declare and every problem found in them; exit code 1 if there is one."""
     from symfive.check import check as check_files
 
     result = check_files(path)
-    tell(result.to_data(), str(result), as_json)
+    if as_json or not quiet:
+        tell(result.to_data(), str(result), as_json)
+    elif not result.right:
+        typer.echo("\n".join(map(str, result.problems)))
     if not result.right:
         raise typer.Exit(1)
 

@@ -1,4 +1,7 @@
-"""Instruments: what each one reads, what it does not know about itself. One file and one line of the table each."""
+"""Instruments: what each one reads, what it does not know about itself. One file and one line of the table each.
+
+What only the symbolic reading needs (CasADi, SciPy, the motion) is loaded with the first reading: a file is checked without.
+"""
 
 from __future__ import annotations
 

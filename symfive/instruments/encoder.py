@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter
-from symfive.motion import OnControlClock, Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
     from symfive.machine import Machine
     from symfive.model._row import Row
+    from symfive.motion import OnControlClock
 
 
 class Encoder(Instrument):
@@ -49,9 +49,13 @@ class Encoder(Instrument):
         return tuple(setup_parameter(run, f"zero.{axis.name}", axis.unit, sigma) for axis in axes)
 
     def signals(self, run: Run, machine: Machine) -> tuple[OnControlClock, ...]:
+        from symfive.motion import OnControlClock, Position
+
         return tuple(OnControlClock(Position(name)) for name in self.axes(run, machine))
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        from symfive.motion import OnControlClock, Position
+
         readings = []
         for name in self.axes(run, row.machine):
             zero = row.parameter(f"setup.zero.{name}") if row.has(f"setup.zero.{name}") else 0.0

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
-
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
 from symfive.parameters import Parameter
@@ -51,6 +49,8 @@ class GridEncoder(Instrument):
         }
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        import casadi as ca
+
         ball = row.ball - (row.table_ball - row.vector("table_ball"))  # the plate moves with what shifts the artefact
         if row.has("setup.plate.a"):
             angles = ca.vertcat(*(row.parameter(f"setup.plate.{c}") for c in "abc"))

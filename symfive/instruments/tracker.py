@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
-
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
-from symfive.kinematics import angles
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -71,6 +68,10 @@ class Tracker(Instrument):
         return {k: v for name, ball in balls.items() for k, v in vector_constants(name, ball).items()} | named
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        import casadi as ca
+
+        from symfive.kinematics import angles
+
         shared = run.options.get("placement_id")
         prefix = f"placement.{shared}." if shared else "setup.placement."
         p = [row.constant(f"placement.{c}") + row.parameter(prefix + c) for c in LETTERS]
