@@ -15,8 +15,4 @@ def pytest_configure(config: pytest.Config) -> None:
     if terminal is None or hasattr(config, "workerinput") or config.getoption("verbose") < 0:
         return
 
-    def say(line: str) -> None:
-        terminal.ensure_newline()
-        terminal.write_line(line)
-
-    config.pluginmanager.register(Progress(say), "progress")
+    config.pluginmanager.register(Progress(lambda line: terminal.write(f"\n{line}\n")), "progress")

@@ -271,6 +271,15 @@ def test_the_isg_table_reads_back_as_the_same_model(tmp_path, name) -> None:
     assert "negate" in note.read_text() and "Draft" in note.read_text()
 
 
+def test_the_isg_table_says_what_is_within_its_uncertainty(tmp_path) -> None:
+    table, note = codegen(fitted(preset("table-bc"), {"EX0C": 1.5, "EA0C": 40.0}), tmp_path, target="isg")
+    names, _, said = table.read_text().splitlines()[2:5]
+    spread = dict(zip(names.split(), map(float, said.split(": ")[1].split()), strict=True))
+    assert spread["X0C"] == 2e-3 and spread["A0C"] == 2e-6  # twice 1 µm and 1 µrad
+    (within,) = (line for line in note.read_text().splitlines() if "not to be entered" in line)
+    assert "EX0C" in within and "EA0C" not in within
+
+
 def test_the_isg_table_says_what_it_cannot_hold(tmp_path) -> None:
     machine = preset("table-bc")
     mixed = ErrorTerm(name="EAC", sigma=1.0, over=("B", "C"), basis=("polynomial", "fourier"), order=(1, 1))
