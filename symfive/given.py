@@ -41,7 +41,7 @@ def machine_given(given: object) -> Machine:
     if isinstance(given, Machine):
         return given
     if isinstance(given, (str, Path)):
-        return read_machine(given) if Path(given).suffix == ".toml" or Path(given).exists() else preset(str(given))
+        return read_machine(given) if Path(given).suffix == ".toml" or Path(given).is_file() else preset(str(given))
     raise _other(given, "a machine, the path of its file or the name of a preset", 'read_machine("machine.toml")')
 
 

@@ -35,14 +35,14 @@ class Change:
         return self.uncertainty is not None and abs(self.difference) >= max(self.uncertainty, self.resolution)
 
     @property
-    def verdict(self) -> str:
-        """What to do, and why."""
+    def reason(self) -> str:
+        """Why it is not entered; empty where it is."""
         if self.uncertainty is None:
-            return "no: its uncertainty is not known"
+            return "its uncertainty is not known"
         if self.entered:
-            return "yes"
+            return ""
         below = abs(self.difference) < self.uncertainty
-        return "no: within uncertainty, not entered" if below else "no: below the control's resolution"
+        return "within uncertainty, not entered" if below else "below the control's resolution, not entered"
 
     @property
     def places(self) -> int:
@@ -53,11 +53,6 @@ class Change:
     def decimals(self) -> int:
         """Decimals that the uncertainty and the resolution leave."""
         return min(self.places, digits_of(self.uncertainty)) if self.uncertainty else self.places
-
-    @property
-    def design(self) -> str:
-        """The old value as the field shows it."""
-        return _written(self.old, self.places)
 
     @property
     def typed(self) -> float:
@@ -74,9 +69,17 @@ class Change:
             return f"below {10.0**-least:.{least}f}"
         return f"{self.uncertainty:.{min(least, digits_of(self.uncertainty))}f}"
 
-    def said(self, value: float, *, signed: bool = False) -> str:
-        """A value with these decimals, without a minus in front of nothing."""
-        return _written(value, self.decimals, "+" if signed else "")
+    def differs(self, value: float) -> bool:
+        """Whether the field shows the value as another than the old one."""
+        return abs(value - self.old) >= 0.5 * self.resolution
+
+    def field(self, value: float, sign: str = "") -> str:
+        """A value as the control's field shows it; `sign` as in a format."""
+        return _written(value, self.places, sign)
+
+    def said(self, value: float, sign: str = "") -> str:
+        """A value with the decimals that its uncertainty leaves."""
+        return _written(value, self.decimals, sign)
 
 
 def _written(value: float, decimals: int, sign: str = "") -> str:

@@ -96,7 +96,7 @@ def _said(change: Change) -> str:
         return f"{words}, not measured"
     moved, digits = 1e3 * change.difference, digits_of(1e3 * change.uncertainty) if change.uncertainty else 1
     spread = f"{round(moved, digits) + 0.0:+.{digits}f} um, U {1e3 * change.uncertainty:.{digits}f} um"
-    return f"{words}, changed by {spread}" if change.entered else f"{words}, change {spread}: {change.verdict[4:]}"
+    return f"{words}, changed by {spread}" if change.entered else f"{words}, change {spread}: {change.reason}"
 
 
 def entered_fit(subject: Subject, poses: Poses) -> tuple[TrunnionFit, list[Change]]:

@@ -89,25 +89,27 @@ def _cells(rows: Sequence[Row], uncertainty: Sequence[float | None]) -> str:
     """The table's rows; every cell names its column for screens on which the head does not fit."""
     found, typed = [], dict[str, float]()
     for row, spread in zip(rows, uncertainty, strict=True):
-        change = Change(row.old, row.new, row.resolution, spread)
-        entered, verdict, value, moved = change.entered, change.verdict, change.typed, change.difference
+        change, unit = Change(row.old, row.new, row.resolution, spread), "" if row.unit == "1" else f" {row.unit}"
+        entered, reason, moved, new = (
+            change.entered,
+            change.reason,
+            change.said(change.difference, "+"),
+            change.said(row.new),
+        )
+        typed[row.name] = change.typed
         if row.closes:
-            value = -sum(typed[name] for name in row.closes) + 0.0
-            moved = value - row.old
-            entered = abs(moved) >= 0.5 * row.resolution
-            verdict = "yes: closes the chain" if entered else "no: nothing that it closes is entered"
-        typed[row.name] = value
-        unit = "" if row.unit == "1" else f" {row.unit}"
-        new = f"<b>{change.said(value)}{unit}</b>" if entered else "unchanged"
+            typed[row.name] = value = -sum(typed[name] for name in row.closes) + 0.0
+            entered, moved, new = change.differs(value), change.field(value - row.old, "+"), change.field(value)
+            reason = "closes the chain" if entered else "nothing that it closes is entered"
         cells = (
             ("parameter", "", f"<code>{html.escape(row.name)}</code><small>{html.escape(row.reference)}</small>"),
             ("meaning", "", f"{html.escape(row.means)}<small>{html.escape(row.sign)}</small>"),
             ("on the control", " class='blank'", ""),
-            ("design", " class='n'", f"{change.design}{unit}"),
-            ("change", " class='n'", f"{change.said(moved, signed=True)}{unit}"),
+            ("design", " class='n'", f"{change.field(row.old)}{unit}"),
+            ("change", " class='n'", f"{moved}{unit}"),
             ("U (k = 2)", " class='n'", change.spread if spread is None else f"{change.spread}{unit}"),
-            ("new", " class='n'", new),
-            ("enter", "", html.escape(verdict)),
+            ("new", " class='n'", f"<b>{new}{unit}</b>" if entered else "unchanged"),
+            ("enter", "", html.escape(": ".join(filter(None, ("yes" if entered else "no", reason))))),
         )
         written = "".join(f"<td{kind} data-head='{head}'>{text}</td>" for head, kind, text in cells)
         found.append(f"<tr{'' if entered else ' class=quiet'}>{written}</tr>")
