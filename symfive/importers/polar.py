@@ -63,8 +63,10 @@ def read_polar(
         raise InputError(problem, remedy="write --columns angle,deviation in the order of the file, - for any other")
     lines = read_text(path, at_most=MAX_BYTES).split("\n")
     rows: list[list[float]] = []
-    marks = {sign: Marks(sign) for sign in SIGNS}
+    marks: dict[str, Marks] = {}
     for number, line in enumerate(lines, start=1):
+        if not rows:
+            marks = {sign: Marks(sign) for sign in SIGNS}  # the head has decimal marks of its own
         row = _row(line, len(columns), marks, number)
         if isinstance(row, list):
             rows.append(row)
