@@ -29,6 +29,7 @@ from symfive.identify import Identification, identify
 from symfive.model import read_json
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.results import write_diagnosis, write_identification
+from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
 __all__ = ["SCHEMA", "Fleet", "Row", "Task", "fleet", "row_of"]
@@ -68,8 +69,8 @@ class Task:
     redo: bool = False
 
 
-@dataclass(frozen=True)
-class Fleet:
+@dataclass(frozen=True, repr=False)
+class Fleet(OnScreen):
     """The table of all campaigns, in the order they were given."""
 
     verb: str

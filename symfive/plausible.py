@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from symfive.campaign import Campaign, Run
-from symfive.inference import Problem
-from symfive.machine import Machine
-from symfive.model import Model
+from symfive.instruments import INSTRUMENTS
+from symfive.machine import Machine, designed_ball
 from symfive.numbers import plain_number
 
 __all__ = ["doubts"]
@@ -54,9 +53,11 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
 
 def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
     stroke = machine.workspace.stroke(bar=instrument == "ball_bar")
-    model = Model(Campaign(machine=machine, runs=(run,)))
-    own = next(columns for name, columns in Problem.of(model).parts(run) if name == instrument)
-    foretold = model.predict_run(run, model.prior_mean)[:, own]
+    columns = [column.name for column in INSTRUMENTS[instrument].columns(run, machine)]
+    away = designed_ball(machine, run.commands, run.tool_ball) - np.array(run.table_ball)
+    if instrument == "ball_bar":
+        away = np.linalg.norm(away, axis=1, keepdims=True) - (run.length or 0.0)
+    foretold = 1e3 * away
     row, _ = np.unravel_index(int(np.argmax(np.abs(foretold))), foretold.shape)
     most = 1e-3 * float(np.max(np.abs(foretold)))
     what, limit = WHAT[instrument], f"{plain_number(stroke)} mm"
@@ -68,7 +69,7 @@ def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
         return
     if not run.measured:
         return
-    readings = model.readings(run)[:, own]
+    readings = np.stack([run.readings[name] for name in columns], axis=1)
     largest = 1e-3 * float(np.max(np.abs(readings)))
     if largest > 2.0 * stroke:
         yield f"run {run.id}: readings of up to {plain_number(largest)} mm are beyond the stroke of ±{limit}; they are in µm"

@@ -252,3 +252,14 @@ def test_a_radius_that_was_taken_off_is_noted_and_left_open(tmp_path: Path, caps
     read = read_campaign(tmp_path / "c")
     assert all(run.setup_sigma_um.length == run.setup_sigma_um.table_ball == 1000.0 for run in read.runs)
     assert identify(read).chi2_dof < 1.3
+
+
+def test_one_decimal_mark_throughout_a_file_but_for_its_head(tmp_path):
+    rows = [f"{a:.1f};{np.sin(a):.3f}".replace(".", ",") for a in np.arange(0.0, 300.0, 10.5)]
+    path = tmp_path / "polar.csv"
+    path.write_text("\n".join(["100.5;Radius", *rows]))
+    assert read_polar(path)[0][1] == 10.5
+    path.write_text("\n".join(["100.5;Radius", *rows[:9], rows[9].replace(",", "."), *rows[10:]]))
+    with pytest.raises(InputError, match="has a decimal point, line 2 a decimal comma") as caught:
+        read_polar(path)
+    assert caught.value.line == 11 and caught.value.path == path

@@ -18,6 +18,8 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine import Machine
 from symfive.machine._checks import finite, freeze, is_number, numbers, one_of
+from symfive.numbers import plain_number
+from symfive.screen import OnScreen, listed, plural
 
 __all__ = ["FIRST_LINE", "Campaign", "Run", "SetupSigma"]
 
@@ -41,13 +43,15 @@ def _frozen_array(values: Any) -> Array:
 def _inside(owner: str, name: object) -> str:
     """The name of a file that stays below the campaign's folder."""
     if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 200:
-        raise InputError(f"{owner}: file {shown(name)} is not a file name", remedy='write file = "….csv"')
+        problem = f"{owner}: file {shown(name)} is not a file name"
+        raise InputError(problem, remedy='write file = "….csv"', keys=("file",))
     parts = PureWindowsPath(name)  # knows both kinds of separators
     if parts.anchor or ".." in parts.parts:
         problem = f"{owner}: file {shown(name)} lies outside the campaign"
-        raise InputError(problem, remedy="put the CSV into the campaign's folder")
+        raise InputError(problem, remedy="put the CSV into the campaign's folder", keys=("file",))
     if not parts.parts or _place(name) in _RESERVED:
-        raise InputError(f"{owner}: file {shown(name)} is not a CSV", remedy='write file = "….csv"')
+        problem = f"{owner}: file {shown(name)} is not a CSV"
+        raise InputError(problem, remedy='write file = "….csv"', keys=("file",))
     return name
 
 
@@ -72,11 +76,11 @@ class SetupSigma:
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= value < 1e9:
                 problem = f"setup_sigma_um: {name} = {shown(value)} is not a standard deviation"
-                raise InputError(problem, remedy="write µm (plate: µrad), at least 0")
+                raise InputError(problem, remedy="write µm (plate: µrad), at least 0", keys=(name,))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Run(OnScreen):
     """One test: what stood where, what was commanded and, once measured, what was read. Equal only to itself.
 
     `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
@@ -107,7 +111,8 @@ class Run:
     def __post_init__(self) -> None:
         put = object.__setattr__
         if not isinstance(self.id, str) or not _ID.match(self.id) or ".." in self.id or len(self.id) > 100:
-            raise InputError(f"run id {shown(self.id)} is not a plain name", remedy="use letters, digits, - and _")
+            problem = f"run id {shown(self.id)} is not a plain name"
+            raise InputError(problem, remedy="use letters, digits, - and _", keys=("id",))
         owner = f"run {self.id}"
         put(self, "file", _inside(owner, self.file or f"{self.id}.csv"))
         put(self, "time", _frozen_array(self.time))
@@ -122,7 +127,7 @@ class Run:
         names = [name for name in self.instrument if isinstance(name, str)]
         if not names or len(set(names)) != len(self.instrument):
             problem = f"{owner}: instrument {shown(list(self.instrument))} is not a list of different names"
-            raise InputError(problem, remedy='write instrument = "ball_bar"')
+            raise InputError(problem, remedy='write instrument = "ball_bar"', keys=("instrument",))
         check_options(owner, self.options)
         if self.time.size == 0 or self.time.ndim != 1:
             raise InputError(f"{owner} has no rows", remedy="record at least one row or remove the run")
@@ -141,20 +146,28 @@ class Run:
                 continue
             numbers(owner, name, vector, 3, example=f"{name} = [x, y, z]")
             if abs(np.hypot(np.hypot(vector[0], vector[1]), vector[2]) - 1.0) > 1e-3:
-                raise InputError(
-                    f"{owner}: {name} = {list(vector)} is not a unit vector", remedy="give it the length 1"
-                )
+                problem = f"{owner}: {name} = {list(vector)} is not a unit vector"
+                raise InputError(problem, remedy="give it the length 1", keys=(name,))
         if self.length is not None and not (is_number(self.length) and 0.0 < self.length < 1e6):
-            raise InputError(f"{owner}: length = {shown(self.length)} is not a length", remedy="write mm above 0")
+            problem = f"{owner}: length = {shown(self.length)} is not a length"
+            raise InputError(problem, remedy="write mm above 0", keys=("length",))
         finite(owner, start_s=self.start_s)
         many = isinstance(self.noise_um, Mapping)
         for noise in self.noise_um.values() if isinstance(self.noise_um, Mapping) else (self.noise_um,):
             if not is_number(noise) or not 0.0 < noise < 1e12:
                 problem = f"{owner}: noise_um = {shown(noise)} is not a standard deviation"
-                raise InputError(problem, remedy="write µm (1σ) above 0")
+                raise InputError(problem, remedy="write µm (1σ) above 0", keys=("noise_um",))
         if many and not set(self.noise_um) <= set(self.instrument):  # type: ignore[arg-type]
             problem = f"{owner}: noise_um speaks of an instrument that the run lacks"
-            raise InputError(problem, remedy=f"use {', '.join(map(str, self.instrument))}")
+            raise InputError(problem, remedy=f"use {', '.join(map(str, self.instrument))}", keys=("noise_um",))
+
+    def __str__(self) -> str:
+        state = "measured" if self.measured else "a plan, no readings yet"
+        instruments = " and ".join(name.replace("_", " ") for name in self.instrument)
+        noises = tuple(dict.fromkeys(plain_number(self.noise(name)) for name in self.instrument))
+        noise = f"noise {' and '.join(noises)} µm" + (" (or its reading's unit)" if len(noises) > 1 else "")
+        clock = "" if self.has_clock else ", clock not recorded"
+        return f"run {self.id}: {plural(self.rows, 'row')}, {instruments}, {self.sampling}{clock}, {noise}, {state}"
 
     @property
     def rows(self) -> int:
@@ -260,8 +273,8 @@ def _steps(time: Array) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(whole).astype(np.int64)])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Campaign:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Campaign(OnScreen):
     """A machine and its runs. A campaign without readings is a measurement plan.
 
     `notes` are remarks of the reader (unknown keys kept, rows that are odd but legal); `comments` those of
@@ -281,22 +294,33 @@ class Campaign:
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", freeze(self.extra))
         if not isinstance(self.name, str):
-            raise InputError(f"name = {shown(self.name)} is not text", remedy='write name = "…"')
+            raise InputError(f"name = {shown(self.name)} is not text", remedy='write name = "…"', keys=("name",))
         if not self.runs:
-            raise InputError("the campaign has no runs", remedy="add a [[run]] block")
+            raise InputError("the campaign has no runs", remedy="add a [[run]] block", keys=("run",))
         ids: set[str] = set()
         files: set[str] = set()
-        for run in self.runs:
+        for number, run in enumerate(self.runs):
             if run.id in ids:
-                raise InputError(f'two runs have the id "{run.id}"', remedy="give every run its own id")
+                problem = f'two runs have the id "{run.id}"'
+                raise InputError(problem, remedy="give every run its own id", keys=("run", number, "id"))
             if _place(run.file) in files:
-                raise InputError(f'two runs have the file "{run.file}"', remedy="give every run its own CSV")
+                problem = f'two runs have the file "{run.file}"'
+                raise InputError(problem, remedy="give every run its own CSV", keys=("run", number, "file"))
             ids.add(run.id)
             files.add(_place(run.file))
             if set(run.commands) != set(self.machine.axis_names):
                 odd = sorted(set(run.commands) ^ set(self.machine.axis_names))
                 problem = f"run {run.id}: the commands and the machine's axes differ in {', '.join(odd)}"
-                raise InputError(problem, remedy=f"command each of {', '.join(self.machine.axis_names)}")
+                raise InputError(
+                    problem, remedy=f"command each of {', '.join(self.machine.axis_names)}", keys=("run", number)
+                )
+
+    def __str__(self) -> str:
+        count = sum(run.measured for run in self.runs)
+        state = "measured" if self.measured else f"{count} of them measured" if count else "a plan, no readings yet"
+        machine = f"machine {self.machine.name}: {self.machine.structure.code}"
+        head = f"campaign {self.name}: {plural(len(self.runs), 'run')}, {plural(self.rows, 'row')}, {state}"
+        return "\n".join([head, machine, *listed([str(run) for run in self.runs], "campaign.runs")])
 
     @property
     def measured(self) -> bool:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -21,10 +20,6 @@ from symfive.cli._common import (
     read,
     tell,
 )
-
-if TYPE_CHECKING:
-    from symfive.campaign import Run
-    from symfive.machine import Machine
 
 __all__ = ["diagnose", "fleet", "identify", "predict"]
 
@@ -83,23 +78,7 @@ def predict(
         summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "rms_kept": dict(result.rms_kept),
                    "rms_by_column": {run: dict(each) for run, each in result.rms_by_column.items()}, "setup": setup}  # fmt: skip
         write_json(folder / "prediction.json", summary)
-    lines = [
-        f"{run}: rms of measured minus predicted {_by_unit(result.campaign.run(run), result.campaign.machine, rms, each)}"
-        for (run, rms), each in zip(result.rms.items(), result.rms_by_column.values(), strict=True)
-    ]
-    tell(summary, "\n".join(lines) or "no run has readings: nothing to compare with", as_json)
-
-
-def _by_unit(run: Run, machine: Machine, rms: float, each: Mapping[str, float]) -> str:
-    """The rms with its unit; of a run that reads in several units, of each column."""
-    from symfive.instruments import instruments_of
-    from symfive.numbers import plain_number, unit_words
-
-    units = {c.name: c.unit for i in instruments_of(run) for c in i.columns(run, machine) if c.name in each}
-    if len(set(units.values())) == 1:
-        unit = next(iter(units.values()))
-        return f"{plain_number(rms, unit)} {unit_words(unit)}"
-    return ", ".join(f"{n} {plain_number(v, units[n])} {unit_words(units[n])}" for n, v in each.items())
+    tell(summary, "\n".join(result.lines), as_json)
 
 
 @app.command(epilog="Example: symfive diagnose measured/ -o diagnosis/")

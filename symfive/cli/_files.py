@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from symfive.cli._common import OutputPath, Quiet, app, machine_of
+from symfive.cli._common import OutputPath, Quiet, app
 
 if TYPE_CHECKING:
     from symfive.errors import InputError
@@ -66,10 +66,11 @@ def import_polar(
     from symfive.campaign import write_campaign_files
     from symfive.errors import InputError
     from symfive.files import output_folder
+    from symfive.given import machine_given
     from symfive.importers import FITTED, polar_doubts, polar_run, read_polar
     from symfive.procedures import campaign_of
 
-    data = machine_of(machine)
+    data = machine_given(machine)
     place = _place(centre)
     names = [name.strip() for name in columns.split(",")]
     senses: list[str | None] = list(direction) if direction else [None] * len(files)

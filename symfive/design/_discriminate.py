@@ -23,6 +23,7 @@ from symfive.campaign import Campaign, Run
 from symfive.errors import EvaluationError, InputError
 from symfive.inference import halved
 from symfive.model import Model
+from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
 __all__ = ["APART", "PAUSE_S", "Candidate", "Discrimination", "Separation", "discriminate", "in_addition", "in_common"]
@@ -49,8 +50,8 @@ class Separation:
     minutes: float
 
 
-@dataclass(frozen=True)
-class Discrimination:
+@dataclass(frozen=True, repr=False)
+class Discrimination(OnScreen):
     """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
     the `table` of all candidates, best first. Of several rivals `each` with its separation by the best test; `separation` and
     `before` are the smallest of those that it tells apart. `also`: rivals that it tells from each other, where that took
@@ -67,6 +68,9 @@ class Discrimination:
     def useful(self) -> bool:
         """Whether the best candidate tells anything at all."""
         return self.separation > USELESS * max(self.before, 1e-9)
+
+    def __str__(self) -> str:
+        return f"{self.says}\n{self.test}"
 
     @property
     def says(self) -> str:

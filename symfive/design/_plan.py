@@ -30,8 +30,10 @@ from symfive.design._space import Space, make_space
 from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.files import output_folder
+from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import LETTERS, Post
+from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
 __all__ = ["Plan", "plan"]
@@ -42,8 +44,8 @@ REPORTED_DRAWS, DRAWS = 2, 6
 """Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(OnScreen):
     """A measurement plan.
 
     `campaign` without readings; `criterion` and the parameters `interest` it is for; `certificate` of the poses before the
@@ -88,7 +90,8 @@ class Plan:
         head = (
             f"{self.instrument} plan, {self.certificate.points} poses, {self.minutes:.0f} min: {self.certificate.says}"
         )
-        return "\n".join([head, *runs, str(self.assessment), *self.notes])
+        notes = listed(self.notes, "plan.notes", 10)
+        return "\n".join([head, *listed(runs, "plan.campaign.runs", 10), str(self.assessment), *notes])
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
@@ -104,15 +107,17 @@ def _different(run: Run) -> int:
 
 @one_thread
 def plan(
-    machine: Machine, *, instrument: str = "r_test", criterion: str = "D", points: int = 40, for_: Iterable[str] = (),
-    given: Campaign | None = None, setups: int | None = None, lengths: Sequence[float] = (),
-    minutes: float | None = None, per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
+    machine: Machine | Path | str, *, instrument: str = "r_test", criterion: str = "D", points: int = 40,
+    for_: Iterable[str] = (), given: Campaign | Path | str | None = None, setups: int | None = None,
+    lengths: Sequence[float] = (), minutes: float | None = None,
+    per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
     setup_sigma: SetupSigma | None = None, survive: bool = False, robust: str = "nominal", starts: int = 6,
     anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
+    `machine` a machine, the path of its file, or the name of a preset;
     `instrument` `r_test` or `ball_bar`; `criterion` D, A, E, G or V (`I`); `for_` names of the parameters that count (by
     default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
@@ -125,7 +130,8 @@ def plan(
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
     """
-    machine = with_bars(machine, lengths)
+    machine = with_bars(machine_given(machine), lengths)
+    given = None if given is None else campaign_given(given)
     check_counts(
         machine, {"points": points, "setups": setups, "repeats": repeats, "returns": returns, "starts": starts}
     )

@@ -13,7 +13,7 @@ from symfive.campaign import Campaign, Run
 from symfive.design._assess import Assessment
 from symfive.design._pose_table import mounted_before, pose_table
 from symfive.design._schedule import SETUP_S
-from symfive.drawing import SCRIPT, poses_figure
+from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.nc import Post, collision_warning
@@ -30,17 +30,15 @@ STANDS = {"r_test": "nest", "ball_bar": "table ball", "grid_encoder": "middle of
 STILL = 1e-3
 """What moves by less, mm or degree, stands still; directions that differ by less are one."""
 STYLE = """
-body { font: 13px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; color: #1a1a1a }
-h1 { font-size: 1.3rem; margin-bottom: 0 } h2 { font-size: 1.05rem; margin: 1.2rem 0 .3rem }
-table { border-collapse: collapse } td, th { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top }
-th { font-weight: 600 } td.n { text-align: right; font-variant-numeric: tabular-nums } svg { max-width: 100%; height: auto }
-ol { margin: .2rem 0 } .quiet, figcaption { color: #555 } figure { margin: .6rem 0 }
-.warning { border: 2px solid #b00020; padding: .4rem .7rem; font-weight: 600 }
-.facts { margin: .5rem 0; display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1.1rem }
-.facts dt, caption { color: #555 } .facts dd { margin: 0 } caption { text-align: left }
-td.again { font-weight: 600 } .poses-list td, .poses-list th { border-bottom: 1px solid #ddd; padding-right: 1.1rem }
-@media print { .poses-list thead { display: table-header-group } .poses-list tr { break-inside: avoid }
-  body { margin: 0; max-width: none } h2 { break-after: avoid } section { break-inside: avoid } }
+body { font-size: 14px; line-height: 1.45; } main { max-width: 62rem; }
+h2 { margin: 1.4rem 0 .3rem; } ol { margin: .2rem 0; padding-left: 1.6rem; }
+section > svg { display: block; max-width: 100%; height: auto; background: #fdfefe; border-radius: .3rem; }
+.facts { margin: .5rem 0; display: grid; grid-template-columns: minmax(5rem, max-content) 1fr; gap: .1rem 1.1rem; }
+.facts dt { color: var(--faint); } .facts dd { margin: 0; overflow-wrap: anywhere; color: var(--ink); }
+td.again { font-weight: 600; }
+@media screen and (max-width: 62rem) { table { display: block; overflow-x: auto; } }
+@media screen and (prefers-color-scheme: dark) { section > svg { filter: invert(.9) hue-rotate(180deg); } }
+@media print { section { break-inside: avoid; } }
 """
 
 
@@ -66,8 +64,10 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
     title = f"Set-up sheet: {machine.name}"
     nominal, poses = Nominal(machine), poses_figure(campaign)
     parts = [
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
-        f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>",
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title>",
+        f"<style>{PAGE_STYLE}{STYLE}</style></head><body><main><h1>{escape(title)}</h1>",
         f'<p class="quiet">{escape(machine.structure.code)} · {escape(_facts(sheet))}</p>',
         *_unchecked(sheet),
         f"<p>{escape(sheet.worth)}.</p>" if sheet.worth else "",
@@ -78,7 +78,7 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
     ]
     if programs:
         parts.append(f"<h2>Programs</h2><p>{', '.join(f'<code>{escape(p)}</code>' for p in programs)}</p>")
-    parts.append(f"<script>{SCRIPT}</script></body></html>\n")
+    parts.append(f"<script>{SCRIPT}</script></main></body></html>\n")
     return "\n".join(part for part in parts if part)
 
 

@@ -27,6 +27,7 @@ from symfive.errors import EvaluationError
 from symfive.identify import Identification
 from symfive.inference import halved, whiten
 from symfive.model import Model
+from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
 __all__ = ["Location", "Observability", "Survey", "Suspect", "locate", "observability_words", "survey"]
@@ -88,8 +89,8 @@ class Suspect:
         return f"{self.link}{axis}, over {self.coordinate} (as {self.effect.key} it would take {self.drop:.3g} off χ²)"
 
 
-@dataclass(frozen=True)
-class Location:
+@dataclass(frozen=True, repr=False)
+class Location(OnScreen):
     """Where a fit may lack something. `suspects` best of every link and axis, most significant first; `columns` mean square
     of the whitened residual by instrument and column (1: noise): whether the mismatch shows in front of the encoder or behind."""
 
@@ -121,11 +122,11 @@ class Location:
         return first + (f"; it also shows at {', '.join(others)}." if others else ".")
 
     def __str__(self) -> str:
-        lines = [observability_words(self.observability, self.classes), self.says]
-        lines += [
+        suspects = [
             f"  {s.link:<22} {s.axis or '':<3} {s.coordinate:<22} {s.drop:10.4g}  {s.effect.key}" for s in self.suspects
         ]
-        return "\n".join(lines)
+        seen = observability_words(self.observability, self.classes).split("\n")
+        return "\n".join([self.says, *listed(suspects, "location.suspects"), *listed(seen, "location.observability")])
 
 
 @one_thread

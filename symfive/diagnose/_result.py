@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,7 +18,8 @@ from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity
 from symfive.identify import Identification
 from symfive.inference import Outlier
-from symfive.numbers import change, expected_ratio, percent, plain_number
+from symfive.numbers import change, expected_ratio, in_words, percent, plain_number
+from symfive.screen import OnScreen, listed
 
 __all__ = [
     "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "UNCONVERGED", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square", "named",
@@ -61,8 +61,8 @@ def named(effect: str, axis: str | None) -> str:
     return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
 
 
-@dataclass(frozen=True)
-class Finding:
+@dataclass(frozen=True, repr=False)
+class Finding(OnScreen):
     """One piece of physics that the baseline leaves out.
 
     `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
@@ -103,6 +103,12 @@ class Finding:
         """The effect and its axis, as `Gravity sag of axis B`."""
         said = named(self.name, self.axis)
         return said[:1].upper() + said[1:]
+
+    def __str__(self) -> str:
+        said = {name: in_words(q.value, q.std, q.unit or "") for name, q in self.parameters.items()}
+        return "\n".join(
+            [self.title, *listed([f"  {name} {words}" for name, words in said.items()], "finding.parameters")]
+        )
 
     def to_data(self) -> dict[str, Any]:
         """One entry of `findings`."""
@@ -197,8 +203,8 @@ class Fit:
         return tuple(said)
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(OnScreen):
     """Result of `diagnose`. `before` and `after` are the identifications without and with the findings, `detection` and
     `location` what was seen before any name, `remaining` the same tests on what is left."""
 
@@ -371,9 +377,6 @@ class Diagnosis:
                 "± is 1σ (k = 1), given the name and all others; confidence: among the library's names and `unknown`"
             )
         return lines
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 def wrapped(head: str, text: str) -> list[str]:

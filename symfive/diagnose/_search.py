@@ -44,6 +44,7 @@ from symfive.diagnose._variants import simpler
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
+from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
 __all__ = ["Member", "Naming", "name_effects"]
@@ -61,8 +62,8 @@ MATERIAL = 0.15
 changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
 
 
-@dataclass(frozen=True)
-class Naming:
+@dataclass(frozen=True, repr=False)
+class Naming(OnScreen):
     """What was named: the fit `before` and `after`, the `members` in the order found, where they were looked for."""
 
     before: Identification

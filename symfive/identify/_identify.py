@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.errors import InputError
+from symfive.given import campaign_given
 from symfive.identify._ipopt import solve_with_ipopt
 from symfive.identify._result import Identification
 from symfive.inference import Noise, Problem, confounded_combinations, data_rank, solve, square_of
@@ -32,7 +34,7 @@ FEW, QUIET = 10, 0.2
 
 @one_thread
 def identify(
-    campaign: Campaign | Model,
+    campaign: Campaign | Model | Path | str,
     *,
     effects: Iterable[Effect] = (),
     free: Iterable[str] | None = None,
@@ -47,7 +49,8 @@ def identify(
 ) -> Identification:
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
 
-    `campaign` with readings (or its `Model`); `effects` join the baseline. `free` names the only parameters that may
+    `campaign` with readings, the path of its folder, or its `Model`;
+    `effects` join the baseline. `free` names the only parameters that may
     move, `fixed` holds some at given values (file units). `noise`: `estimate` finds the white part (never below the
     declared one), a coloured part and outliers; `repeats` does so from differences of runs that repeat each other, where
     these say that it is less; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
@@ -58,7 +61,7 @@ def identify(
     Raises `InputError` where there are no readings. Source of the estimator: Gaussian prior and noise (A. Tarantola
     2005, ch. 3), restricted likelihood for the noise.
     """
-    model = campaign if isinstance(campaign, Model) else Model(campaign, effects)
+    model = campaign if isinstance(campaign, Model) else Model(campaign_given(campaign), effects)
     _check_choice("noise", noise, ("estimate", "repeats", "declared"))
     _check_choice("solver", solver, ("gauss_newton", "ipopt"))
     _check_choice("loss", loss, ("square", "huber"))

@@ -18,8 +18,9 @@ from symfive.errors import InputError
 from symfive.inference import Confounding, Noise, Outlier, Problem
 from symfive.kinematics import basis_of
 from symfive.model import Model
-from symfive.numbers import percent, plain_number, unit_words
+from symfive.numbers import percent, plain_number, rounded, unit_words, with_std
 from symfive.parameters import Parameter
+from symfive.screen import MOST, OnScreen, listed
 
 __all__ = ["SCHEMA", "Identification", "MotionCurve"]
 
@@ -39,8 +40,8 @@ class MotionCurve:
     std: Array
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(OnScreen):
     """Estimated parameters of a model with covariance, fit quality, outliers and confounded combinations.
 
     `values`, `std` (k,) in the order and units of `model.parameters`; `covariance` (k, k); `rank` directions in which
@@ -217,23 +218,32 @@ class Identification:
         return [(p.name, float(v), float(s), p.unit, p.sigma) for p, v, s in rows if setup or p.run is None]
 
     def __str__(self) -> str:
-        width = max([len(name) for name, *_ in self.table()] + [9])
-        lines = [f"{'parameter':<{width}} {'value':>12} {'std':>10} {'unit':<8}"]
-        lines += [f"{name:<{width}} {v:12.4g} {s:10.3g} {unit_words(unit):<8}" for name, v, s, unit, _ in self.table()]
-        lines.append(
-            f"rms {self.rms_um:.3g} {self.unit}, chi²/dof {self.chi2_dof:.3f} to the declared noise, rank {self.rank}"
+        table = self.table()
+        width = max([len(name) for name, *_ in table], default=0)
+        rows = [f"  {name:<{width}}  {with_std(value, std, unit)}" for name, value, std, unit, _ in table]
+        state = "" if self.converged else "not converged, "
+        head = f"identification of {self.model.machine.name}: {state}{self._quality}"
+        apart = [c.words for c in self.confounded if self._concerns_machine(c)]
+        excluded = [self.excluded] if self.excluded else []
+        return "\n".join([head, *listed(rows, "result.table()"), *excluded, *listed(apart, "result.confounded")])
+
+    @property
+    def _quality(self) -> str:
+        return (
+            f"rms {plain_number(self.rms_um)} {self.unit}, χ²/dof {plain_number(self.chi2_dof)} to the declared noise, "
+            f"rank {self.rank} of {len(self.parameters)} parameters; ± is 1σ"
         )
-        lines += [self.excluded] if self.excluded else []
-        lines += [c.words for c in self.confounded if self._concerns_machine(c)]
-        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         head = "<tr><th>parameter</th><th>value</th><th>1σ</th><th>unit</th></tr>"
+        table = self.table()
         body = "".join(
-            f"<tr><td>{html.escape(n)}</td><td>{v:.4g}</td><td>{s:.2g}</td><td>{html.escape(unit_words(u))}</td></tr>"
-            for n, v, s, u, _ in self.table()
+            f"<tr><td>{html.escape(n)}</td><td>{rounded(v, s, u)}</td><td>{rounded(s, s, u)}</td>"
+            f"<td>{html.escape(unit_words(u))}</td></tr>"
+            for n, v, s, u, _ in table[:MOST]
         )
-        return f"<table>{head}{body}</table><p>chi²/dof {self.chi2_dof:.3f}, rank {self.rank}</p>"
+        more = f"<p>… and {len(table) - MOST} more: result.table()</p>" if len(table) > MOST else ""
+        return f"<table>{head}{body}</table>{more}<p>{html.escape(self._quality)}</p>"
 
 
 def _rounded(values: Array) -> list[float]:

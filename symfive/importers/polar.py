@@ -6,8 +6,7 @@ themselves. The recording begins and ends in motion, so the drives do too (`star
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from symfive.errors import InputError
 from symfive.files import read_text, shown
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
+from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
 __all__ = ["FITTED", "polar_doubts", "polar_run", "read_polar"]
 
@@ -63,11 +63,16 @@ def read_polar(
         raise InputError(problem, remedy="write --columns angle,deviation in the order of the file, - for any other")
     lines = read_text(path, at_most=MAX_BYTES).split("\n")
     rows: list[list[float]] = []
+    marks: dict[str, Marks] = {}
     for number, line in enumerate(lines, start=1):
-        row = _row(line, len(columns))
-        if row is not None:
+        if not rows:
+            marks = {sign: Marks(sign) for sign in SIGNS}  # the head has decimal marks of its own
+        row = _row(line, len(columns), marks, number)
+        if isinstance(row, list):
             rows.append(row)
         elif rows and line.strip():
+            if row is not None:
+                raise row.at(path)
             problem = f"{shown(line.strip())} is not {_said(columns)}"
             raise InputError(problem, remedy="remove what is no reading").at(path, number)
     if not rows:
@@ -81,18 +86,26 @@ def read_polar(
     return angle, UNITS[unit] * deviation
 
 
-def _row(line: str, count: int) -> list[float] | None:
-    """The `count` numbers of a line; None where it holds anything else."""
-    words = [word for word in re.split(r"[;\t]|,?\s+", line.strip()) if word]
-    if len(words) == count:
-        words = [word.replace(",", ".") for word in words]
-    else:
-        words = [word for word in re.split(r"[,\s]+", line.strip()) if word]
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        return None
-    return numbers if len(numbers) == count and all(abs(number) < MOST for number in numbers) else None
+def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list[float] | InputError | None:
+    """The `count` numbers of a line; what is wrong with one of them; None where it holds anything else."""
+    for sign in signs_of(line):
+        cells = [cell for cell in cells_of(line, sign) if cell]
+        if len(cells) == count:
+            try:
+                numbers = [marks[sign].number(cell, number) for cell in cells]
+            except InputError as error:
+                return error
+            return numbers if all(abs(value) < MOST for value in numbers) else None
+    return None
+
+
+def _rows_of(lines: Sequence[str], count: int) -> Iterator[tuple[int, list[float]]]:
+    """The lines that hold `count` numbers."""
+    marks = {sign: Marks(sign) for sign in SIGNS}
+    for number, line in enumerate(lines, start=1):
+        row = _row(line, count, marks, number)
+        if isinstance(row, list):
+            yield number, row
 
 
 def _said(columns: Sequence[str]) -> str:
@@ -102,7 +115,7 @@ def _said(columns: Sequence[str]) -> str:
 def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[str]) -> None:
     """Raise `InputError` where the file has another number of columns than were named."""
     for count in (n for n in range(1, MOST_COLUMNS + 1) if n != len(columns)):
-        rows = [(number, row) for number, line in enumerate(lines, start=1) if (row := _row(line, count)) is not None]
+        rows = list(_rows_of(lines, count))
         if len(rows) < LEAST_ROWS:
             continue
         if count > 1:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import shown
 from symfive.machine._axis import Axis
 from symfive.machine._checks import freeze, numbers, positive
 from symfive.machine._errors import ErrorTerm
 from symfive.machine._structure import Structure
 from symfive.machine._suggest import nearest_error
+from symfive.machine._words import machine_lines
+from symfive.screen import OnScreen
 
 __all__ = ["EffectEntry", "Machine", "Workspace", "check_error"]
 
@@ -47,12 +50,13 @@ class Workspace:
             numbers("workspace", name, pair, 2, example=f"{name} = [lowest, highest]")
             if pair[0] > pair[1]:
                 problem = f"workspace: {name} = {list(pair)} is not [lowest, highest]"
-                raise InputError(problem, remedy="put the lower one first")
+                raise InputError(problem, remedy="put the lower one first", keys=(name,))
         if self.spindle_nose is not None:
             if not isinstance(self.spindle_nose, Mapping):
                 problem = f"workspace: spindle_nose = {shown(self.spindle_nose)} is not a table"
-                raise InputError(problem, remedy="write { radius = 40.0, above_ball = 60.0 }")
-            positive("workspace: spindle_nose", **self.spindle_nose)
+                raise InputError(problem, remedy="write { radius = 40.0, above_ball = 60.0 }", keys=("spindle_nose",))
+            with inside("spindle_nose"):
+                positive("workspace: spindle_nose", **self.spindle_nose)
             object.__setattr__(self, "spindle_nose", freeze(self.spindle_nose))
 
     def stroke(self, *, bar: bool) -> float:
@@ -75,8 +79,8 @@ class EffectEntry:
             raise InputError(problem, remedy='write { effect = "backlash", axis = "C" }')
 
 
-@dataclass(frozen=True, kw_only=True)
-class Machine:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Machine(OnScreen):
     """A machine: its structural code, its axes, the errors its baseline model may vary, its workspace.
 
     Validates itself on construction and raises `InputError`. Vectors are in the machine frame, all axes at
@@ -101,16 +105,24 @@ class Machine:
         for name in self.structure.axes:
             if name not in self.axes:
                 problem = f'axis {name} of the structure "{code}" has no table'
-                raise InputError(problem, remedy=f"add [axes.{name}] with its travel")
+                raise InputError(problem, remedy=f"add [axes.{name}] with its travel", keys=("axes", name))
         for name in self.axes:
             if name not in self.structure.axes:
                 problem = f'axis {shown(name)} is not in the structure "{code}"'
-                raise InputError(problem, remedy=f"add it there or remove [axes.{name}]")
+                raise InputError(problem, remedy=f"add it there or remove [axes.{name}]", keys=("axes", name))
         for term in self.errors.values():
-            check_error(term, self.axes)
-        for entry in self.effects:
+            with inside("errors", term.name):
+                check_error(term, self.axes)
+        for number, entry in enumerate(self.effects):
             if entry.axis is not None and entry.axis not in self.axes:
-                raise _lacking(f"effect {entry.effect}", entry.axis, f"use one of {', '.join(self.structure.axes)}")
+                with inside("model", "effects", number):
+                    raise _lacking(
+                        f"effect {entry.effect}", entry.axis, f"use one of {', '.join(self.structure.axes)}", "axis"
+                    )
+
+    def __str__(self) -> str:
+        lines = machine_lines(self)
+        return "\n".join([lines[0], *(textwrap.fill(line, 100, subsequent_indent="  ") for line in lines[1:])])
 
     @property
     def axis_names(self) -> tuple[str, ...]:
@@ -134,12 +146,12 @@ def check_error(term: ErrorTerm, axes: Mapping[str, Axis]) -> None:
         raise _lacking(f"error {term.name}", term.axis, nearest_error(term.name, axes))
     for axis in term.over:
         if axis not in axes:
-            raise _lacking(f"error {term.name}", axis, f"use one of {', '.join(axes)}")
+            raise _lacking(f"error {term.name}", axis, f"use one of {', '.join(axes)}", "over")
     if term.is_location and not axes[term.axis].rotary and not term.angular:
         problem = f"error {term.name}: a linear axis has no position of its own, only a direction"
         tilts = ", ".join(f"E{c}0{term.axis}" for c in "ABC")
         raise InputError(problem, remedy=f"remove it; {tilts} tilt the direction of travel")
 
 
-def _lacking(owner: str, axis: str, remedy: str) -> InputError:
-    return InputError(f"{owner} speaks of axis {shown(axis)}, which the machine lacks", remedy=remedy)
+def _lacking(owner: str, axis: str, remedy: str, *keys: str) -> InputError:
+    return InputError(f"{owner} speaks of axis {shown(axis)}, which the machine lacks", remedy=remedy, keys=keys)

@@ -19,6 +19,7 @@ from symfive.instruments import Column, instruments_of
 from symfive.model._assembly import RowFunction, assemble, machine_parameters, sensed_columns
 from symfive.motion import GAINS, RunMotion, Series
 from symfive.parameters import Parameter
+from symfive.screen import OnScreen, plural
 
 __all__ = ["Linearisation", "Model"]
 
@@ -37,7 +38,7 @@ class Linearisation:
     columns: NDArray[np.int64]
 
 
-class Model:
+class Model(OnScreen):
     """One symbolic model of a machine, its instruments and its effects, for all runs of a campaign.
 
     `effects` join those that the machine file's `[model]` already holds. `linear=True` takes the errors of the chain to
@@ -66,6 +67,11 @@ class Model:
         self._freed = self._collect_freed()
         self._functions: dict[tuple[object, ...], RowFunction] = {}
         self._inputs: WeakKeyDictionary[Run, tuple[tuple[float, ...], list[_Clock]]] = WeakKeyDictionary()
+
+    def __str__(self) -> str:
+        effects = f", effects {', '.join(effect.key for effect in self.effects)}" if self.effects else ""
+        head = f"model of {self.machine.name}: {plural(len(self.parameters), 'parameter')}{effects}"
+        return f"{head}\n{self.campaign}"
 
     def _collect(self) -> tuple[Parameter, ...]:
         found = {p.name: p for p in machine_parameters(self.machine)}

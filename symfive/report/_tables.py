@@ -16,7 +16,6 @@ from symfive.report._words import learnt, meaning
 __all__ = ["Cell", "noise_table", "outlier_table", "parameter_table", "setup_table", "table"]
 
 MOST_OUTLIERS = 500
-TALL = 24
 LONG = 48
 
 
@@ -36,7 +35,7 @@ def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str | Cell
         mark = f' class="{html.escape(classes[i])}"' if i < len(classes) and classes[i] else ""
         body.append(f"<tr{mark}>{''.join(map(_cell, row))}</tr>")
     return (
-        f'<div class="wide{" tall" if len(rows) > TALL else ""}"><table><caption>{html.escape(caption)}</caption>'
+        f'<div class="wide"><table><caption>{html.escape(caption)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>\n{chr(10).join(body)}\n</tbody></table></div>"
     )
 

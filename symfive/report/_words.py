@@ -8,8 +8,7 @@ from symfive.diagnose._result import UNCONVERGED
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import expected_ratio
-from symfive.parameters import Parameter
-from symfive.report._parameters import LEARNT
+from symfive.parameters import LEARNT, Parameter
 from symfive.report._style import plain_number, unit_words
 
 __all__ = ["confounded_machine", "confounded_setup", "fits", "learnt", "meaning", "verdict"]
