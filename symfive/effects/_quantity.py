@@ -41,6 +41,12 @@ class Quantity:
     std: float | tuple[Any, ...] | None = None
     unit: str | None = None
 
+    def times(self, factor: float) -> Quantity:
+        """A number `factor` times as large, its uncertainty too."""
+        if isinstance(self.value, (int, float)) and isinstance(self.std, (int, float)):
+            return Quantity(factor * self.value, factor * self.std, self.unit)
+        return self
+
     def as_data(self) -> dict[str, object]:
         """As `diagnosis.json` holds it; what is None is left out."""
         table: dict[str, object] = {"value": self.value, "std": self.std, "unit": self.unit}
