@@ -50,7 +50,7 @@ def with_std(value: float, std: float, unit: str = "") -> str:
 
 
 def in_words(value: Any, std: Any = None, unit: str = "") -> str:
-    """A quantity: words as they are, a number with its 1σ, several numbers in brackets to the digits that theirs leave."""
+    """A quantity: words as they are, a number with its 1σ, several numbers in brackets, each with its own."""
     if isinstance(value, str):
         return value
     if not isinstance(value, tuple):
@@ -63,7 +63,10 @@ def in_words(value: Any, std: Any = None, unit: str = "") -> str:
 
 def _listed(value: Any, std: Any, unit: str) -> str:
     if not isinstance(value, tuple):
-        return rounded(value, _spread(std), unit) if isinstance(value, (int, float)) else str(value)
+        if not isinstance(value, (int, float)):
+            return str(value)
+        spread = _spread(std)
+        return rounded(value, spread, unit) + (f" ± {rounded(spread, spread, unit)}" if spread > 0.0 else "")
     spreads = std if isinstance(std, tuple) else (std,) * len(value)
     return f"({', '.join(_listed(v, s, unit) for v, s in zip(value, spreads, strict=False))})"
 

@@ -133,4 +133,4 @@ def _sine(machine: Machine, axis: str, down: tuple[float, float, float]) -> floa
 
 def _upright(machine: Machine, axis: str, down: tuple[float, float, float]) -> bool:
     """Whether an axis stands along gravity, to rounding."""
-    return _sine(machine, axis, down) ** 2 < np.finfo(float).eps
+    return bool(_sine(machine, axis, down) ** 2 < np.finfo(float).eps)

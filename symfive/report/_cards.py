@@ -47,7 +47,7 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> s
 
 def _tiles(finding: Finding) -> str:
     share = f'<span class="bar" title="{percent(finding.share)}"><span style="width: {100 * finding.share:.1f}%"></span></span>'
-    plausible = ", by plausibility alone" if finding.nearest else ""
+    plausible = ", by the odds beforehand" if finding.nearest else ""
     tiles = [
         ("share of the deviation's mean square", percent(finding.share) + share),
         (f"confidence in the name{plausible}", percent(finding.confidence)),
