@@ -14,14 +14,14 @@ sys.path.insert(0, str(ROOT))
 
 from examples.wang_li_2016.plates import yawed  # noqa: E402
 from symfive.campaign import read_campaign  # noqa: E402
-from symfive.diagnose._alike import levelled  # noqa: E402
+from symfive.diagnose._alike import SAME, levelled  # noqa: E402
 from symfive.diagnose._catalogue import catalogue  # noqa: E402
 from symfive.diagnose._determined import log_chance_of_nothing, sigmas_from_nothing  # noqa: E402
 from symfive.diagnose._evidence import evidence_of, marginal  # noqa: E402
 from symfive.diagnose._refit import Trial  # noqa: E402
-from symfive.diagnose._scores import score_catalogue  # noqa: E402
+from symfive.diagnose._scores import log_tail, score_catalogue  # noqa: E402
 from symfive.effects import make_effect  # noqa: E402
-from symfive.identify import identify  # noqa: E402
+from symfive.identify import Identification, identify  # noqa: E402
 from symfive.model import Model  # noqa: E402
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -68,23 +68,19 @@ def test_the_square_of_the_sigmas_is_what_the_score_takes_off_the_cost(sagging):
     assert sigmas_from_nothing(joined, scale) ** 2 == pytest.approx(drop, rel=0.02)
 
 
-def test_a_drift_known_by_its_rate_alone_has_a_size(sagging):
-    """Neither its end nor its time constant is known, but what it did is: that is a size."""
-    drift = sagging.model.added[1]
-    model, values = sagging.model, sagging.values
-    index = [model.index[p.name] for p in drift.parameters(model.campaign)]
-    slope, contribution = np.zeros(len(index)), model.contribution(drift, values)
-    for run in model.campaign.runs:
-        line = model.linearise(run, values)
-        place = {int(c): i for i, c in enumerate(line.columns)}
-        slope += [float(np.sum(contribution[run.id] * line.jacobian[:, :, place[c]])) for c in index]
-    # amplitudes and time constant change together so that the size of the readings stays
-    along = np.append(values[index[:3]], -float(slope[:3] @ values[index[:3]]) / slope[3])
-    covariance = sagging.covariance.copy()
-    covariance[np.ix_(index, index)] += 4.0 * np.outer(along, along)
-    loose = replace(sagging, covariance=covariance)
-    assert sigmas_from_nothing(loose, drift) < 1.0 < 20.0 < sigmas_from_nothing(sagging, drift)
-    assert log_chance_of_nothing(loose, drift) < np.log(1e-6)
+def test_amplitudes_that_are_uncertain_by_one_factor_have_a_size_of_that_many_sigmas(sagging):
+    """A drift along three axes whose time constant is open: 2.5σ is a size, 1.4σ is none, however well its direction is known."""
+    drift, model = sagging.model.added[1], sagging.model
+    own = [model.index[p.name] for p in drift.amplitudes(model.campaign)]
+
+    def loose(share: float) -> Identification:
+        covariance = sagging.covariance.copy()
+        covariance[np.ix_(own, own)] += share**2 * np.outer(sagging.values[own], sagging.values[own])
+        return replace(sagging, covariance=covariance)
+
+    assert log_chance_of_nothing(loose(0.4), drift) == pytest.approx(log_tail(0.4**-2, 1.0), rel=0.05)
+    assert log_chance_of_nothing(loose(0.4), drift) < log_tail(SAME, 1.0) < log_chance_of_nothing(loose(0.7), drift)
+    assert sigmas_from_nothing(loose(0.4), drift) == pytest.approx(2.5, rel=0.05)
 
 
 def test_without_a_family_the_evidence_is_the_marginal_likelihood(clean):
@@ -126,3 +122,17 @@ def test_what_little_the_readings_say_of_two_alike_counts():
     play, sideways = make_effect("backlash", "Y"), make_effect("lateral_play", component="EAY")
     first, second = levelled(_CLEAN, [_trial(play, 100.0, 50.0), _trial(sideways, 107.0, 53.0)])
     assert first.evidence - second.evidence == pytest.approx(1.5)
+
+
+def test_the_size_of_a_term_without_a_name_is_what_the_readings_determine(clean):
+    """A direction of its amplitudes that they leave to the prior adds neither size nor doubt."""
+    term = make_effect("unknown", over=("t",), order=4, directions="x").prepare(clean)
+    parameters = term.parameters(clean)
+    names, sigma = [p.name for p in parameters], np.array([p.sigma for p in parameters])
+    seen = np.eye(len(names))[0]
+    spread = np.outer(sigma, sigma) * (np.eye(len(names)) - 0.9996 * np.outer(seen, seen))
+    pairs = {(a, b): spread[i, j] for i, a in enumerate(names) for j, b in enumerate(names)}
+    exact = dict.fromkeys(names, 0.0) | {names[0]: sigma[0]}
+    vague = {n: 0.3 * s for n, s in zip(names, sigma, strict=True)} | {names[0]: sigma[0]}
+    wanted, found = (term.describe(clean, values, pairs)["rms"] for values in (exact, vague))
+    assert found.value == pytest.approx(wanted.value) and found.std == pytest.approx(0.02 * found.value)

@@ -12,10 +12,10 @@ from symfive.diagnose._locate import UNUSUAL
 from symfive.diagnose._refit import Trial, amplitudes
 from symfive.effects import Effect
 
-__all__ = ["alike", "levelled"]
+__all__ = ["SAME", "alike", "levelled"]
 
 SAME = 4.0
-"""What leaves less than this more of χ², 2σ, fits as well."""
+"""What changes χ² by less than this, 2σ, fits as well."""
 
 
 def alike(campaign: Campaign, trials: Sequence[Trial], one: Trial) -> list[Trial]:
@@ -42,7 +42,8 @@ def levelled(campaign: Campaign, trials: Sequence[Trial]) -> list[Trial]:
     named = [t for t in trials if t.effect.id != "unknown"]
     if not named:
         return list(trials)
-    group = alike(campaign, trials, max(named, key=lambda t: t.evidence))
+    first = max(named, key=lambda t: t.evidence)
+    group = [t for t in alike(campaign, trials, first) if first.misfit - t.misfit < SAME]
     if len(group) < 2:
         return list(trials)
     together = np.logaddexp.reduce([t.evidence for t in group])

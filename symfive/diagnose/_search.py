@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose._alike import levelled
+from symfive.diagnose._alike import SAME, levelled
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._determined import log_chance_of_nothing
 from symfive.diagnose._evidence import evidence_of
@@ -30,7 +30,7 @@ from symfive.diagnose._refit import (
     with_families,
 )
 from symfive.diagnose._regroup import kin, merge, simplify, spell_out
-from symfive.diagnose._scores import Score
+from symfive.diagnose._scores import Score, log_tail
 from symfive.diagnose._slow import (
     changes_slowly,
     drift,
@@ -383,12 +383,12 @@ def _prune(state: State, members: Sequence[Member]) -> None:
 
 
 def _withdraw(state: State) -> None:
-    """Take out what the final fit leaves no size, the least certain first: the refit without it stands."""
+    """Take out what the final fit leaves no size (2σ from none), the least certain first: the refit without it stands."""
     while state.members:
         held = {e.key: e for e in state.after.model.added}
         chances = [log_chance_of_nothing(state.after, held[m.effect.key]) for m in state.members]
         worst = int(np.argmax(chances))
-        if chances[worst] < np.log(state.level):
+        if chances[worst] < log_tail(SAME, 1.0):
             return
         member = state.members[worst]
         state.withdrawn.append((held[member.effect.key], state.after))
