@@ -339,8 +339,9 @@ def test_small_numbers_in_words(found):
         and in_words(("B", "C")) == "B, C"
         and in_words(7.0123, 0.064, "um") == "7.012 ± 0.064 µm"
     )
-    assert in_words((0.0, 0.27712), (0.01, 0.004), "1") == "(0.000, 0.2771)"
-    assert in_words(((1.0, 0.0123), (-0.2, 1.0)), ((0.01, 0.01), (0.1, 0.1))) == "((1.000, 0.012), (−0.20, 1.00))"
+    assert in_words((0.0, 0.27712), (0.01, 0.004), "1") == "(0.000 ± 0.010, 0.2771 ± 0.0040)"
+    matrix, spreads = ((1.0, 0.0123), (-0.2, 1.0)), ((0.01, 0.01), (0.1, 0.1))
+    assert in_words(matrix, spreads, spread=False) == "((1.000, 0.012), (−0.20, 1.00))"
     assert percent(0.9999) == "above 99.9 %" and percent(0.5) == "50 %" and percent(0.0) == "0 %"
     assert (
         power_of_ten(0.03) == "0.03" and power_of_ten(3e-7) == "about 10⁻⁷" and power_of_ten(1e-300) == "below 10⁻³⁰⁰"

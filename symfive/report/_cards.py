@@ -75,7 +75,8 @@ def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
     if isinstance(value, str):
         return value, "", unit
     if isinstance(value, tuple):
-        return in_words(value, std), in_words(std, std) if isinstance(std, tuple) else "", unit
+        spreads = in_words(std, std, spread=False) if isinstance(std, tuple) else ""
+        return in_words(value, std, spread=False), spreads, unit
     spread = float(std) if isinstance(std, (int, float)) else 0.0
     return (
         Cell(rounded(value, spread, quantity.unit or ""), value),
