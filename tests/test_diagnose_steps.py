@@ -70,7 +70,7 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     assert 0.9 * explained < sum(shares.values()) <= explained + 1e-9 and min(shares.values()) > 0.1
     for finding in findings_of(naming):
         says = finding.says
-        assert says.startswith(f"{finding.title}: ") and says.count(". ") == 0 and len(says) < 160
+        assert says.startswith(f"{finding.title}: ") and says.count(". ") == 0 and len(says) < 180
         assert "; it had hidden in the geometry (" in says and " %; " in says and "amplitude" in says
         facts = facts_of(finding, naming.after)
         assert facts["where"].endswith("in all runs") and " ± " in facts["how large"]
