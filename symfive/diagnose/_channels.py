@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,10 +34,10 @@ def probes(campaign: Campaign) -> list[Effect]:
 
 
 class Channels:
-    """Per run: the channels' columns, and the residual whitened twice. `lacking`: what the library does without."""
+    """Per run: the channels' columns, and the residual whitened twice."""
 
-    def __init__(self, board: Board, lacking: Collection[str] = ()) -> None:
-        self.board, self.lacking = board, lacking
+    def __init__(self, board: Board) -> None:
+        self.board = board
         self.problem = board.result.problem()
         self.campaign = board.model.campaign
         self.axes = moving_axes(self.campaign)

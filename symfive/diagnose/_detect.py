@@ -26,6 +26,7 @@ from symfive.diagnose._groups import partitions
 from symfive.diagnose._scores import log_tail
 from symfive.identify import Identification, identify
 from symfive.inference import whiten
+from symfive.numbers import with_std
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
@@ -63,8 +64,7 @@ class Disagreement:
     @property
     def says(self) -> str:
         """The disagreement in one sentence."""
-        unit = self.unit.replace("um", "µm").replace("urad", "µrad")
-        seen = ", ".join(f"{v:.4g} ± {s:.2g} {unit} ({label})" for label, (v, s) in list(self.values.items())[:4])
+        seen = ", ".join(f"{with_std(v, s, self.unit)} ({label})" for label, (v, s) in list(self.values.items())[:4])
         return f"{self.parameter} is not the same between the groups by {self.between}: {seen}"
 
 

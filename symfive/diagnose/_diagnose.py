@@ -9,7 +9,7 @@ import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import detect
-from symfive.diagnose._findings import doubted, findings_of
+from symfive.diagnose._findings import doubted, findings_of, withdrawn
 from symfive.diagnose._locate import locate
 from symfive.diagnose._prove import prove, with_next_test
 from symfive.diagnose._result import Diagnosis
@@ -57,4 +57,5 @@ def diagnose(
         before=naming.before,
         after=doubted(naming),
         false_alarms=false_alarms,
+        withdrawn=withdrawn(naming),
     )

@@ -156,10 +156,10 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     sizes = [_sizes(board, e) for e in plain]
     scores, unusual = [usual for usual, *_ in sizes], [score for _, *larger in sizes for score in larger]
     taken = {e.key for e in held}
-    scanned = scan(board, exclude) if scanning else []
+    scanned = scan(board) if scanning else []
     found = [f for f in scanned if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}
-    nameless = list(unknowns(campaign, held, exclude))
+    nameless = list(unknowns(campaign, held))
     secants = _secants(result, scores)
     second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes, secants=secants)
     for f in unique.values():

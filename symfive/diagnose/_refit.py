@@ -21,8 +21,8 @@ from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 
 __all__ = [
-    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted", "settled", "shaped",
-    "start_of", "tried", "widened", "with_families",
+    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted",
+    "settled", "shaped", "start_of", "tried", "widened", "with_families",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ START_STEPS = 3
 class Trial:
     """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, its `size`, the
     mean square of its readings about their mean over that of the declared noise, and the `misfit` that is left: χ² of the
-    readings and of all priors but the effect's own."""
+    readings and of all priors but the effect's own. `prior` is the part of the evidence that stands before the readings."""
 
     effect: Effect
     evidence: float
@@ -49,6 +49,7 @@ class Trial:
     size: float
     looks: int = 1
     misfit: float = np.inf
+    prior: float = 0.0
 
 
 def tried(result: Identification, base: float, score: Score, forms: Forms) -> Trial | None:
@@ -79,8 +80,8 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
         return None
     if not np.isfinite(evidence):
         return None
-    evidence += beforehand(campaign, effect, score.looks, named, forms)
-    return Trial(effect, evidence, named, size, score.looks, left + _pull(problem, effect, values))
+    prior = beforehand(campaign, effect, score.looks, named, forms)
+    return Trial(effect, evidence + prior, named, size, score.looks, left + _pull(problem, effect, values), prior)
 
 
 def beforehand(campaign: Campaign, effect: Effect, looks: int, values: Mapping[str, float], forms: Forms) -> float:

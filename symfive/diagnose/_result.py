@@ -68,7 +68,8 @@ class Finding(OnScreen):
     `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
     `contribution` run → (N, ny) its readings, `moved` the machine's parameters that changed most when it joined: name →
     (before, after), file units. `nearest` an effect of another name that fits the readings as well, with the σ by which
-    it fits worse. `test` is what to record next where a rival stays, `next_test` the folder of its plan.
+    it fits worse; `sigmas` by which all its amplitudes together differ from nothing. `test` is what to record next where
+    a rival stays, `next_test` the folder of its plan.
     """
 
     effect: Effect
@@ -90,6 +91,7 @@ class Finding(OnScreen):
     alias: tuple[str, ...] = ()
     shape_differs: float = 0.0
     nearest: tuple[str, float] | None = None
+    sigmas: float = 0.0
     next_test: str | None = None
     test: Discrimination | None = None
 
@@ -132,6 +134,7 @@ class Finding(OnScreen):
             "share": self.share,
             "visible": self.visible,
             "shape_differs": self.shape_differs,
+            "size_sigmas": self.sigmas,
             "log10_p": self.log_p / float(np.log(10.0)),
             "geometry_moved": {name: {"before": b, "after": a} for name, (b, a) in self.moved.items()},
             "says": self.says,
@@ -218,15 +221,18 @@ class Diagnosis(OnScreen):
     before: Identification
     after: Identification
     false_alarms: float = 0.01
+    withdrawn: tuple[str, ...] = ()
 
     @property
     def unnamed(self) -> tuple[str, ...]:
-        """What is left and has no name: what the tests that need none say of the fit with all findings."""
-        return tuple(
+        """What is left and has no name: what the tests that need none say of the fit with all findings, and names `withdrawn`
+        again, for which there is evidence but no size."""
+        tests = (
             t.says
             for t in self.remaining.tests
             if t.name in ("lack of fit", "agreement of groups") and 2.0 * t.p_value < self.remaining.level
         )
+        return (*tests, *self.withdrawn)
 
     @property
     def mismatch(self) -> bool:

@@ -8,7 +8,7 @@ computed for a whole grid at once, and the peaks become exact candidates.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -30,10 +30,9 @@ PER_CYCLE = 4
 """Steps in which a frequency is looked for, per change of one cycle over the campaign."""
 
 
-def scan(board: Board, lacking: Collection[str] = ()) -> list[Finding]:
-    """Peaks of all families for the residual of the board's fit; where the library is `lacking` the name of a tone or of a
-    period, a cycle stands in its place."""
-    channels = Channels(board, lacking)
+def scan(board: Board) -> list[Finding]:
+    """Peaks of all families for the residual of the board's fit; beside a tone and a period a cycle without a name."""
+    channels = Channels(board)
     found: list[Finding] = []
     for family in (_periods, _tones, _cycles, _onsets, _shifts, _steps, resonances, bursts):
         for finding in family(channels):
@@ -93,7 +92,7 @@ def _periods(channels: Channels) -> Iterator[Finding]:
                 period = 1.0 / float(inverse[peak])
                 sigma = 0.5 * period**2 * float(inverse[1])
                 yield Finding(make_effect("transmission_error", axis, period=period, period_sigma=sigma), looks)
-                if rank == 0 and "transmission_error" in channels.lacking:
+                if rank == 0:
                     yield Finding(_cycle(period, 1.0 / float(inverse[1]), f"{FAST}{number}", axis, "axis"), looks)
 
 
@@ -123,8 +122,7 @@ def _tones(channels: Channels) -> Iterator[Finding]:
         exact, kept, tried = _in_phase(channels, runs, rough, 1.0 / longest)
         if kept > 0.5 * score[peak]:
             effect = make_effect("vibration", frequency_hz=exact, tag=tag)
-            if "vibration" in channels.lacking:
-                yield Finding(_cycle(1.0 / exact, _span(runs), f"{FAST}{number}"), int(seen.sum()) // 2 + tried)
+            yield Finding(_cycle(1.0 / exact, _span(runs), f"{FAST}{number}"), int(seen.sum()) // 2 + tried)
         else:  # the runs' clocks do not hang together: the run that swings most
             strongest = max(runs, key=lambda run: _in_phase(channels, [run], rough, 0.0)[1])
             effect = make_effect("vibration", frequency_hz=rough, run=strongest.id, tag=tag)

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
+from symfive.diagnose._alike import SAME, levelled
 from symfive.diagnose._detect import Detection
+from symfive.diagnose._determined import log_chance_of_nothing
 from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, reshapes
@@ -28,7 +30,7 @@ from symfive.diagnose._refit import (
     with_families,
 )
 from symfive.diagnose._regroup import kin, merge, simplify, spell_out
-from symfive.diagnose._scores import Score
+from symfive.diagnose._scores import Score, log_tail
 from symfive.diagnose._slow import (
     changes_slowly,
     drift,
@@ -64,12 +66,14 @@ changes the residual's rms by under 1 % (0.15²/2), even where no other paramete
 
 @dataclass(frozen=True, repr=False)
 class Naming(OnScreen):
-    """What was named: the fit `before` and `after`, the `members` in the order found, where they were looked for."""
+    """What was named: the fit `before` and `after`, the `members` in the order found, where they were looked for; `withdrawn`
+    what had evidence but no size, each with the fit that held it."""
 
     before: Identification
     after: Identification
     members: tuple[Member, ...]
     location: Location = field(repr=False)
+    withdrawn: tuple[tuple[Effect, Identification], ...] = field(default=(), repr=False)
 
     def __str__(self) -> str:
         return "\n".join(
@@ -108,7 +112,10 @@ def name_effects(
         _forward(state)
     _prune(state, state.members)
     _drifting(state)
-    return Naming(before, settled(state.after), tuple(state.members), location)
+    state.after = settled(state.after)
+    _withdraw(state)
+    after = state.after if state.members or not state.withdrawn else before
+    return Naming(before, after, tuple(state.members), location, tuple(state.withdrawn))
 
 
 def _forward(state: State, seen: Survey | None = None) -> None:
@@ -270,10 +277,11 @@ def _contest(state: State) -> bool:
         ]
         enough = [t for t in simple if t.misfit < own.misfit + 2.0 * DECISIVE]  # also without the rest of its family
         mine = max([*enough, own], key=lambda t: t.evidence + TIE * (t is own))
+        stays, (mine, *found) = mine is own, levelled(state.campaign, [mine, *found])
         trials = sorted([mine, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
         best = _most_probable(trials, mine)
-        if best is not own:
+        if not (stays and best is mine):
             state.after = shaped(without, best)
             state.members[number] = Member(newest(state.after), member.log_p, best.looks, tuple(trials))
             state.progress(f"{best.effect.key} takes the place of {member.effect.key}")
@@ -373,6 +381,21 @@ def _prune(state: State, members: Sequence[Member]) -> None:
         if full - evidence_of(without.problem(), without.values) < 3.0:
             _leave(state, member, without)
             state.dropped.add(member.effect.key)
+
+
+def _withdraw(state: State) -> None:
+    """Take out what the final fit leaves no size (2σ from none), the least certain first: the refit without it stands."""
+    while state.members:
+        held = {e.key: e for e in state.after.model.added}
+        chances = [log_chance_of_nothing(state.after, held[m.effect.key]) for m in state.members]
+        worst = int(np.argmax(chances))
+        if chances[worst] < log_tail(SAME, 1.0):
+            return
+        member = state.members[worst]
+        state.withdrawn.append((held[member.effect.key], state.after))
+        _leave(state, member, lacking(state.after, member.effect))
+        state.after = settled(state.after)
+        state.progress(f"{member.effect.key} has no size")
 
 
 def _leave(state: State, member: Member, without: Identification) -> None:

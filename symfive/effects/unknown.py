@@ -23,7 +23,7 @@ from symfive.effects._coordinates import (
     steps,
     usual_span,
 )
-from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -346,7 +346,8 @@ class Unknown(Effect):
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`over`, its `rms` over the campaign's rows, the main `direction` of a shift, and the `carrier` in whose frame it is."""
+        """`over`, its `rms` over the campaign's rows as far as the readings determine it, the main `direction` of a shift, and
+        the `carrier` in whose frame it is."""
         machine, basis = campaign.machine, self._basis(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
         period = self.period
@@ -362,7 +363,7 @@ class Unknown(Effect):
         def rms(p: Array) -> list[float]:
             return [float(np.sqrt(np.mean(np.sum(shape(p) ** 2, axis=1))))]
 
-        (value,), (std,) = propagate(rms, names, values, covariance)
+        (value,), (std,) = propagate(rms, names, *known_part(amplitudes, values, covariance))
         size = Quantity(float(value), float(std), self.parameters(campaign)[0].unit)
         found = {"over": Quantity(self.over), "rms": size}
         if self.period:
