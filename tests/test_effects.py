@@ -361,12 +361,15 @@ def tilt(run: Any) -> np.ndarray:
 
 
 def came_from(command: np.ndarray) -> np.ndarray:
+    """By the moves; before the first one between the flanks, but for a single first row, which counts like the second."""
     signs = np.zeros(len(command))
     for k in range(1, len(command)):
         step = command[k] - command[k - 1]
         signs[k] = np.sign(step) if abs(step) > 1e-9 else signs[k - 1]
-    first = signs[np.flatnonzero(signs)[0]]
-    return np.where(signs == 0.0, first, signs)
+    begins = np.flatnonzero(signs)[0]
+    if begins == 1:
+        signs[0] = signs[1]
+    return signs
 
 
 @pytest.mark.parametrize("name", FORMULAS)

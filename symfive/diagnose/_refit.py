@@ -21,8 +21,8 @@ from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 
 __all__ = [
-    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted",
-    "settled", "shaped", "start_of", "tried", "widened", "with_families",
+    "DECISIVE", "Forms", "Together", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted",
+    "settled", "shaped", "start_of", "tried", "tried_together", "widened", "with_families",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -52,8 +52,11 @@ class Trial:
     prior: float = 0.0
 
 
-def tried(result: Identification, base: float, score: Score, forms: Forms) -> Trial | None:
-    """An exact refit with the effect, under the noise of the present fit, whose log evidence is `base`.
+def tried(
+    result: Identification, base: float, score: Score, forms: Forms, near: Mapping[str, float] | None = None
+) -> Trial | None:
+    """An exact refit with the effect, under the noise of the present fit, whose log evidence is `base`; begun `near` values that
+    are known, else at the present fit and the score's step.
 
     All names are equally probable beforehand; a name that could take several forms (components), or richer shapes than its plain
     one, shares that among them. The prior of an effect that is larger than usual is as wide as the effect: none is pulled back
@@ -61,12 +64,12 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
     """
     campaign = result.model.campaign
     effect = score.effect
-    named = result.named
+    named = dict(near or result.named)
     try:
         for widening in range(1 + WIDENINGS):
             model = Model(campaign, (*result.model.added, effect))
             problem = result.problem(model)
-            start = named if widening else named | start_of(model, score)
+            start = named if widening or near else named | start_of(model, score)
             values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
             named = model.named(values)
             wider = _roomy(campaign, effect, named)
@@ -82,6 +85,36 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
         return None
     prior = beforehand(campaign, effect, score.looks, named, forms)
     return Trial(effect, evidence + prior, named, size, score.looks, left + _pull(problem, effect, values), prior)
+
+
+@dataclass(frozen=True)
+class Together:
+    """An exact refit with several effects more: their `scores`, the log evidence of all, the values."""
+
+    effects: tuple[Effect, ...]
+    scores: tuple[Score, ...]
+    evidence: float
+    values: Mapping[str, float]
+
+
+def tried_together(result: Identification, base: float, scores: Mapping[str, Score], forms: Forms) -> Together | None:
+    """An exact refit with one kind of effect on several axes, as `tried` makes it with one; None where there is but one axis."""
+    campaign = result.model.campaign
+    effects = tuple(score.effect for score in scores.values())
+    if len(effects) < 2:
+        return None
+    try:
+        model = Model(campaign, (*result.model.added, *effects))
+        problem, start = result.problem(model), result.named
+        for score in scores.values():
+            start = start | start_of(model, score)
+        values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
+        named = model.named(values)
+        evidence = evidence_of(problem, values, [group for e in effects for group in amplitudes(campaign, e)]) - base
+    except (EvaluationError, np.linalg.LinAlgError):
+        return None
+    evidence += sum(beforehand(campaign, s.effect, s.looks, named, forms) for s in scores.values())
+    return Together(effects, tuple(scores.values()), evidence, named) if np.isfinite(evidence) else None
 
 
 def beforehand(campaign: Campaign, effect: Effect, looks: int, values: Mapping[str, float], forms: Forms) -> float:

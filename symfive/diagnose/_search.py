@@ -27,6 +27,7 @@ from symfive.diagnose._refit import (
     settled,
     shaped,
     tried,
+    tried_together,
     with_families,
 )
 from symfive.diagnose._regroup import kin, merge, simplify, spell_out
@@ -46,6 +47,7 @@ from symfive.diagnose._variants import simpler
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
+from symfive.model import Model
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
@@ -130,6 +132,9 @@ def _forward(state: State, seen: Survey | None = None) -> None:
         state.progress(f"scoring the catalogue, {len(state.members)} effects found")
         seen = seen or survey(state.after, state.exclude)
         best = _best(state, seen, done)
+        if best is not None and _together(state, seen, done, best[0]):
+            seen = None
+            continue
         if best is not None and _is_shape_of_another(best[0].effect, state.members, state.after, best[0].values):
             state.useless.add(best[0].effect.key)  # nor would it be another's in fewer directions
             continue
@@ -157,6 +162,32 @@ def _forward(state: State, seen: Survey | None = None) -> None:
         state.progress(f"found {trial.effect.key}")
         _prune(state, state.members[:-1])
     state.after = with_families(state.after)
+
+
+def _together(state: State, seen: Survey, done: _Trials, single: Trial) -> bool:
+    """Let one kind of effect join on all axes at once where the readings ask for that rather than for the best `single` one:
+    parts of one kind wear on all axes, and found alone each leaves the others' share as noise. What is needless is dropped."""
+    if state.members:
+        return False
+    limit = float(np.log(state.level / seen.looks))
+    open_ = [s for s in seen.scores if state.open(s) and s.effect.axis is not None and s.effect.id != "unknown"]
+    kinds: dict[str, dict[str, Score]] = {s.effect.id: {} for s in open_ if s.log_p < limit}
+    for score in sorted(open_, key=lambda s: s.log_p):
+        if score.effect.id in kinds:
+            kinds[score.effect.id].setdefault(str(score.effect.axis), score)
+    tries = (tried_together(state.after, done.base or 0.0, scores, state.forms) for scores in kinds.values())
+    best = max((t for t in tries if t is not None), key=lambda t: t.evidence, default=None)
+    if best is None or best.evidence < single.evidence + DECISIVE:
+        return False
+    state.progress(f"found {', '.join(score.effect.key for score in best.scores)} together")
+    state.after = refitted(Model(state.campaign, (*state.after.model.added, *best.effects)), best.values, state.after)
+    for score in best.scores:  # each in the best of its shapes, beside the others
+        without = lacking(state.after, score.effect)
+        after = shaped(without, Trial(score.effect, 0.0, state.after.named, 0.0, score.looks))
+        state.joined(after, min(score.log_p, 0.0), score.looks)
+    state.together = len(state.members)
+    _prune(state, state.members)
+    return True
 
 
 @dataclass
@@ -194,7 +225,9 @@ def _behind_noise(state: State, first: Identification | None) -> tuple[Identific
     """A name, cycle or burst, with its log p, that goes before the `first` one found, if any: where the noise is large without
     a name, or still with it, the noise may have swallowed what the readings really hold."""
     named = first is not None and newest(first).id != "unknown"
-    if state.members or not large_noise(state.after) or (first is not None and named and not large_noise(first)):
+    if len(state.members) > state.together or not large_noise(state.after):
+        return None
+    if first is not None and named and not large_noise(first):
         return None
     seen = survey(whitened(state.after), state.exclude)
     still = [s for s in seen.scores if state.open(s)]
@@ -265,7 +298,9 @@ def _contest(state: State) -> bool:
         rivals = state.near({s.effect.key for s in scores}) | close | {s.effect.key: s for s in _best_of(scores)}
         base = evidence_of(without.problem(), without.values)
         found = [t for t in (tried(without, base, s, state.forms) for s in rivals.values()) if t is not None]
-        own = tried(without, base, _own_score(state.after, member), state.forms)
+        own = tried(
+            without, base, _own_score(state.after, member), state.forms, near=_known(without, state.after, member)
+        )
         if own is None:
             continue
         simple = _simpler_trials(state, without, base, member)
@@ -335,6 +370,13 @@ def _first(ranked: Sequence[Score]) -> Sequence[Score]:
     """The first few of them, more where their scores are nearly equal."""
     close = [s for s in ranked[:MOST_TRIALS] if s.log_p < ranked[0].log_p + OPEN]
     return ranked[: max(TRIALS, len(close))]
+
+
+def _known(without: Identification, after: Identification, member: Member) -> dict[str, float]:
+    """The final fit's values of all that is in the model with a member alone: where its own refit ends anyway."""
+    own = {p.name for p in member.effect.parameters(after.model.campaign)}
+    starts = {p.name for run in after.model.campaign.runs for p in member.effect.starts(run)}
+    return {n: v for n, v in after.named.items() if n in without.model.index or n in own | starts}
 
 
 def _own_score(result: Identification, member: Member) -> Score:

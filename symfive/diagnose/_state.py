@@ -31,7 +31,7 @@ class Member:
 @dataclass
 class State:
     """The search while it runs: the fit `after` all members so far, the names `met` among the best on the way, those `withdrawn`
-    again with the fits that held them; `most` members may be, and `nameless` of them without a name."""
+    again with the fits that held them; `most` members may be, and `nameless` of them without a name; `together` of them joined at once, first."""
 
     after: Identification
     level: float
@@ -44,6 +44,7 @@ class State:
     added: int = 0
     met: dict[str, Score] = field(default_factory=dict)
     withdrawn: list[tuple[Effect, Identification]] = field(default_factory=list)
+    together: int = 0
     most: int = MAX_EFFECTS
     nameless: int = MAX_NAMELESS
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
+from symfive.motion import unmoved
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -180,8 +181,13 @@ class Effect:
         return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau, per_decade=True)
 
     def start_of_contact(self, run: Run, axis: str) -> tuple[Parameter, ...]:
-        """Where between its flanks (-1…+1) a contact stands when the recording of a run begins: anywhere."""
-        if not run.dynamic or np.ptp(run.commands[axis]) == 0.0:
+        """Where between its flanks (-1…+1) a contact stands before its axis first moves in a run: anywhere.
+
+        In a static run whose second pose is reached by moving the axis the first one counts as approached like the second
+        (docs/conventions.md, section 5).
+        """
+        known = 0 if run.dynamic else 1
+        if not known < unmoved(run.commands[axis]) < run.rows:
             return ()
         name = f"setup.{run.id}.{self.key}.start"
         sigma = 3.0**-0.5  # of what is equally probable in -1…+1

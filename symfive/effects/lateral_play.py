@@ -68,13 +68,14 @@ class LateralPlay(Effect):
         )
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
-        return () if self.shape == "step" else self.start_of_contact(run, self._moving)
+        return self.start_of_contact(run, self._moving)
 
     def signals(self) -> tuple[Signal, ...]:
+        start = f"setup.{self.key}.start"
         if self.shape == "step":
-            return (Direction(self._moving),)
+            return (Direction(self._moving, start=start),)
         contact = Play if self.shape == "play" else PreSliding
-        return (contact(self._moving, f"{self.key}.distance", start=f"setup.{self.key}.start"),)
+        return (contact(self._moving, f"{self.key}.distance", start=start),)
 
     def apply(self, row: Row) -> None:
         row.add_motion(self.component, -0.5 * self.parameter(row, "width") * row.signal(self.signals()[0]))

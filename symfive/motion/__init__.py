@@ -21,10 +21,12 @@ from symfive.motion._signals import (
     Signal,
     Velocity,
     approach,
+    unmoved,
 )
 
 __all__ = [
     "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position",
     "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
     "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
+    "unmoved",
 ]  # fmt: skip

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from symfive.motion._drives import GAINS, drive_response
-from symfive.motion._gaps import filled
+from symfive.motion._gaps import filled, programme_of
 from symfive.motion._loop import LOOP
 
 if TYPE_CHECKING:
@@ -70,6 +70,8 @@ def _whole(steps: bytes, command: bytes) -> Array:
     return full
 
 
+_PROGRAMMES: WeakKeyDictionary[Run, Run] = WeakKeyDictionary()
+"""Of every run that lost rows: the motion as it was commanded."""
 _KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float | None, ...], Any]]] = WeakKeyDictionary()
 """Of every run: what was computed, with the parameters that move it → machine, their values, result; for all models."""
 
@@ -106,8 +108,22 @@ class RunMotion:
         return self.run.start_s + self.run.time
 
     def series(self, signal: Signal) -> Series:
-        """The values of a signal along the run."""
-        return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
+        """The values of a signal along the run. What has memory follows the motion through rows that the recorder lost too."""
+        if self._whole is None:
+            return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
+        found, rows = self._whole.series(signal), self.run.steps
+        tangents = {name: tangent[rows] for name, tangent in found.tangents.items()}
+        return Series(found.value[rows], tangents, steps=found.steps)
+
+    @cached_property
+    def _whole(self) -> RunMotion | None:
+        """The motion with the rows that the recorder lost, where there are any and the command tells what they were."""
+        run = self.run
+        if not run.dynamic or run.options.get("motion_from") == "encoder" or len(run.steps) == run.steps[-1] + 1:
+            return None
+        if run not in _PROGRAMMES:
+            _PROGRAMMES[run] = programme_of(run)
+        return RunMotion(_PROGRAMMES[run], self.machine, self._freed, self.values)
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""

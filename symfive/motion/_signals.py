@@ -21,7 +21,7 @@ from symfive.motion._motion import RunMotion, Series
 
 __all__ = [
     "Acceleration", "Command", "Direction", "Play", "Position", "PreSliding", "Resonance",
-    "ReversalDistance", "ReversalTime", "Signal", "Velocity",
+    "ReversalDistance", "ReversalTime", "Signal", "Velocity", "unmoved",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -84,8 +84,7 @@ class Acceleration(_OfAxis):
 def approach(positions: Array) -> Array:
     """Sign of the last motion at each row; rows before the first motion count as approached like the first one."""
     change = np.diff(positions)
-    resolution = 1e-12 * max(1.0, float(np.abs(positions).max()))
-    signs = np.where(np.abs(change) > resolution, np.sign(change), 0.0)
+    signs = np.where(np.abs(change) > _resolution(positions), np.sign(change), 0.0)
     moved = np.flatnonzero(signs)
     if not moved.size:
         return np.zeros_like(positions)
@@ -94,11 +93,42 @@ def approach(positions: Array) -> Array:
     return np.concatenate([filled[:1], filled])
 
 
+@dataclass(frozen=True)
 class Direction(_OfAxis):
-    """Direction of the last motion, -1 or +1 (0: the axis never moves)."""
+    """Direction of the last motion, -1 or +1 (0: the axis never moves).
+
+    `start` names what it counts as before the axis' first motion in a run; where the run has none, the first motion's.
+    """
+
+    start: str = ""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The state at the start."""
+        return (self.start,) if self.start else ()
 
     def series(self, motion: RunMotion) -> Series:
-        return Series(approach(motion.axis(self.axis).position.value), steps=True)
+        positions = motion.axis(self.axis).position.value
+        return _begun(motion, positions, approach(positions), self.start)
+
+
+def unmoved(positions: Array) -> int:
+    """How many rows an axis stands at the beginning before it first moves; all where it never does."""
+    moved = np.flatnonzero(np.abs(np.diff(positions)) > _resolution(positions))
+    return int(moved[0]) + 1 if moved.size else len(positions)
+
+
+def _resolution(positions: Array) -> float:
+    """Changes up to this are rounding."""
+    return 1e-12 * max(1.0, float(np.abs(positions).max()))
+
+
+def _begun(motion: RunMotion, positions: Array, side: Array, start: str) -> Series:
+    """Sides that count as the parameter `start` says, if the run has it, before the first motion."""
+    if start not in motion.values:
+        return Series(side, steps=True)
+    standing = np.arange(len(side)) < unmoved(positions)
+    return Series(np.where(standing, motion.values[start], side), {start: standing.astype(float)}, steps=True)
 
 
 class ReversalDistance(_OfAxis):
@@ -225,7 +255,9 @@ class Play:
         growth = motion.values[self.slope] if self.slope else 0.0
         signed = motion.values[self.width] + growth * position.value
         half = 0.5 * np.abs(signed)
-        if not motion.run.dynamic or half.max() < 1e-15:
+        if not motion.run.dynamic:
+            return _begun(motion, position.value, side, self.start)
+        if half.max() < 1e-15:
             return Series(side, steps=True)
         half = np.maximum(half, 1e-15)
         state = _play_states(position.value, motion.values.get(self.start, 0.0), half)
