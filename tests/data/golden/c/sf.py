@@ -145,7 +145,7 @@ class Batch:
         """Points (N, 3) of the real tool at q (N, axes)."""
         tiles, poses, c = self._tiles(q), len(q), self._prepared(tool, p)
         position = _aligned((len(tiles), 3, self.lanes))
-        self._c.sf_batch_forward(ctypes.c_size_t(len(tiles)), *map(_pointer, (tiles, c, position)))
+        self._function("forward")(ctypes.c_size_t(len(tiles)), *map(_pointer, (tiles, c, position)))
         return _rows(position, poses)
 
     def jacobian(self, q, tool, p, stream=False):
@@ -154,7 +154,7 @@ class Batch:
         position = _aligned((len(tiles), 3, self.lanes))
         by_p = _aligned((len(tiles), 3 * len(PARAMETERS), self.lanes))
         arrays = map(_pointer, (tiles, c, position, by_p))
-        self._c.sf_batch_jacobian(ctypes.c_size_t(len(tiles)), *arrays, ctypes.c_int(stream))
+        self._function("jacobian")(ctypes.c_size_t(len(tiles)), *arrays, ctypes.c_int(stream))
         return _rows(position, poses), _rows(by_p, poses).reshape(poses, -1, 3).transpose(0, 2, 1)
 
     def predict(self, q, tool, p, step):
@@ -162,7 +162,7 @@ class Batch:
         tiles, poses, c = self._tiles(q), len(q), self._prepared(tool, p)
         d = np.ascontiguousarray(step, dtype=float)
         position = _aligned((len(tiles), 3, self.lanes))
-        self._c.sf_batch_predict(ctypes.c_size_t(len(tiles)), *map(_pointer, (tiles, c, d, position)))
+        self._function("predict")(ctypes.c_size_t(len(tiles)), *map(_pointer, (tiles, c, d, position)))
         return _rows(position, poses)
 
     def information(self, q, tool, p, target):
@@ -172,7 +172,7 @@ class Batch:
         normal, work = _aligned((size, size)), _aligned((672, self.lanes))
         normal[:] = 0.0
         arrays = map(_pointer, (tiles, c, wanted, normal, work))
-        self._c.sf_batch_information(ctypes.c_size_t(poses), *arrays)
+        self._function("information")(ctypes.c_size_t(poses), *arrays)
         return normal[:-1, :-1], normal[:-1, -1], normal[-1, -1]
 
     def leverage(self, q, tool, p, factor):
@@ -182,13 +182,16 @@ class Batch:
             raise ValueError(f"the factor has the shape {f.shape}, not ({len(PARAMETERS)}, rank)")
         found, work = _aligned((len(tiles), 6, self.lanes)), _aligned((672, self.lanes))
         rank, count = ctypes.c_size_t(f.shape[1]), ctypes.c_size_t(len(tiles))
-        self._c.sf_batch_leverage(count, _pointer(tiles), _pointer(c), _pointer(f), rank, *map(_pointer, (found, work)))
+        self._function("leverage")(count, _pointer(tiles), _pointer(c), _pointer(f), rank, *map(_pointer, (found, work)))
         return _rows(found, len(q))[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+    def _function(self, name):
+        return getattr(self._c, f"sf_batch_{name}_{self.lanes}")
 
     def _prepared(self, tool, p):
         arrays = [np.ascontiguousarray(value, dtype=float) for value in (tool, p)]
         c = _aligned((17,))
-        self._c.sf_batch_prepare(*map(_pointer, (*arrays, c)))
+        self._function("prepare")(*map(_pointer, (*arrays, c)))
         return c
 
     def _tiles(self, rows):
