@@ -30,7 +30,7 @@ PARAMETERS = (
     "EXC.cos2",
     "EXC.sin2",
 )
-STATUS = ("done", "singular", "unreachable", "not converged")
+STATUS = ("done", "singular", "unreachable", "not converged", "an argument is not finite, too large or no unit vector")
 
 
 def build(folder: Path = HERE, compiler: str = os.environ.get("CC", "cc"), flags: tuple[str, ...] = ("-O2",)) -> Path:
@@ -42,11 +42,12 @@ def build(folder: Path = HERE, compiler: str = os.environ.get("CC", "cc"), flags
 
 
 class NotSolved(ArithmeticError):
-    """The C function returned another status than 0; `status` says which."""
+    """The C function returned another status than 0: `status`; after 1 (singular) `q` holds what it found, else None."""
 
-    def __init__(self, function: str, status: int) -> None:
+    def __init__(self, function: str, status: int, q=None) -> None:
         super().__init__(f"{function}: {STATUS[status]}")
         self.status = status
+        self.q = q
 
 
 class Machine:
@@ -118,7 +119,9 @@ class Machine:
     def _call(self, name, inputs, sizes):
         arrays = [np.ascontiguousarray(value, dtype=float) for value in inputs]
         results = [np.empty(size) for size in sizes]
-        getattr(self._c, f"sf_{name}")(*map(_pointer, (*arrays, *results)))
+        status = getattr(self._c, f"sf_{name}")(*map(_pointer, (*arrays, *results)))
+        if status:
+            raise NotSolved(name, status)
         return tuple(results)
 
     def _solve(self, name, inputs, q):
@@ -126,7 +129,7 @@ class Machine:
         result = np.array(q, dtype=float)
         status = getattr(self._c, f"sf_{name}")(*map(_pointer, (*arrays, result)))
         if status:
-            raise NotSolved(name, status)
+            raise NotSolved(name, status, result if status == 1 else None)
         return result
 
 
