@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -394,6 +396,50 @@ def test_bad_input_ends_in_one_sentence(tmp_path, source, more, says) -> None:
     with pytest.raises(InputError, match=re.escape(says)):
         codegen(source, tmp_path / "out", **more)
     assert not (tmp_path / "out").exists()
+
+
+# ---- wrapper and library
+
+
+@pytest.mark.parametrize("kind", ["Machine", "Batch"])
+def test_a_library_of_another_model_is_not_loaded(tmp_path, kind) -> None:
+    """Regenerated in the same folder: the library beside the wrapper is compiled anew, one that is named is refused."""
+    needs("gcc")
+    old, new = fitted(preset("table-bc")), fitted(preset("table-bc"), seed=1)
+    codegen(old, tmp_path / "c")
+    run(sys.executable, "-c", f"import sf; sf.{kind}()", cwd=tmp_path / "c")
+    (library,) = (tmp_path / "c").glob("lib*.so")
+    stale = Path(shutil.copy(library, tmp_path / "stale.so"))
+    codegen(new, tmp_path / "c")
+    module = loaded(tmp_path / "c" / "sf.py")
+    with pytest.raises(module.WrongLibrary, match="another model"):
+        getattr(module, kind)(stale)
+    made = getattr(module, kind)()
+    assert module.MODEL.encode() in library.read_bytes() != stale.read_bytes()
+    q = np.array([10.0, 20.0, 0.3, 0.4, 30.0])
+    p = np.array([new.values[name] for name in module.PARAMETERS])
+    wanted = np.asarray(reference(subject_of("table-bc"))(q, TOOL, p)[0], dtype=float)[:, 0]
+    found = made.forward(q, TOOL)[0] if kind == "Machine" else made.forward(q[None], TOOL, p)[0]
+    assert found == pytest.approx(wanted, abs=1e-9)
+
+
+def test_a_library_that_others_could_have_written_is_not_loaded(compiled, tmp_path, monkeypatch) -> None:
+    needs("gcc")
+    module = loaded(compiled.folder("three-axis") / "sf.py")
+    library = module.build(tmp_path, compiler="gcc", flags=("-O0",))
+    module.Machine(library)
+    for mode in (0o775, 0o757):
+        library.chmod(mode)
+        with pytest.raises(module.WrongLibrary, match="others can write"):
+            module.Machine(library)
+    library.chmod(0o755)
+    owner = library.stat().st_uid
+    if owner:
+        monkeypatch.setattr(module.os, "getuid", lambda: owner + 1)
+    else:
+        os.chown(library, 12345, 0)
+    with pytest.raises(module.WrongLibrary, match="another user"):
+        module.Machine(library)
 
 
 # ---- the batch kernel

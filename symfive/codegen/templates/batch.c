@@ -72,6 +72,11 @@ size_t ${prefix}_batch_lanes(void)
     return LANES;
 }
 
+const char *${prefix}_batch_model(void)
+{
+    return "$digest";
+}
+
 void ${prefix}_batch_prepare(const double *tool, const double *p, double *c)
 {
 $prepare

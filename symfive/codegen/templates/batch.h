@@ -42,8 +42,9 @@ $lanes
 #define ${prefix}_batch_leverage ${PREFIX}_LINKED(${prefix}_batch_leverage, ${PREFIX}_LANES)
 #define ${prefix}_batch_predict ${PREFIX}_LINKED(${prefix}_batch_predict, ${PREFIX}_LANES)
 
-/* Lanes that this library was compiled with. */
+/* Lanes that this library was compiled with, and the sha256 of its model. */
 size_t ${prefix}_batch_lanes(void);
+const char *${prefix}_batch_model(void);
 
 /* What does not depend on the pose: c[${PREFIX}_CONSTANTS] from tool[3] and p[$p_size]. */
 void ${prefix}_batch_prepare(const double *tool, const double *p, double *c);

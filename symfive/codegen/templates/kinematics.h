@@ -58,6 +58,9 @@ typedef double ${prefix}_real;
 /* The identified values of the parameters (their prior means where nothing was identified). */
 void ${prefix}_parameters(${prefix}_real p[${PREFIX}_P_SIZE]);
 
+/* ${PREFIX}_MODEL of the sources that the library was compiled from. */
+const char *${prefix}_model(void);
+
 /* Name of parameter 0 ... ${PREFIX}_PARAMETERS - 1, an empty text for any other index. */
 const char *${prefix}_parameter_name(int index);
 

@@ -3,6 +3,11 @@ void ${prefix}_parameters(${prefix}_real p[${PREFIX}_P_SIZE])
 $assignments
 }
 
+const char *${prefix}_model(void)
+{
+    return ${PREFIX}_MODEL;
+}
+
 const char *${prefix}_parameter_name(int index)
 {
     static const char *const names[${PREFIX}_P_SIZE] = {
