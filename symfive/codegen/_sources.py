@@ -162,15 +162,13 @@ class Sources:
         used = [name for name in CALLS if name == "fabs" or f"{self.prefix.upper()}_{name.upper()}(" in functions]
         return filled(
             "kinematics.c", functions=functions.rstrip("\n"), **self.names,
-            float_macros=self._macros(used, "f", "1.0e-3", "1.0e-5", "1.0e-6", "1.0e-3"),
-            double_macros=self._macros(used, "", "1.0e-6", "1.0e-12", "1.0e-12", "1.0e-6"),
+            float_macros=self._macros(used, "f", "1.0e-5", "1.0e-6", "1.0e-3"),
+            double_macros=self._macros(used, "", "1.0e-12", "1.0e-12", "1.0e-6"),
         )  # fmt: skip
 
-    def _macros(self, used: list[str], ending: str, step: str, turn: str, slack: str, narrowest: str) -> str:
+    def _macros(self, used: list[str], ending: str, turn: str, slack: str, narrowest: str) -> str:
         macro, real = self.prefix.upper(), f"{self.prefix}_real"
         lines = [f"#define {macro}_{name.upper()} {name}{ending}" for name in used]
-        if self.solved:
-            lines.append(f"#define {macro}_LAST_STEP (({real}){step})")
         if self.turning:
             lines += [f"#define {macro}_LAST_TURN (({real}){turn})", f"#define {macro}_SLACK (({real}){slack})",
                       f"#define {macro}_NARROWEST (({real}){narrowest})"]  # fmt: skip

@@ -59,15 +59,31 @@ int ${prefix}_inverse_nominal(const ${prefix}_real target[3], const ${prefix}_re
     return status;
 }
 
+static ${prefix}_real largest(const ${prefix}_real x[3])
+{
+    ${prefix}_real size = ${PREFIX}_FABS(x[0]);
+    int i;
+
+    for (i = 1; i < 3; ++i) {
+        const ${prefix}_real other = ${PREFIX}_FABS(x[i]);
+        if (other > size) {
+            size = other;
+        }
+    }
+    return size;
+}
+
 /*
- * Newton's iteration for the point; the last step's error is smaller than the step by the machine's relative error. Anything
- * but ${PREFIX}_OK leaves q somewhere.
+ * Newton's iteration for the point. Steps shrink at least as fast from one to the next as they did before, so that what is
+ * missing after a step is known without another one. Anything but ${PREFIX}_OK leaves q somewhere.
  */
 static int approach(const ${prefix}_real target[3], const ${prefix}_real tool[3],
                     const ${prefix}_real p[${PREFIX}_P_SIZE], ${prefix}_real q[${PREFIX}_AXES])
 {
     const int solved[3] = { $solved_places };
     const ${prefix}_real farthest = (${prefix}_real)${PREFIX}_FARTHEST;
+    const ${prefix}_real tolerance = (${prefix}_real)${PREFIX}_TOLERANCE;
+    ${prefix}_real before = (${prefix}_real)0.0;
     int status = ${PREFIX}_NOT_CONVERGED;
     int step = 0;
     int going = 1;
@@ -89,13 +105,16 @@ static int approach(const ${prefix}_real target[3], const ${prefix}_real tool[3]
         } else if (sound(3, x, farthest) == 0) {
             going = 0;
         } else {
+            const ${prefix}_real size = largest(x);
+
             for (i = 0; i < 3; ++i) {
                 q[solved[i]] += x[i];
             }
-            if (sound(3, x, ${PREFIX}_LAST_STEP) != 0) {
+            if ((size <= tolerance) || ((size < before) && ((size * size) <= (tolerance * before)))) {
                 status = (sound(${PREFIX}_AXES, q, farthest) != 0) ? ${PREFIX}_OK : ${PREFIX}_UNREACHABLE;
                 going = 0;
             }
+            before = size;
         }
         ++step;
     }

@@ -113,6 +113,11 @@ size_t sf_batch_lanes(void)
     return LANES;
 }
 
+const char *sf_batch_model(void)
+{
+    return "13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db";
+}
+
 void sf_batch_prepare(const double *tool, const double *p, double *c)
 {
     const double p0 = p[0];

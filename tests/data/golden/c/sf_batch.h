@@ -50,8 +50,9 @@ extern "C" {
 #define sf_batch_leverage SF_LINKED(sf_batch_leverage, SF_LANES)
 #define sf_batch_predict SF_LINKED(sf_batch_predict, SF_LANES)
 
-/* Lanes that this library was compiled with. */
+/* Lanes that this library was compiled with, and the sha256 of its model. */
 size_t sf_batch_lanes(void);
+const char *sf_batch_model(void);
 
 /* What does not depend on the pose: c[SF_CONSTANTS] from tool[3] and p[9]. */
 void sf_batch_prepare(const double *tool, const double *p, double *c);
