@@ -167,10 +167,15 @@ def test_the_component_runs_in_hal(tmp_path, kinematics, name) -> None:
     codegen(fitted(preset(name)), tmp_path, target="linuxcnc", prefix=prefix)
     kins = kinematics[name]
     pose = {"X": 30.0, "Y": -40.0, "Z": 150.0, "B": 35.0, "C": 70.0}
+    changed = f"{prefix}kins.{pin_names(subject_of(preset(name)), prefix)[5]}"
     lines = ["loadrt threads name1=test period1=1000000", (tmp_path / f"{prefix}kins.hal").read_text(),
              f"addf {prefix}kins.check test", f"setp {prefix}kins.tool-offset 120",
              *(f"setp {prefix}kins.check-world-{WORLD.index(k)} {v}" for k, v in pose.items()),
-             "start", "loadusr -w sleep 0.2", f"show pin {prefix}kins"]  # fmt: skip
+             "start", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {changed} {kins.p[5] + 100.0}", "loadusr -w sleep 1", f"show pin {prefix}kins",
+             f"setp {prefix}kins.ramp 10000", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {changed} nan", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {prefix}kins.check-world-1 nan", "loadusr -w sleep 0.2", f"show pin {prefix}kins"]  # fmt: skip
     environment = dict(os.environ)
     shared = Path(tempfile.mkdtemp())  # root's LinuxCNC works as nobody, who may not read pytest's folders
     if os.getuid() == 0:
@@ -186,13 +191,28 @@ def test_the_component_runs_in_hal(tmp_path, kinematics, name) -> None:
     finally:
         (MODULES / f"{prefix}kins.so").unlink(missing_ok=True)
         shutil.rmtree(shared, ignore_errors=True)
-    pins = {pin: float(value) for value, pin in re.findall(rf"\s(\S+)\s+{prefix}kins\.(check-\S+)", shown.stdout)
-            if not pin.endswith("time")}  # fmt: skip
-    assert pins["check-status"] == 0.0, shown.stdout + shown.stderr
+    shows = [
+        {pin: value for value, pin in re.findall(rf"\s(\S+)\s+{prefix}kins\.(\S+)", part)}
+        for part in shown.stdout.split("Component Pins")[1:]
+    ]
+    start, ramped, there, held, refused = shows
     world = np.array([pose.get(letter, 0.0) for letter in WORLD])
     expected = kins.joints(world, 120.0, kins.p)
-    assert [pins[f"check-joint-{i}"] for i in range(5)] == pytest.approx(expected, rel=1e-6)
-    assert [pins[f"check-back-{i}"] for i in range(6)] == pytest.approx(world[:6], abs=1e-4)
+    after = kins.joints(world, 120.0, kins.p + 100.0 * (np.arange(len(kins.p)) == 5))
+    moved = int(np.argmax(np.abs(after - expected)[:3]))
+
+    def joints(pins: dict[str, str]) -> np.ndarray:
+        return np.array([float(pins[f"check-joint-{i}"]) for i in range(5)])
+
+    assert [pins["check-status"] for pins in shows] == ["0", "0", "0", "0", "-1"], shown.stdout + shown.stderr
+    assert joints(start) == pytest.approx(expected, rel=1e-6)
+    assert [float(start[f"check-back-{i}"]) for i in range(6)] == pytest.approx(world[:6], abs=1e-4)
+    share = (joints(ramped) - expected)[moved] / (after - expected)[moved]
+    assert 0.15 < share < 0.6 and ramped["following"] == "TRUE"  # 20 um in a second
+    assert joints(there) == pytest.approx(after, rel=1e-6) and there["following"] == "FALSE"
+    assert joints(held) == pytest.approx(after, rel=1e-6)
+    assert [pins["fault"] for pins in shows] == ["FALSE", "FALSE", "FALSE", "TRUE", "TRUE"]
+    assert joints(refused) == pytest.approx(0.0)
 
 
 # ---- stock kinematics

@@ -12,7 +12,6 @@
 #define SF_SQRT sqrtf
 #define SF_FABS fabsf
 #define SF_FLOOR floorf
-#define SF_LAST_STEP ((sf_real)1.0e-3)
 #define SF_LAST_TURN ((sf_real)1.0e-5)
 #define SF_SLACK ((sf_real)1.0e-6)
 #define SF_NARROWEST ((sf_real)1.0e-3)
@@ -23,7 +22,6 @@
 #define SF_SQRT sqrt
 #define SF_FABS fabs
 #define SF_FLOOR floor
-#define SF_LAST_STEP ((sf_real)1.0e-6)
 #define SF_LAST_TURN ((sf_real)1.0e-12)
 #define SF_SLACK ((sf_real)1.0e-12)
 #define SF_NARROWEST ((sf_real)1.0e-6)
@@ -66,6 +64,11 @@ void sf_parameters(sf_real p[SF_P_SIZE])
     p[6] = (sf_real)22.0; /* EXC.sin1, um */
     p[7] = (sf_real)29.0; /* EXC.cos2, um */
     p[8] = (sf_real)36.0; /* EXC.sin2, um */
+}
+
+const char *sf_model(void)
+{
+    return SF_MODEL;
 }
 
 const char *sf_parameter_name(int index)
@@ -689,15 +692,31 @@ int sf_inverse_nominal(const sf_real target[3], const sf_real tool[3],
     return status;
 }
 
+static sf_real largest(const sf_real x[3])
+{
+    sf_real size = SF_FABS(x[0]);
+    int i;
+
+    for (i = 1; i < 3; ++i) {
+        const sf_real other = SF_FABS(x[i]);
+        if (other > size) {
+            size = other;
+        }
+    }
+    return size;
+}
+
 /*
- * Newton's iteration for the point; the last step's error is smaller than the step by the machine's relative error. Anything
- * but SF_OK leaves q somewhere.
+ * Newton's iteration for the point. Steps shrink at least as fast from one to the next as they did before, so that what is
+ * missing after a step is known without another one. Anything but SF_OK leaves q somewhere.
  */
 static int approach(const sf_real target[3], const sf_real tool[3],
                     const sf_real p[SF_P_SIZE], sf_real q[SF_AXES])
 {
     const int solved[3] = { 1, 0, 4 };
     const sf_real farthest = (sf_real)SF_FARTHEST;
+    const sf_real tolerance = (sf_real)SF_TOLERANCE;
+    sf_real before = (sf_real)0.0;
     int status = SF_NOT_CONVERGED;
     int step = 0;
     int going = 1;
@@ -719,13 +738,16 @@ static int approach(const sf_real target[3], const sf_real tool[3],
         } else if (sound(3, x, farthest) == 0) {
             going = 0;
         } else {
+            const sf_real size = largest(x);
+
             for (i = 0; i < 3; ++i) {
                 q[solved[i]] += x[i];
             }
-            if (sound(3, x, SF_LAST_STEP) != 0) {
+            if ((size <= tolerance) || ((size < before) && ((size * size) <= (tolerance * before)))) {
                 status = (sound(SF_AXES, q, farthest) != 0) ? SF_OK : SF_UNREACHABLE;
                 going = 0;
             }
+            before = size;
         }
         ++step;
     }

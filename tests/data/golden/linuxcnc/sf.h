@@ -80,6 +80,9 @@ typedef double sf_real;
 /* The identified values of the parameters (their prior means where nothing was identified). */
 void sf_parameters(sf_real p[SF_P_SIZE]);
 
+/* SF_MODEL of the sources that the library was compiled from. */
+const char *sf_model(void);
+
 /* Name of parameter 0 ... SF_PARAMETERS - 1, an empty text for any other index. */
 const char *sf_parameter_name(int index);
 
