@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import re
 import shutil
@@ -17,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from symfive.cli import main
-from symfive.codegen import codegen, read_isg
+from symfive.codegen import TARGETS, codegen, read_isg
 from symfive.codegen._lines import axis_lines
 from symfive.codegen._subject import subject_of
 from symfive.codegen._workspace import workspace_poses
@@ -320,3 +321,43 @@ def test_the_command_line_writes_and_refuses(tmp_path, capsys) -> None:
     assert main(["codegen", "three-axis", "-o", str(tmp_path / "no"), "--target", "haas"]) == 2
     assert "use the target c or linuxcnc" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
+
+
+# ---- names from files
+
+
+@pytest.mark.parametrize("name", ["mill\nX0C\n5.0", "mill\r#", "mill\x85setp", "mill\u2028setp", "mill\x1b[2J"])
+def test_a_name_of_several_lines_is_refused_before_any_file_is_written(tmp_path, name) -> None:
+    """In a table of ISG or in HAL lines it would be a row or a command of its own."""
+    with pytest.raises(InputError, match="not one line of printed text"):
+        replace(preset("table-bc"), name=name)
+    path = tmp_path / "machine.toml"
+    path.write_text(
+        f"""schema = "symfive.machine/1"\nname = {json.dumps(name)}\nstructure = "w X' b t"\n""", encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r"machine\.toml, line 2.*not one line of printed text"):
+        codegen(path, tmp_path / "out", target="isg")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("target", list(TARGETS))
+def test_no_name_ends_a_comment(tmp_path, target) -> None:
+    """Comment ends, HTML, formulas and HAL words in a name stay inside the comment or text that the name stands in."""
+    nasty = """*/ int x; /* <script>alert(1)</script> =1+1 "quoted" \\ ?? // # setp ${prefix} µ"""
+    written = {}
+    for label, name in (("plain", "mill"), ("nasty", nasty)):
+        paths = codegen(fitted(replace(preset("table-bc"), name=name)), tmp_path / label, target=target)
+        written[label] = {path.name: path.read_text(encoding="utf-8") for path in paths}
+    digests = [re.search(r"[0-9a-f]{64}", "".join(texts.values()))[0] for texts in written.values()]
+    for file, plain_text in written["plain"].items():
+        text = written["nasty"][file].replace(digests[1], digests[0])
+        assert "<script>" not in text or not file.endswith(".html")
+        lines, others = plain_text.splitlines(), text.splitlines()
+        assert len(lines) == len(others)
+        changed = [(a, b) for a, b in zip(lines, others, strict=True) if a != b]
+        assert len(changed) <= 2 and all("mill" in a for a, _ in changed), changed
+        for _, line in changed:  # in C the comment's only end is its own
+            if file.endswith((".c", ".h")):
+                assert "*/" not in line and "/*" not in line.removeprefix("/*")
+            elif file.endswith((".hal", ".csv")):
+                assert line.startswith(("#", "//"))

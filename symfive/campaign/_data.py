@@ -253,8 +253,8 @@ class Campaign:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", freeze(self.extra))
-        if not isinstance(self.name, str):
-            raise InputError(f"name = {shown(self.name)} is not text", remedy='write name = "…"')
+        if not isinstance(self.name, str) or not self.name.isprintable():
+            raise InputError(f"name = {shown(self.name)} is not one line of printed text", remedy='write name = "…"')
         if not self.runs:
             raise InputError("the campaign has no runs", remedy="add a [[run]] block")
         ids: set[str] = set()
