@@ -153,6 +153,25 @@ def test_the_singular_region_has_no_edge(compiled) -> None:
     assert left[singular].max() < np.abs(machine.error([40.0, -30.0, 0.0, 0.7, 20.0], TOOL, p)[1]).max() * 1.1
 
 
+def test_directions_through_the_pole_turn_one_axis_only(compiled) -> None:
+    """A path of directions straight through the pole: the tilting axis goes through zero, the other one stays."""
+    machine = compiled.machine("table-bc")
+    q = np.array([0.0, 0.0, -0.05, 0.7, 0.0])
+    plane = machine.nominal(q, TOOL)[1][:2] / np.sin(0.05)
+    commands = []
+    for turn in np.linspace(0.05, -0.05, 1001):
+        direction = np.append(np.sin(turn) * plane, np.cos(turn))
+        try:
+            q = machine.orient(direction, q)
+        except ArithmeticError as error:
+            assert error.status == 1
+            q = error.q
+        commands.append(q[2:4])
+    steps = np.abs(np.diff(commands, axis=0)).max(axis=0)
+    assert steps[0] < 1.01e-4 and steps[1] < 1e-8
+    assert commands[-1] == pytest.approx([0.05, 0.7], abs=1e-8)
+
+
 def main() -> int:
     """The long run, on the presets in turn."""
     failed = 0

@@ -192,9 +192,9 @@ class Sources:
         if local:
             lines = _declared_first(body.lines, [f"(void){array};" for array in given if array not in body.reads])
         else:
-            checks = ["(sound_pose(q, tool) != 0)", *(["(sound_parameters(p) != 0)"] if "p" in given else [])]
+            check = ["", "if (sound_parameters(p) == 0) {", "    given = 0;", "}"] if "p" in given else []
             results = [f"(sound({sizes[array]}, {array}, ({real}){macro}_LARGEST) != 0)" for array in FUNCTIONS[name]]
-            lines = [f"const int given = ({' && '.join(checks)}) ? 1 : 0;", *body.lines, "",
+            lines = ["int given = sound_pose(q, tool);", *check, "", *body.lines, "",
                      f"return ((given != 0) && {' && '.join(results)}) ? {macro}_OK : {macro}_INVALID;"]  # fmt: skip
         return "\n".join([head, "{", *(f"    {line}" if line else "" for line in lines), "}", ""])
 

@@ -44,7 +44,7 @@ int ${prefix}_compensate_direction(const ${prefix}_real wanted[${PREFIX}_AXES], 
     int status = ${prefix}_nominal(wanted, tool, target, direction);
     int near = 0;
     int going = 1;
-    int step;
+    int step = 0;
     int i;
 
     for (i = 0; i < ${PREFIX}_AXES; ++i) {
@@ -56,7 +56,7 @@ int ${prefix}_compensate_direction(const ${prefix}_real wanted[${PREFIX}_AXES], 
     if (status == ${PREFIX}_OK) {
         status = approach(target, tool, p, found);
     }
-    for (step = 0; (going != 0) && (status == ${PREFIX}_OK); ++step) {
+    while ((going != 0) && (status == ${PREFIX}_OK)) {
         ${prefix}_real position[3];
         ${prefix}_real now[3];
         ${prefix}_real by_q[3 * ${PREFIX}_AXES];
@@ -64,7 +64,7 @@ int ${prefix}_compensate_direction(const ${prefix}_real wanted[${PREFIX}_AXES], 
         ${prefix}_real tilt[3];
 
         (void)${prefix}_forward(found, tool, p, position, now);
-        status = ${prefix}_axis_jacobian(found, tool, p, by_q, slopes);
+        (void)${prefix}_axis_jacobian(found, tool, p, by_q, slopes);
         for (i = 0; i < 3; ++i) {
             tilt[i] = direction[i] - now[i];
         }
@@ -93,9 +93,12 @@ int ${prefix}_compensate_direction(const ${prefix}_real wanted[${PREFIX}_AXES], 
                 found[$first_place] = wanted[$first_place] + x[0];
                 found[$second_place] = wanted[$second_place] + x[1];
                 status = approach(target, tool, p, found);
-                going = (sound(2, by, ${PREFIX}_LAST_TURN) != 0) ? 0 : 1;
+                if (sound(2, by, ${PREFIX}_LAST_TURN) != 0) {
+                    going = 0;
+                }
             }
         }
+        ++step;
     }
     if ((status == ${PREFIX}_OK) && (near != 0)) {
         status = ${PREFIX}_SINGULAR;

@@ -30,10 +30,6 @@ int ${prefix}_inverse_nominal(const ${prefix}_real target[3], const ${prefix}_re
     const int solved[3] = { $solved_places };
     const ${prefix}_real farthest = (${prefix}_real)${PREFIX}_FARTHEST;
     ${prefix}_real start[${PREFIX}_AXES];
-    ${prefix}_real position[3];
-    ${prefix}_real slope[9];
-    ${prefix}_real missing[3];
-    ${prefix}_real x[3];
     int status = ${PREFIX}_INVALID;
     int i;
 
@@ -44,6 +40,11 @@ int ${prefix}_inverse_nominal(const ${prefix}_real target[3], const ${prefix}_re
         start[solved[i]] = (${prefix}_real)0.0;
     }
     if ((sound_pose(start, tool) != 0) && (sound(3, target, farthest) != 0)) {
+        ${prefix}_real position[3];
+        ${prefix}_real slope[9];
+        ${prefix}_real missing[3];
+        ${prefix}_real x[3];
+
         status = ${PREFIX}_UNREACHABLE;
         nominal_slope(start, tool, position, slope);
         for (i = 0; i < 3; ++i) {
@@ -111,8 +112,11 @@ static int approach(const ${prefix}_real target[3], const ${prefix}_real tool[3]
                 q[solved[i]] += x[i];
             }
             if ((size <= tolerance) || ((size < before) && ((size * size) <= (tolerance * before)))) {
-                status = (sound(${PREFIX}_AXES, q, farthest) != 0) ? ${PREFIX}_OK : ${PREFIX}_UNREACHABLE;
+                status = ${PREFIX}_UNREACHABLE;
                 going = 0;
+                if (sound(${PREFIX}_AXES, q, farthest) != 0) {
+                    status = ${PREFIX}_OK;
+                }
             }
             before = size;
         }

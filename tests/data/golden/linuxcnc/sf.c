@@ -109,7 +109,12 @@ int sf_error(const sf_real q[SF_AXES], const sf_real tool[3],
 int sf_forward(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real position[3],
                sf_real direction[3])
 {
-    const int given = ((sound_pose(q, tool) != 0) && (sound_parameters(p) != 0)) ? 1 : 0;
+    int given = sound_pose(q, tool);
+
+    if (sound_parameters(p) == 0) {
+        given = 0;
+    }
+
     const sf_real p0 = p[0];
     const sf_real p1 = p[1];
     const sf_real p2 = p[2];
@@ -185,7 +190,8 @@ int sf_forward(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[
 
 int sf_nominal(const sf_real q[SF_AXES], const sf_real tool[3], sf_real position[3], sf_real direction[3])
 {
-    const int given = ((sound_pose(q, tool) != 0)) ? 1 : 0;
+    int given = sound_pose(q, tool);
+
     const sf_real q0 = q[0];
     const sf_real q1 = q[1];
     const sf_real q2 = q[2];
@@ -215,7 +221,12 @@ int sf_nominal(const sf_real q[SF_AXES], const sf_real tool[3], sf_real position
 int sf_axis_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
                      by_q[3 * SF_AXES], sf_real direction_by_q[3 * SF_AXES])
 {
-    const int given = ((sound_pose(q, tool) != 0) && (sound_parameters(p) != 0)) ? 1 : 0;
+    int given = sound_pose(q, tool);
+
+    if (sound_parameters(p) == 0) {
+        given = 0;
+    }
+
     const sf_real p0 = p[0];
     const sf_real p1 = p[1];
     const sf_real p2 = p[2];
@@ -341,7 +352,12 @@ int sf_axis_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_r
 int sf_parameter_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
                           by_p[3 * SF_PARAMETERS])
 {
-    const int given = ((sound_pose(q, tool) != 0) && (sound_parameters(p) != 0)) ? 1 : 0;
+    int given = sound_pose(q, tool);
+
+    if (sound_parameters(p) == 0) {
+        given = 0;
+    }
+
     const sf_real p0 = p[0];
     const sf_real p1 = p[1];
     const sf_real p2 = p[2];
@@ -454,7 +470,12 @@ int sf_parameter_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const
 int sf_direction_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
                           direction_by_p[3 * SF_PARAMETERS])
 {
-    const int given = ((sound_pose(q, tool) != 0) && (sound_parameters(p) != 0)) ? 1 : 0;
+    int given = sound_pose(q, tool);
+
+    if (sound_parameters(p) == 0) {
+        given = 0;
+    }
+
     const sf_real p2 = p[2];
     const sf_real p4 = p[4];
     const sf_real q2 = q[2];
@@ -663,10 +684,6 @@ int sf_inverse_nominal(const sf_real target[3], const sf_real tool[3],
     const int solved[3] = { 1, 0, 4 };
     const sf_real farthest = (sf_real)SF_FARTHEST;
     sf_real start[SF_AXES];
-    sf_real position[3];
-    sf_real slope[9];
-    sf_real missing[3];
-    sf_real x[3];
     int status = SF_INVALID;
     int i;
 
@@ -677,6 +694,11 @@ int sf_inverse_nominal(const sf_real target[3], const sf_real tool[3],
         start[solved[i]] = (sf_real)0.0;
     }
     if ((sound_pose(start, tool) != 0) && (sound(3, target, farthest) != 0)) {
+        sf_real position[3];
+        sf_real slope[9];
+        sf_real missing[3];
+        sf_real x[3];
+
         status = SF_UNREACHABLE;
         nominal_slope(start, tool, position, slope);
         for (i = 0; i < 3; ++i) {
@@ -744,8 +766,11 @@ static int approach(const sf_real target[3], const sf_real tool[3],
                 q[solved[i]] += x[i];
             }
             if ((size <= tolerance) || ((size < before) && ((size * size) <= (tolerance * before)))) {
-                status = (sound(SF_AXES, q, farthest) != 0) ? SF_OK : SF_UNREACHABLE;
+                status = SF_UNREACHABLE;
                 going = 0;
+                if (sound(SF_AXES, q, farthest) != 0) {
+                    status = SF_OK;
+                }
             }
             before = size;
         }
@@ -947,7 +972,7 @@ int sf_compensate_direction(const sf_real wanted[SF_AXES], const sf_real tool[3]
     int status = sf_nominal(wanted, tool, target, direction);
     int near = 0;
     int going = 1;
-    int step;
+    int step = 0;
     int i;
 
     for (i = 0; i < SF_AXES; ++i) {
@@ -959,7 +984,7 @@ int sf_compensate_direction(const sf_real wanted[SF_AXES], const sf_real tool[3]
     if (status == SF_OK) {
         status = approach(target, tool, p, found);
     }
-    for (step = 0; (going != 0) && (status == SF_OK); ++step) {
+    while ((going != 0) && (status == SF_OK)) {
         sf_real position[3];
         sf_real now[3];
         sf_real by_q[3 * SF_AXES];
@@ -967,7 +992,7 @@ int sf_compensate_direction(const sf_real wanted[SF_AXES], const sf_real tool[3]
         sf_real tilt[3];
 
         (void)sf_forward(found, tool, p, position, now);
-        status = sf_axis_jacobian(found, tool, p, by_q, slopes);
+        (void)sf_axis_jacobian(found, tool, p, by_q, slopes);
         for (i = 0; i < 3; ++i) {
             tilt[i] = direction[i] - now[i];
         }
@@ -996,9 +1021,12 @@ int sf_compensate_direction(const sf_real wanted[SF_AXES], const sf_real tool[3]
                 found[3] = wanted[3] + x[0];
                 found[2] = wanted[2] + x[1];
                 status = approach(target, tool, p, found);
-                going = (sound(2, by, SF_LAST_TURN) != 0) ? 0 : 1;
+                if (sound(2, by, SF_LAST_TURN) != 0) {
+                    going = 0;
+                }
             }
         }
+        ++step;
     }
     if ((status == SF_OK) && (near != 0)) {
         status = SF_SINGULAR;
