@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import re
 import shutil
@@ -17,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from symfive.cli import main
-from symfive.codegen import codegen, read_isg
+from symfive.codegen import TARGETS, codegen, read_isg
 from symfive.codegen._lines import axis_lines
 from symfive.codegen._subject import subject_of
 from symfive.codegen._workspace import workspace_poses
@@ -167,10 +168,15 @@ def test_the_component_runs_in_hal(tmp_path, kinematics, name) -> None:
     codegen(fitted(preset(name)), tmp_path, target="linuxcnc", prefix=prefix)
     kins = kinematics[name]
     pose = {"X": 30.0, "Y": -40.0, "Z": 150.0, "B": 35.0, "C": 70.0}
+    changed = f"{prefix}kins.{pin_names(subject_of(preset(name)), prefix)[5]}"
     lines = ["loadrt threads name1=test period1=1000000", (tmp_path / f"{prefix}kins.hal").read_text(),
              f"addf {prefix}kins.check test", f"setp {prefix}kins.tool-offset 120",
              *(f"setp {prefix}kins.check-world-{WORLD.index(k)} {v}" for k, v in pose.items()),
-             "start", "loadusr -w sleep 0.2", f"show pin {prefix}kins"]  # fmt: skip
+             "start", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {changed} {kins.p[5] + 100.0}", "loadusr -w sleep 1", f"show pin {prefix}kins",
+             f"setp {prefix}kins.ramp 10000", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {changed} nan", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {prefix}kins.check-world-1 nan", "loadusr -w sleep 0.2", f"show pin {prefix}kins"]  # fmt: skip
     environment = dict(os.environ)
     shared = Path(tempfile.mkdtemp())  # root's LinuxCNC works as nobody, who may not read pytest's folders
     if os.getuid() == 0:
@@ -186,13 +192,28 @@ def test_the_component_runs_in_hal(tmp_path, kinematics, name) -> None:
     finally:
         (MODULES / f"{prefix}kins.so").unlink(missing_ok=True)
         shutil.rmtree(shared, ignore_errors=True)
-    pins = {pin: float(value) for value, pin in re.findall(rf"\s(\S+)\s+{prefix}kins\.(check-\S+)", shown.stdout)
-            if not pin.endswith("time")}  # fmt: skip
-    assert pins["check-status"] == 0.0, shown.stdout + shown.stderr
+    shows = [
+        {pin: value for value, pin in re.findall(rf"\s(\S+)\s+{prefix}kins\.(\S+)", part)}
+        for part in shown.stdout.split("Component Pins")[1:]
+    ]
+    start, ramped, there, held, refused = shows
     world = np.array([pose.get(letter, 0.0) for letter in WORLD])
     expected = kins.joints(world, 120.0, kins.p)
-    assert [pins[f"check-joint-{i}"] for i in range(5)] == pytest.approx(expected, rel=1e-6)
-    assert [pins[f"check-back-{i}"] for i in range(6)] == pytest.approx(world[:6], abs=1e-4)
+    after = kins.joints(world, 120.0, kins.p + 100.0 * (np.arange(len(kins.p)) == 5))
+    moved = int(np.argmax(np.abs(after - expected)[:3]))
+
+    def joints(pins: dict[str, str]) -> np.ndarray:
+        return np.array([float(pins[f"check-joint-{i}"]) for i in range(5)])
+
+    assert [pins["check-status"] for pins in shows] == ["0", "0", "0", "0", "-1"], shown.stdout + shown.stderr
+    assert joints(start) == pytest.approx(expected, rel=1e-6)
+    assert [float(start[f"check-back-{i}"]) for i in range(6)] == pytest.approx(world[:6], abs=1e-4)
+    share = (joints(ramped) - expected)[moved] / (after - expected)[moved]
+    assert 0.15 < share < 0.6 and ramped["following"] == "TRUE"  # 20 um in a second
+    assert joints(there) == pytest.approx(after, rel=1e-6) and there["following"] == "FALSE"
+    assert joints(held) == pytest.approx(after, rel=1e-6)
+    assert [pins["fault"] for pins in shows] == ["FALSE", "FALSE", "FALSE", "TRUE", "TRUE"]
+    assert joints(refused) == pytest.approx(0.0)
 
 
 # ---- stock kinematics
@@ -390,3 +411,43 @@ def test_the_command_line_writes_and_refuses(tmp_path, capsys) -> None:
     assert main(["codegen", "three-axis", "-o", str(tmp_path / "no"), "--target", "haas"]) == 2
     assert "use the target c or linuxcnc" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
+
+
+# ---- names from files
+
+
+@pytest.mark.parametrize("name", ["mill\nX0C\n5.0", "mill\r#", "mill\x85setp", "mill\u2028setp", "mill\x1b[2J"])
+def test_a_name_of_several_lines_is_refused_before_any_file_is_written(tmp_path, name) -> None:
+    """In a table of ISG or in HAL lines it would be a row or a command of its own."""
+    with pytest.raises(InputError, match="not one line of printed text"):
+        replace(preset("table-bc"), name=name)
+    path = tmp_path / "machine.toml"
+    path.write_text(
+        f"""schema = "symfive.machine/1"\nname = {json.dumps(name)}\nstructure = "w X' b t"\n""", encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r"machine\.toml, line 2.*not one line of printed text"):
+        codegen(path, tmp_path / "out", target="isg")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("target", list(TARGETS))
+def test_no_name_ends_a_comment(tmp_path, target) -> None:
+    """Comment ends, HTML, formulas and HAL words in a name stay inside the comment or text that the name stands in."""
+    nasty = """*/ int x; /* <script>alert(1)</script> =1+1 "quoted" \\ ?? // # setp ${prefix} µ"""
+    written = {}
+    for label, name in (("plain", "mill"), ("nasty", nasty)):
+        paths = codegen(fitted(replace(preset("table-bc"), name=name)), tmp_path / label, target=target)
+        written[label] = {path.name: path.read_text(encoding="utf-8") for path in paths}
+    digests = [re.search(r"[0-9a-f]{64}", "".join(texts.values()))[0] for texts in written.values()]
+    for file, plain_text in written["plain"].items():
+        text = written["nasty"][file].replace(digests[1], digests[0])
+        assert "<script>" not in text or not file.endswith(".html")
+        lines, others = plain_text.splitlines(), text.splitlines()
+        assert len(lines) == len(others)
+        changed = [(a, b) for a, b in zip(lines, others, strict=True) if a != b]
+        assert len(changed) <= 2 and all("mill" in a for a, _ in changed), changed
+        for _, line in changed:  # in C the comment's only end is its own
+            if file.endswith((".c", ".h")):
+                assert "*/" not in line and "/*" not in line.removeprefix("/*")
+            elif file.endswith((".hal", ".csv")):
+                assert line.startswith(("#", "//"))

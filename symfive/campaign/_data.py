@@ -293,8 +293,9 @@ class Campaign(OnScreen):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", freeze(self.extra))
-        if not isinstance(self.name, str):
-            raise InputError(f"name = {shown(self.name)} is not text", remedy='write name = "…"', keys=("name",))
+        if not isinstance(self.name, str) or not self.name.isprintable():
+            problem = f"name = {shown(self.name)} is not one line of printed text"
+            raise InputError(problem, remedy='write name = "…"', keys=("name",))
         if not self.runs:
             raise InputError("the campaign has no runs", remedy="add a [[run]] block", keys=("run",))
         ids: set[str] = set()

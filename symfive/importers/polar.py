@@ -3,8 +3,8 @@
 The positions are reconstructed from the programme: a circle about the ball at constant feed (ISO 230-4), from the angles
 themselves. The recording begins and ends in motion, so the drives do too (`start = "moving"`).
 
-The software infers the angle from time: it sees the bar, not the command. Where an axis reverses the readings jump within less than
-the angle's error; those next to a reversal are left out.
+The software infers the angle from time: it sees the bar, not the command. Where an axis reverses the readings jump
+within less than the angle's error; those next to a reversal are left out.
 """
 
 from __future__ import annotations

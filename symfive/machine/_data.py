@@ -101,6 +101,9 @@ class Machine(OnScreen):
     def __post_init__(self) -> None:
         for name in ("axes", "errors", "extra"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
+        if not isinstance(self.name, str) or not self.name.isprintable():  # it stands in files that end a line with it
+            problem = f"the machine's name {shown(self.name)} is not one line of printed text"
+            raise InputError(problem, remedy='write name = "…" without line feeds and control characters')
         code = self.structure.code
         for name in self.structure.axes:
             if name not in self.axes:

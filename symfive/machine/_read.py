@@ -109,8 +109,8 @@ def _from_toml(file: TomlFile, problem: _Problems | None = None) -> Machine:
     if not isinstance(code, str):
         raise file.error("there is no structural code", "structure", remedy="add structure = \"w C' B' X' Y' b Z t\"")
     name = data.get("name", "machine")
-    if not isinstance(name, str):
-        raise file.error(f"name = {shown(name)} is not text", "name", remedy='write name = "…"')
+    if not isinstance(name, str) or not name.isprintable():
+        raise file.error(f"name = {shown(name)} is not one line of printed text", "name", remedy='write name = "…"')
     tables = {key: _table(file, data.get(key, {}), key) for key in ("axes", "errors", "workspace", "model")}
     extra = {key: value for key, value in data.items() if key not in _TOP}
     with problem():
