@@ -31,8 +31,8 @@ class Member:
 @dataclass
 class State:
     """The search while it runs: the fit `after` all members so far, the names `met` among the best on the way, those `withdrawn`
-    again with the fits that held them; `most` members may be, and `nameless` of them without a name; the first `together` joined at
-    once."""
+    again with the fits that held them; `most` members may be, and `nameless` of them without a name; the first `together` joined
+    at once."""
 
     after: Identification
     level: float
