@@ -84,6 +84,9 @@ def plan(
     reversed_axes: Annotated[
         str, typer.Option("--reversed", help="Rotary axes that turn against ISO 841, as B,C.")
     ] = "",
+    machine_top: Annotated[
+        float, typer.Option(help="Where the tool's axis is at its top, mm in machine coordinates.")
+    ] = 0.0,
     starts: Annotated[int, typer.Option(help="Starts of the search.")] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
     workers: Annotated[
@@ -103,7 +106,10 @@ def plan(
     dialects = dialects_of(nc)
     data = machine_given(machine)
     post = Post(
-        tool_centre_on=tool_centre_on, tool_centre_off=tool_centre_off, reversed_axes=_rotary(data, reversed_axes)
+        tool_centre_on=tool_centre_on,
+        tool_centre_off=tool_centre_off,
+        reversed_axes=_rotary(data, reversed_axes),
+        machine_top=machine_top,
     )
     names = tuple(name.strip() for name in wanted.split(",") if name.strip())
     if circles is not None:

@@ -40,7 +40,8 @@ def workspace_poses(subject: Subject, steps: int = 7) -> Poses:
         (0.0, 0.0),
         *((r * np.cos(a), r * np.sin(a)) for r in (radius, 0.5 * radius) for a in (0.5, 2.1, 3.7, 5.2)),
     ]
-    targets = np.array([(x, y, z) for z in space.ball_height or HEIGHTS for x, y in spots])
+    centre = machine.table_centre
+    targets = np.array([(centre[0] + x, centre[1] + y, z) for z in space.ball_height or HEIGHTS for x, y in spots])
     ranges = []
     for name in subject.axes:
         axis = machine.axes[name]

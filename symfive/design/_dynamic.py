@@ -184,7 +184,7 @@ def _shapes(
             values={"radius": radius, "feed": feed, "x": centre[0], "y": centre[1], "z": centre[2]},
         )
         for centre, plane, radius, feed, direction in itertools.product(
-            centres or ((0.0, 0.0, level),), planes, radii, feeds, directions
+            centres or ((*machine.table_centre, level),), planes, radii, feeds, directions
         )
     ]  # fmt: skip
 
@@ -240,8 +240,8 @@ def _chosen(goal: Goal, circles: Sequence[Circle], count: int) -> list[Circle]:
 
 def _bounds(machine: Machine, shapes: Sequence[CircleShape], free: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Ranges of the lists; height and centre may go wherever a ball may stand."""
-    reach = machine.workspace.table_radius or 0.0
-    room = {"height": heights(machine), "z": heights(machine), "x": (-reach, reach), "y": (-reach, reach)}
+    reach, (x, y) = machine.workspace.table_radius or 0.0, machine.table_centre
+    room = {"height": heights(machine), "z": heights(machine), "x": (x - reach, x + reach), "y": (y - reach, y + reach)}
     return {
         name: room.get(name, (min(s.values[name] for s in shapes), max(s.values[name] for s in shapes)))
         for name in free

@@ -22,9 +22,13 @@ __all__ = ["EffectEntry", "Machine", "Workspace", "check_error"]
 
 @dataclass(frozen=True, kw_only=True)
 class Workspace:
-    """What a measurement plan may use; every field is optional (mm, s)."""
+    """What a measurement plan may use; every field is optional (mm, s).
+
+    `table_centre` in the workpiece frame; where it is None it follows from the axes (`Machine.table_centre`).
+    """
 
     table_radius: float | None = None
+    table_centre: tuple[float, float] | None = None
     ball_height: tuple[float, float] | None = None
     tool_length: tuple[float, float] | None = None
     bar_lengths: tuple[float, ...] = ()
@@ -43,6 +47,8 @@ class Workspace:
         numbers("workspace", "bar_lengths", self.bar_lengths, example="bar_lengths = [100.0, 150.0]")
         for length in self.bar_lengths:
             positive("workspace", bar_lengths=length)
+        if self.table_centre is not None:
+            numbers("workspace", "table_centre", self.table_centre, 2, example="table_centre = [x, y]")
         for name in ("ball_height", "tool_length"):
             pair = getattr(self, name)
             if pair is None:
@@ -131,6 +137,27 @@ class Machine(OnScreen):
     def axis_names(self) -> tuple[str, ...]:
         """Every axis from the bed outward, workpiece side first."""
         return self.structure.axes
+
+    @property
+    def table_axis(self) -> str | None:
+        """The rotary axis that carries the table: of those on the workpiece side the one next to the workpiece."""
+        return next((name for name in self.structure.workpiece if self.axes[name].rotary), None)
+
+    @property
+    def table_centre(self) -> tuple[float, float]:
+        """x and y of the table's centre in the workpiece frame, mm, from where `table_radius` counts.
+
+        As the workspace gives it; else the point of `table_axis` nearest to the workpiece frame's origin with all axes at zero;
+        without such an axis that origin.
+        """
+        if self.workspace.table_centre is not None:
+            return self.workspace.table_centre
+        if self.table_axis is None:
+            return 0.0, 0.0
+        axis = self.axes[self.table_axis]
+        along = sum(o * d for o, d in zip(axis.origin, axis.direction, strict=True))
+        x, y, _ = (o - along * d for o, d in zip(axis.origin, axis.direction, strict=True))
+        return x, y
 
     @property
     def location_errors(self) -> tuple[ErrorTerm, ...]:

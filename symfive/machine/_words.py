@@ -20,6 +20,7 @@ def machine_lines(machine: Machine) -> list[str]:
     return [
         f"machine {machine.name}: {machine.structure.code}",
         f"axes: {', '.join(_axis_words(machine.axes[name]) for name in machine.axis_names)}",
+        *_table_lines(machine),
         f"errors, prior 1σ: {', '.join(map(_error_words, machine.errors.values())) or 'none'}",
         *([f"effects in the model: {effects}"] if effects else []),
     ]
@@ -27,6 +28,17 @@ def machine_lines(machine: Machine) -> list[str]:
 
 def _effect_words(entry: EffectEntry) -> str:
     return entry.effect if entry.axis is None else f"{entry.effect} of {entry.axis}"
+
+
+def _table_lines(machine: Machine) -> list[str]:
+    """Which centre the table's radius counts from."""
+    radius, (x, y) = machine.workspace.table_radius, machine.table_centre
+    if radius is None:
+        return []
+    given, axis = machine.workspace.table_centre, machine.table_axis
+    source = "table_centre" if given is not None else "the workpiece frame's origin" if axis is None else f"axis {axis}"
+    about = f"x = {plain_number(x)}, y = {plain_number(y)} mm of the workpiece frame ({source})"
+    return [f"table: radius {plain_number(radius)} mm about {about}"]
 
 
 def _axis_words(axis: Axis) -> str:
