@@ -181,7 +181,8 @@ NUMBERS = [i if i in FIRST else pytest.param(i, marks=pytest.mark.slow) for i in
 def test_every_effect(eager, number) -> None:
     model = model_of(number)
     run = next(run for run in model.campaign.runs if model.effects[-1].applies(run))
-    function, inputs, _, arguments = model._arguments(run, around(model))
+    function, arguments = model._arguments(run, around(model))
+    inputs = model._clocks(run, function, around(model))[0].inputs
     fresh = replace(function, _mapped={})
     for slopes in (True,) if number in FIRST else (True, False):
         expected = interpreted(function._table(slopes), (1, 2, 3), inputs, *arguments)[0]

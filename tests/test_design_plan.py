@@ -279,7 +279,9 @@ def test_a_rival_whose_steps_lead_beyond_the_readings_is_judged_by_the_best_of_t
             jacobian = np.array([[[100.0 / np.cosh(values[0]) ** 2]]])
         return SimpleNamespace(prediction=100.0 * np.tanh(values)[None], jacobian=jacobian, columns=np.array([0]))
 
-    readings: Any = SimpleNamespace(predict_run=lambda run, truth: np.zeros((1, 1)), noise=lambda run: np.ones(1))
+    readings: Any = SimpleNamespace(
+        predict_run=lambda run, truth: np.zeros((1, 1)), noise=lambda run: np.ones(1), start=np.zeros(1)
+    )
     rival: Any = SimpleNamespace(
         prior_sigma=np.full(1, 1e200), prior_mean=np.zeros(1), start=np.full(1, 3.0), parameters=[bounds],
         linearise=linearise, noise=lambda run: np.ones(1),

@@ -322,7 +322,14 @@ def test_plant_agrees(case: Case) -> None:
         if spec.get("start") == START:
             steps = np.diff(run["command"][spec["axis"] or spec["component"][2:]])
             told[run["id"]]["start"] = first = float(np.sign(steps[np.abs(steps) > 1e-6][0]))
-            values |= {p.name: first for p in model.effects[-1].starts(model.campaign.run(run["id"]))}
+        elif model.effects[-1].starts(
+            model.campaign.run(run["id"])
+        ):  # before its first move an axis counts as it then goes
+            steps = np.diff(run["command"][spec["axis"] or spec["component"][2:]])
+            first = float(np.sign(steps[np.abs(steps) > 1e-6][0]))
+        else:
+            continue
+        values |= {p.name: first for p in model.effects[-1].starts(model.campaign.run(run["id"]))}
     predicted = model.predict(values)
     for run in runs:
         truth = plant.simulate_run(machine, run, shift, effects=[told[run["id"]]], noise_options=plant.QUIET).values
@@ -752,7 +759,9 @@ def test_the_size_of_a_term_without_a_name_is_that_of_its_readings():
     plan = replace(plan, runs=(plan.runs[0], still))
     term = make_effect("unknown", over=("B velocity sign",), basis="polynomial", order=1, directions="y").prepare(plan)
     values = {p.name: 4.0 for p in term.parameters(plan)}
-    moved = np.concatenate(list(Model(plan, [term]).contribution(term, values).values()))
+    first = {r.id: next(float(np.sign(s)) for s in np.diff(r.commands["B"]) if abs(s) > 1e-9) for r in plan.runs[:1]}
+    sides = {p.name: first[run.id] for run in plan.runs[:1] for p in term.starts(run)}
+    moved = np.concatenate(list(Model(plan, [term]).contribution(term, values | sides).values()))
     size = term.describe(plan, values, {(name, name): 1.0 for name in values})["rms"].value
     assert size == pytest.approx(float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))), rel=1e-6)
     assert size < 3.9

@@ -45,7 +45,7 @@ def test_positions_and_drives_are_those_of_the_programme():
     (whole, _) = _circles().runs
     x = whole.commands["X"]
     angle, _ = _polar(whole.with_readings({"dL_um": np.zeros(whole.rows)}))
-    part = polar_run(MACHINE, angle, np.zeros(len(angle)), centre=CENTRE, radius=RADIUS, feed=FEED)
+    part = polar_run(MACHINE, angle, np.zeros(len(angle)), centre=CENTRE, radius=RADIUS, feed=FEED, angle_error=0.0)
     first = int(np.argmin(np.abs(x - part.commands["X"][0]) + np.abs(whole.commands["Y"] - part.commands["Y"][0])))
     rows = slice(first, first + part.rows)
     for name in ("X", "Y", "Z"):

@@ -97,10 +97,6 @@ def import_polar(
             )  # fmt: skip
         except InputError as error:
             raise error.at(path) from None
-        left_out = len(angle) - runs[-1].rows
-        if left_out:
-            about = f"{left_out} of {len(angle)} readings next to a reversal left out"
-            notes.append(f"{path.name}: {about}, where the angle, known to {angle_error:g}° at best, decides")
     campaign = campaign_of(data, runs, output.name)
     with output_folder(output) as folder:
         write_campaign_files(campaign, folder)
@@ -109,7 +105,9 @@ def import_polar(
             notes += polar_doubts(data, runs, angles, radius=radius, feed=feed)
         for note in notes:
             typer.echo(f"note: {note}", err=True)
-        typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
+        near = sum(map(len, angles)) - campaign.rows
+        left_out = f"; {near} readings within {angle_error:g}° of a reversal left out (--angle-error)" if near else ""
+        typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}{left_out}", err=True)
 
 
 def _place(centre: str) -> list[float]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,7 @@ class Plan(OnScreen):
             f"{self.instrument} plan, {self.certificate.points} poses, {self.minutes:.0f} min: {self.certificate.says}"
         )
         notes = listed(self.notes, "plan.notes", 10)
+        notes = [line for note in notes for line in wrap(note, 120, subsequent_indent="  ")]
         return "\n".join([head, *listed(runs, "plan.campaign.runs", 10), str(self.assessment), *notes])
 
     def to_data(self) -> dict[str, Any]:

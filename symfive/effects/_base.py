@@ -180,16 +180,21 @@ class Effect:
         """A parameter for a time constant, s, that usually is about `tau`."""
         return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau, per_decade=True)
 
-    def start_of_contact(self, run: Run, axis: str) -> tuple[Parameter, ...]:
+    @property
+    def started(self) -> str:
+        """What a run calls the state in which its recording begins."""
+        return f"setup.{self.key}.start"
+
+    def start_of_contact(self, run: Run, axis: str, *, memory: bool = True) -> tuple[Parameter, ...]:
         """Where between its flanks (-1…+1) a contact stands before its axis first moves in a run: anywhere.
 
         In a static run whose second pose is reached by moving the axis the first one counts as approached like the second
-        (docs/conventions.md, section 5).
+        (docs/conventions.md, section 5); so does the first row of what goes by the direction alone and has no `memory`.
         """
-        known = 0 if run.dynamic else 1
+        known = 0 if run.dynamic and memory else 1
         if not known < unmoved(run.commands[axis]) < run.rows:
             return ()
-        name = f"setup.{run.id}.{self.key}.start"
+        name = f"setup.{run.id}.{self.started.removeprefix('setup.')}"
         sigma = 3.0**-0.5  # of what is equally probable in -1…+1
         return (Parameter(name=name, unit="1", sigma=sigma, lower=-1.0, upper=1.0, kind="setup", run=run.id),)
 

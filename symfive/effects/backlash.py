@@ -64,11 +64,10 @@ class Backlash(Effect):
         return self.start_of_contact(run, str(self.axis))
 
     def signals(self) -> tuple[Signal, ...]:
-        start = f"setup.{self.key}.start"
         if self.shape == "pre_sliding":
-            return (PreSliding(str(self.axis), f"{self.key}.distance", start),)
+            return (PreSliding(str(self.axis), f"{self.key}.distance", self.started),)
         slope = f"{self.key}.slope" if self.shape == "wind_up" else ""
-        return (Play(str(self.axis), f"{self.key}.width", slope, start),)
+        return (Play(str(self.axis), f"{self.key}.width", slope, self.started),)
 
     def apply(self, row: Row) -> None:
         width = self.parameter(row, "width")

@@ -11,7 +11,7 @@ from symfive.motion import Direction, Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.campaign import Campaign, Run
     from symfive.model._row import Row
     from symfive.motion import Signal
 
@@ -38,7 +38,10 @@ class Counterbalance(Effect):
         return (self.own("drop", "um", 10.0), self.own("slope", "um/mm", 0.05))
 
     def signals(self) -> tuple[Signal, ...]:
-        return (Direction(str(self.axis)),)
+        return (Direction(str(self.axis), self.started),)
+
+    def starts(self, run: Run) -> tuple[Parameter, ...]:
+        return self.start_of_contact(run, str(self.axis), memory=False)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`width` is the backlash at zero of the axis that it amounts to: the drop."""

@@ -18,7 +18,7 @@ from symfive.motion import Direction
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.campaign import Campaign, Run
     from symfive.machine import Machine
     from symfive.model._row import Row
     from symfive.motion import Signal
@@ -84,7 +84,10 @@ class GravitySag(Effect):
         )
 
     def signals(self) -> tuple[Signal, ...]:
-        return (Direction(str(self.axis)),) if "branch" in self.parts else ()
+        return (Direction(str(self.axis), self.started),) if "branch" in self.parts else ()
+
+    def starts(self, run: Run) -> tuple[Parameter, ...]:
+        return self.start_of_contact(run, str(self.axis), memory=False) if "branch" in self.parts else ()
 
     def apply(self, row: Row) -> None:
         across, against = self._directions(row.machine)

@@ -68,14 +68,13 @@ class LateralPlay(Effect):
         )
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
-        return self.start_of_contact(run, self._moving)
+        return self.start_of_contact(run, self._moving, memory=self.shape != "step")
 
     def signals(self) -> tuple[Signal, ...]:
-        start = f"setup.{self.key}.start"
         if self.shape == "step":
-            return (Direction(self._moving, start=start),)
+            return (Direction(self._moving, start=self.started),)
         contact = Play if self.shape == "play" else PreSliding
-        return (contact(self._moving, f"{self.key}.distance", start=start),)
+        return (contact(self._moving, f"{self.key}.distance", start=self.started),)
 
     def apply(self, row: Row) -> None:
         row.add_motion(self.component, -0.5 * self.parameter(row, "width") * row.signal(self.signals()[0]))

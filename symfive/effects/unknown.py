@@ -243,9 +243,13 @@ class Unknown(Effect):
         )
         found: list[Signal] = [Velocity(owner(name)) for name in over if name.endswith(VELOCITY)]
         found += [Acceleration(owner(name)) for name in over if name.endswith(ACCELERATION)]
-        found += [Direction(owner(name)) for name in over if name.endswith((SINCE, SIGN))]
+        found += [Direction(owner(name), self.started) for name in over if name.endswith((SINCE, SIGN))]
         found += [ReversalDistance(owner(name)) for name in self.over if name.endswith(SINCE)]
         return tuple(found)
+
+    def starts(self, run: Run) -> tuple[Parameter, ...]:
+        sides = {owner(name) for name in self.over if name.endswith((SINCE, SIGN))}
+        return self.start_of_contact(run, sides.pop(), memory=False) if len(sides) == 1 else ()
 
     def apply(self, row: Row) -> None:
         basis = self._basis(row.machine)
@@ -319,9 +323,9 @@ class Unknown(Effect):
         if name.endswith(SINCE):
             axis = owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
-            return row.signal(Direction(axis)) * steps(row.signal(ReversalDistance(axis)) / reach, ca)
+            return row.signal(Direction(axis, self.started)) * steps(row.signal(ReversalDistance(axis)) / reach, ca)
         if name.endswith(SIGN):
-            return row.signal(Direction(owner(name)))
+            return row.signal(Direction(owner(name), self.started))
         if name.endswith((VELOCITY, ACCELERATION)):
             axis, of = owner(name), Velocity if name.endswith(VELOCITY) else Acceleration
             return row.signal(of(axis)) / row.machine.axes[axis].to_internal
