@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.effects._form import Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
 from symfive.parameters import Parameter
@@ -49,6 +50,9 @@ class Effect:
     needs_axis: ClassVar[bool] = False
     dynamic_only: ClassVar[bool] = False
     departs: ClassVar[bool] = False
+    nameless: ClassVar[bool] = False
+    coordinate: ClassVar[str] = "pose"
+    rate: ClassVar[float] = 1.0
     axis: str | None = None
     tag: str = ""
     spread: float = field(default=1.0, compare=False)
@@ -60,6 +64,21 @@ class Effect:
 
     def _key(self, *parts: str | None) -> str:
         return ".".join(part for part in (self.id, *parts, self.tag) if part)
+
+    @property
+    def belongs_to(self) -> str | None:
+        """The axis it is about: its own, or that of its component."""
+        symbol = getattr(self, "component", None)
+        return symbol[2:].lstrip("0") if self.axis is None and isinstance(symbol, str) else self.axis
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        """The forms in which it may act in this campaign. Those that cannot join (`prepare` raises) are left out by who asks.
+
+        Default: its plain form, of an effect of axes one per axis that moves.
+        """
+        axes: Iterable[str | None] = moving(campaign) if cls.needs_axis else (None,)
+        return [Form(effect=cls(axis=axis)) for axis in axes]
 
     @property
     def vocabulary(self) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, reversing
 from symfive.effects._quantity import Values
 from symfive.motion import Play, Position, PreSliding
 from symfive.parameters import Parameter
@@ -39,12 +41,18 @@ class Backlash(Effect):
     stage = "axis"
     says = "play behind the drive"
     hidden_by = "a servo mismatch where only one feed was run; a rotary axis' location errors"
+    coordinate = "{axis} velocity sign"
     needs_axis = True
     shape: str = "play"
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("shape", SHAPES)
         return super().prepare(campaign)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in reversing(campaign):
+            yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary

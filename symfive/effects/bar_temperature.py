@@ -29,6 +29,7 @@ class BarTemperature(Effect):
     stage = "reading"
     says = "the bar grows or shrinks with its temperature"
     hidden_by = "the bar's length, thermal drift (|cos| 0.96), unequal backlash, which is the other cause of a spiral"
+    coordinate = "time"
     reported_as = "thermal_drift"
     clock: str = "run"
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import combinations
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -23,6 +24,7 @@ from symfive.effects._coordinates import (
     steps,
     usual_span,
 )
+from symfive.effects._form import AXIS, TOOL, Form, goes_round, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
@@ -43,6 +45,8 @@ PLACES = ("axis", "structure", "reading", "force")
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
 FASTER = "faster"
+SIDES = 16
+"""Intervals of a term over the way since a reversal."""
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 
 
@@ -71,6 +75,7 @@ class Unknown(Effect):
     id = "unknown"
     says = "none of the known effects explains it"
     hidden_by = "nothing names it; error motions over the same coordinates take its place"
+    nameless = True
     over: tuple[str, ...]
     basis: str | tuple[str, ...] = "bspline"
     order: int | tuple[int, ...] = 8
@@ -99,6 +104,44 @@ class Unknown(Effect):
     def stage(self) -> str:  # type: ignore[override]
         """Where it enters."""
         return "reading" if self.place == "force" else self.place
+
+    @property
+    def coordinate(self) -> str:  # type: ignore[override]
+        """What its functions are of."""
+        return ", ".join(self.over)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form]:
+        """Over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time."""
+        machine, axes = campaign.machine, moving(campaign)
+        drafts = [cls(over=("t",))]
+        for axis in axes:
+            drafts.append(cls(over=(axis,)))
+            if any(run.dynamic for run in campaign.runs):
+                drafts.append(cls(over=(f"{axis}{VELOCITY}",)))
+                drafts.append(cls(over=(f"{axis}{SINCE}",), place="axis", order=SIDES))
+        for pair in combinations([axis for axis in axes if machine.axes[axis].rotary], 2):
+            round_ = [goes_round(campaign, axis) for axis in pair]
+            basis, order = tuple("fourier" if r else "polynomial" for r in round_), tuple(3 if r else 4 for r in round_)
+            drafts.append(cls(over=pair, basis=basis, order=order))
+        for draft in drafts:
+            try:
+                effect = draft.prepare(campaign)
+            except InputError:
+                continue  # the campaign does not move there
+            yield effect._form(campaign)
+
+    def _form(self, campaign: Campaign) -> Form:
+        def basis(run: Run) -> Array:
+            shares = np.array([share_of(name) for name in self._basis(campaign.machine).names])
+            return (
+                self._table(campaign.machine, [run]) * shares
+                if self.applies(run)
+                else np.zeros((run.rows, len(shares)))
+            )
+
+        channel = AXIS if self.place == "axis" else TOOL
+        return Form(effect=self, channel=channel, basis=basis, sigma=self.parameters(campaign)[0].sigma)
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("place", PLACES)

@@ -1,0 +1,1 @@
+"""One posterior over what may be missing in a model."""

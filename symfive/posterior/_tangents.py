@@ -1,0 +1,127 @@
+"""Unidentified terms: a channel's tangent times functions of a coordinate, compressed to what the readings see of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign, Run
+from symfive.effects import AXIS, TOOL, Effect, Form
+from symfive.model import Linearisation, Model
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.model._row import Row
+
+__all__ = ["Compressed", "channel_columns", "compressed", "probes_of"]
+
+Array = NDArray[np.float64]
+SEEN = 1e-2
+"""Information in units of the prior below which a direction changes no evidence: log(1 + λ)/2 = 0.005 nats."""
+MOST = 10
+"""Directions of one term, those that are seen best."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ToolShift(Effect):
+    """The tool moved by a constant in the machine frame: its tangent says how readings answer to the structure."""
+
+    id: ClassVar[str] = "probe_tool"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return tuple(self.own(c, "um", 1.0) for c in "xyz")
+
+    def apply(self, row: Row) -> None:
+        for i, c in enumerate("xyz"):
+            row.shift[i] += self.parameter(row, c)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _AxisOffset(Effect):
+    """The coordinate of an axis moved by a constant: its tangent says how readings answer to that axis."""
+
+    id: ClassVar[str] = "probe_axis"
+    stage: ClassVar[str] = "axis"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return (self.own("offset", "urad" if self.its_axis(campaign).rotary else "um", 1.0),)
+
+    def apply(self, row: Row) -> None:
+        row.axis[str(self.axis)] += self.parameter(row, "offset")
+
+
+def _probe(channel: str, axis: str | None) -> Effect:
+    return _AxisOffset(axis=axis) if channel == AXIS else _ToolShift()
+
+
+def probes_of(campaign: Campaign, forms: Iterable[Form]) -> list[Effect]:
+    """The probes of the channels that some forms need."""
+    wanted = dict.fromkeys((f.channel, f.effect.axis if f.channel == AXIS else None) for f in forms if f.channel)
+    return [_probe(channel, axis) for channel, axis in wanted]
+
+
+def channel_columns(model: Model, channel: str, axis: str | None) -> list[int]:
+    """The model's parameters that stand for a channel."""
+    return [model.index[p.name] for p in _probe(channel, axis).parameters(model.campaign)]
+
+
+@dataclass(frozen=True)
+class Compressed:
+    """An unidentified term in a model: `turn` (raw, k) from the channel's columns times the functions to k directions, which stand
+    at `where` (k,) in the whole."""
+
+    form: Form
+    channel: tuple[int, ...]
+    turn: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    where: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def raw(self, run: Run, line: Linearisation) -> Array:
+        """All products (N, ny, raw), in units of the prior."""
+        assert self.form.basis is not None
+        place = {int(number): k for k, number in enumerate(line.columns)}
+        tangent = self.form.sigma * line.jacobian[:, :, [place[c] for c in self.channel]]
+        functions = self.form.basis(run)
+        products = tangent[:, :, :, None] * functions[:, None, None, :]
+        return np.asarray(products.reshape(*tangent.shape[:2], -1))
+
+    def columns(self, run: Run, line: Linearisation) -> Array:
+        """(N, ny, k)."""
+        return np.asarray(self.raw(run, line) @ self.turn)
+
+
+def compressed(
+    model: Model, lines: Mapping[str, Linearisation], bases: Sequence[tuple[Array, int]],
+    scaled: Callable[[Run, Array], Array], forms: Sequence[Form],
+) -> list[Compressed]:  # fmt: skip
+    """Each form in the directions of largest information under white noise, what set-up and geometry absorb taken off.
+
+    `bases` holds of every run the whitened set-up and geometry (N, ny, s + g) and s.
+    """
+    drafts = [Compressed(f, tuple(channel_columns(model, f.channel or TOOL, f.effect.axis))) for f in forms]
+    sizes = [d.raw(r := model.campaign.runs[0], lines[r.id]).shape[2] for d in drafts]
+    geometry = bases[0][0].shape[2] - bases[0][1]
+    shared = np.eye(geometry)
+    cross = [np.zeros((geometry, size)) for size in sizes]
+    own = [np.zeros((size, size)) for size in sizes]
+    for run, (base, setup) in zip(model.campaign.runs, bases, strict=True):
+        flat = base.reshape(-1, base.shape[2])
+        gram = flat.T @ flat
+        factor = np.linalg.cholesky(gram[:setup, :setup] + np.eye(setup))
+        mixed = np.linalg.solve(factor, gram[:setup, setup:])
+        shared += gram[setup:, setup:] - mixed.T @ mixed
+        for k, draft in enumerate(drafts):
+            raw = scaled(run, draft.raw(run, lines[run.id])).reshape(len(flat), -1)
+            seen = flat.T @ raw
+            taken = np.linalg.solve(factor, seen[:setup])
+            cross[k] += seen[setup:] - mixed.T @ taken
+            own[k] += raw.T @ raw - taken.T @ taken
+    found = []
+    for draft, c, d in zip(drafts, cross, own, strict=True):
+        power, axes = np.linalg.eigh(d - c.T @ np.linalg.solve(shared, c))
+        kept = np.flatnonzero(power > SEEN)[-MOST:]
+        found.append(Compressed(draft.form, draft.channel, axes[:, kept]))
+    return found
