@@ -41,18 +41,23 @@ class Form:
     basis: Callable[[Run], Array] | None = None
     sigma: float = 1.0
 
+    @property
+    def placed(self) -> bool:
+        """Whether a scan picked its place; then others of its name may act at other places."""
+        return self.places > 1.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scan:
     """Forms of which one parameter is a place, to be found on a grid: `count` places, each a course in time of a `channel`.
 
-    `courses` (run, places) → (N, number of places); `form` makes the exact form of one place. `axis`: of the channel `axis`.
+    `courses` (run) → (N, count); `form` makes the exact form of one place. `axis`: of the channel `axis`.
     `run`: the only one in which it acts.
     """
 
     channel: str
     count: int
-    courses: Callable[[Run, NDArray[np.int64]], Array]
+    courses: Callable[[Run], Array]
     form: Callable[[int], Form]
     axis: str | None = None
     run: str | None = None

@@ -77,8 +77,8 @@ class SetupShift(Effect):
                 plain = cls(run=run.id, t_s=instant)
                 return Form(effect=plain, shapes=(replace(plain, shape="creep"),), places=campaign.rows)
 
-            def courses(of: Run, k: Any, run: Run = run, rows: Any = rows) -> Any:
-                return np.asarray(np.arange(of.rows)[:, None] >= rows[k], dtype=float) * (of.id == run.id)
+            def courses(of: Run, run: Run = run, rows: Any = rows) -> Any:
+                return np.asarray(np.arange(of.rows)[:, None] >= rows, dtype=float) * (of.id == run.id)
 
             yield Scan(channel=BALL, count=len(rows), courses=courses, form=form, run=run.id)
 

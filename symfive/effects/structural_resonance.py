@@ -73,12 +73,12 @@ class StructuralResonance(Effect):
             def form(k: int, axis: str = axis, frequencies: Any = frequencies) -> Form:
                 return Form(effect=cls(axis=axis, frequency_hz=float(frequencies[k])), places=len(frequencies))
 
-            def courses(run: Run, k: Any, axis: str = axis, frequencies: Any = frequencies) -> Any:
+            def courses(run: Run, axis: str = axis, frequencies: Any = frequencies) -> Any:
                 if not run.dynamic or np.ptp(run.commands[axis]) == 0.0:
-                    return np.zeros((run.rows, len(k)))
+                    return np.zeros((run.rows, len(frequencies)))
                 acceleration, rows, step = RunMotion(run, campaign.machine, {}, {}).fine_acceleration(axis, FINE_S)
                 return np.stack(
-                    [_ringing(acceleration.value, f, cls.damping, step)[rows] for f in frequencies[k]], axis=1
+                    [_ringing(acceleration.value, f, cls.damping, step)[rows] for f in frequencies], axis=1
                 )
 
             yield Scan(channel=TOOL, count=count, courses=courses, form=form)

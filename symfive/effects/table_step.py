@@ -98,8 +98,8 @@ class TableStep(Effect):
                 plain = cls(axis=axis, at=at, ramp=ramp)
                 return Form(effect=plain, shapes=tuple(replace(plain, shape=s) for s in SHAPES[2:]), places=count)
 
-            def courses(run: Run, k: Any, axis: str = axis, middles: Any = middles) -> Any:
-                return np.asarray(run.commands[axis][:, None] > middles[k], dtype=float)
+            def courses(run: Run, axis: str = axis, middles: Any = middles) -> Any:
+                return np.asarray(run.commands[axis][:, None] > middles, dtype=float)
 
             if len(chosen) > FEWEST_PLACES:
                 yield Scan(channel=AXIS, axis=axis, count=len(chosen), courses=courses, form=form)

@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 
 from symfive.posterior._moments import Columns, Moments
 
-__all__ = ["WIDTHS", "Member", "Weighed", "log_evidence", "sweep"]
+__all__ = ["WIDTHS", "Member", "Weighed", "log_evidence", "solution", "sweep"]
 
 Array = NDArray[np.float64]
 Member = tuple[int, float]
@@ -105,50 +105,65 @@ def sweep(moments: Moments, members: Sequence[Member], chosen: Sequence[int]) ->
     H_tt/κ² + I - PᵀP.
     """
     s = _subset(moments, members)
-    power, axes = np.linalg.eigh(s.h)
     total = np.zeros((len(moments.nodes), len(WIDTHS), len(chosen)))
+    base = _Base.of(s)
     for size in sorted({len(moments.columns[t].where) for t in chosen}):
         at = [k for k, t in enumerate(chosen) if len(moments.columns[t].where) == size]
         own = [moments.columns[chosen[k]] for k in at]
-        for j in range(len(total)):
-            turned = _Base(power[j], axes[j].T @ s.g[j], axes[j].T @ s.d, float(s.q[j]), axes[j])
-            total[j][:, at] = _joined(moments, s, turned, moments.gram[j], own) - 0.5 * moments.const[j]
-    return np.asarray(logsumexp(total + moments.log_prior[:, None, None], axis=0))
+        total[:, :, at] = _joined(moments, s, base, own)
+    return np.asarray(logsumexp(total + (moments.log_prior - 0.5 * moments.const)[:, None, None], axis=0))
 
 
 @dataclass(frozen=True)
 class _Base:
-    """A subset in one node, turned into the eigenvectors `axes` of its H: `power` Λ, `g` and `d` (n,), `q`."""
+    """A subset in every node, turned into the eigenvectors `axes` (J, n, n) of its H: `power` Λ, `g` and `d` (J, n)."""
 
     power: Array
     g: Array
     d: Array
-    q: float
     axes: Array
 
+    @classmethod
+    def of(cls, s: _Subset) -> _Base:
+        power, axes = np.linalg.eigh(s.h)
+        return cls(power, np.einsum("jki,jk->ji", axes, s.g), np.einsum("jki,k->ji", axes, s.d), axes)
 
-def _joined(moments: Moments, s: _Subset, base: _Base, gram: Array, own: Sequence[Columns]) -> Array:
-    """Log evidence (W, T), up to the node's constant, with each of some terms of as many columns."""
+
+def _joined(moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns]) -> Array:
+    """Log evidence (J, W, T), up to the nodes' constants, with each of some terms of as many columns."""
     where = np.stack([c.where for c in own])
     scale = np.stack([[c.scaled(width) for c in own] for width in WIDTHS])
     d = np.stack([c.departure for c in own])
-    h = gram[where[:, :, None], where[:, None, :]] * scale[..., :, None] * scale[..., None, :]
-    g = (gram[where] @ s.target) * scale
-    cross = np.swapaxes((gram[where][:, :, s.columns] * s.scale) @ base.axes, 1, 2) * scale[..., None, :]
-    kappa2 = np.full(scale.shape[:2], max(1.0, base.q / moments.count))
+    h = moments.gram[:, None, where[:, :, None], where[:, None, :]] * scale[..., :, None] * scale[..., None, :]
+    rows = moments.gram[:, where]
+    g = (rows @ s.target)[:, None] * scale
+    cross = (rows[:, :, :, s.columns] * s.scale) @ base.axes[:, None]
+    cross = np.swapaxes(cross, 2, 3)[:, None] * scale[..., None, :]
+    power, g_base, d_base = (part[:, None, None, :] for part in (base.power, base.g, base.d))
+    q = s.q[:, None, None]
+    kappa2 = np.broadcast_to(np.maximum(1.0, q / moments.count), (len(q), *scale.shape[:2]))
     for _ in range(STEPS):
         k = kappa2[..., None]
-        shrunk = 1.0 / np.sqrt(base.power / k + 1.0)
-        e = shrunk * (base.g / k - base.d)
+        shrunk = 1.0 / np.sqrt(power / k + 1.0)
+        e = shrunk * (g_base / k - d_base)
         p = shrunk[..., None] * cross / k[..., None]
         a = h / k[..., None] + np.eye(h.shape[-1]) - np.swapaxes(p, -1, -2) @ p
-        b = g / k - d - np.einsum("wtni,wtn->wti", p, e)
+        b = g / k - d - (e[..., None, :] @ p)[..., 0, :]
         x = np.linalg.solve(a, b[..., None])[..., 0]
-        y = shrunk * (e - np.einsum("wtni,wti->wtn", p, x))
-        left = base.q - 2.0 * (y @ base.g + np.sum(x * g, axis=-1)) + y**2 @ base.power
-        left += np.einsum("wti,wtik,wtk->wt", x, h, x) + 2.0 * np.einsum("wtn,wtni,wti->wt", y, cross, x)
-        pull = np.sum((y + base.d) ** 2, axis=-1) + np.sum((x + d) ** 2, axis=-1)
+        y = shrunk * (e - (p @ x[..., None])[..., 0])
+        moved = (h @ x[..., None])[..., 0] + 2.0 * (y[..., None, :] @ cross)[..., 0, :]
+        left = q + np.sum(y * (power * y - 2.0 * g_base), axis=-1) + np.sum(x * (moved - 2.0 * g), axis=-1)
+        pull = np.sum((y + d_base) ** 2, axis=-1) + np.sum((x + d) ** 2, axis=-1)
         logdet = np.linalg.slogdet(a)[1] - 2.0 * np.log(shrunk).sum(axis=-1)
         cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
         kappa2 = np.maximum(1.0, left / moments.count)
     return np.asarray(-0.5 * cost)
+
+
+def solution(moments: Moments, members: Sequence[Member], node: int) -> list[Array]:
+    """x of each member at one node, in units of its usual prior; of a term that is not in the fit counted from nothing."""
+    s = _subset(moments, members)
+    kappa2 = max(1.0, log_evidence(moments, members).kappa2)
+    x = np.linalg.solve(s.h[node] / kappa2 + np.eye(len(s.d)), s.g[node] / kappa2 - s.d) * s.scale
+    ends = np.cumsum([len(moments.columns[t].where) for t, _ in members])
+    return np.split(x, ends[:-1])

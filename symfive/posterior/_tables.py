@@ -12,7 +12,7 @@ from symfive.campaign import Run
 from symfive.effects import Effect, Form
 from symfive.identify import Identification
 from symfive.model import Linearisation, Model
-from symfive.posterior._tangents import Compressed, compressed, probes_of
+from symfive.posterior._tangents import Compressed, channel_of, compressed, probes
 
 __all__ = ["Placed", "Table", "Tables"]
 
@@ -53,7 +53,8 @@ class Tables:
         self.fit, self._held = fit, held
         physical = [form.effect for form in fresh if form.basis is None]
         campaign = fit.model.campaign
-        self._model = Model(campaign, (*fit.model.added, *physical, *probes_of(campaign, fresh)))
+        channels = [channel_of(form) for form in fresh if form.basis is not None]
+        self._model = Model(campaign, (*fit.model.added, *physical, *probes(channels)))
         self._values = self._model.vector(fit.named)
         own = {p.name for effect in held for p in effect.parameters(campaign)}
         kept = [p for p in fit.parameters if p.run is None and p.name not in own]
@@ -79,7 +80,7 @@ class Tables:
         return {id(form): entry for form, entry in zip(forms, found, strict=True)}
 
     def _placed(self, held: Sequence[Effect], fresh: Sequence[Form]) -> tuple[Placed, ...]:
-        campaign, at, found = self.fit.model.campaign, self.geometry, []
+        at, found = self.geometry, list[Placed]()
         for effect in (*held, *(form.effect for form in fresh if form.basis is None)):
             at = self._name(effect, at)
         here = at
@@ -95,7 +96,6 @@ class Tables:
             self._tangents[id(form)] = replace(self._tangents[id(form)], where=here + np.arange(width))
             here += width
         self.size = here + 1
-        assert campaign.runs
         return tuple(found)
 
     def _name(self, effect: Effect, at: int) -> int:
@@ -157,7 +157,7 @@ class Tables:
             parts.append((given[run.id] - self._tangent(line, effect))[:, :, None])
             where.append(np.array([placed.exact]))
         for form in self._tangents.values():
-            parts.append(form.columns(run, line))
+            parts.append(form.columns(self._model, run, line))
             where.append(form.where)
         rows = self._scaled(run, np.concatenate([*parts, residual[:, :, None]], axis=2))
         at = np.concatenate([*where, [self.size - 1]])

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.effects import AXIS, TOOL, Effect, Form
+from symfive.effects import AXIS, BALL, Effect, Form
 from symfive.model import Linearisation, Model
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.model._row import Row
 
-__all__ = ["Compressed", "channel_columns", "compressed", "probes_of"]
+__all__ = ["Channel", "Compressed", "channel_of", "compressed", "probes", "tangent"]
 
 Array = NDArray[np.float64]
 SEEN = 1e-2
@@ -54,19 +54,33 @@ class _AxisOffset(Effect):
         row.axis[str(self.axis)] += self.parameter(row, "offset")
 
 
-def _probe(channel: str, axis: str | None) -> Effect:
-    return _AxisOffset(axis=axis) if channel == AXIS else _ToolShift()
+Channel = tuple[str, str | None]
+"""Its kind, and its axis."""
 
 
-def probes_of(campaign: Campaign, forms: Iterable[Form]) -> list[Effect]:
-    """The probes of the channels that some forms need."""
-    wanted = dict.fromkeys((f.channel, f.effect.axis if f.channel == AXIS else None) for f in forms if f.channel)
-    return [_probe(channel, axis) for channel, axis in wanted]
+def _probe(channel: Channel) -> Effect:
+    return _AxisOffset(axis=channel[1]) if channel[0] == AXIS else _ToolShift()
 
 
-def channel_columns(model: Model, channel: str, axis: str | None) -> list[int]:
-    """The model's parameters that stand for a channel."""
-    return [model.index[p.name] for p in _probe(channel, axis).parameters(model.campaign)]
+def channel_of(form: Form) -> Channel:
+    """The channel of an unidentified term."""
+    return form.channel, form.effect.axis if form.channel == AXIS else None
+
+
+def probes(channels: Iterable[Channel]) -> list[Effect]:
+    """Effects whose tangents are the channels."""
+    return [_probe(channel) for channel in dict.fromkeys(channels)]
+
+
+def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Array:
+    """How the readings of a run answer to a channel (N, ny, parts), per µm or µrad; of the ball on the table, as to its set-up."""
+    if channel[0] == BALL:
+        stems = tuple(f"setup.{run.id}.{name}." for name in ("table_ball", "zero"))
+        wanted = [i for i in line.columns if model.parameters[i].name.startswith(stems)]
+    else:
+        wanted = [model.index[p.name] for p in _probe(channel).parameters(model.campaign)]
+    place = {int(number): k for k, number in enumerate(line.columns)}
+    return np.asarray(line.jacobian[:, :, [place[int(i)] for i in wanted]])
 
 
 @dataclass(frozen=True)
@@ -75,22 +89,19 @@ class Compressed:
     at `where` (k,) in the whole."""
 
     form: Form
-    channel: tuple[int, ...]
     turn: Array = field(default_factory=lambda: np.zeros((0, 0)))
     where: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
-    def raw(self, run: Run, line: Linearisation) -> Array:
+    def raw(self, model: Model, run: Run, line: Linearisation) -> Array:
         """All products (N, ny, raw), in units of the prior."""
         assert self.form.basis is not None
-        place = {int(number): k for k, number in enumerate(line.columns)}
-        tangent = self.form.sigma * line.jacobian[:, :, [place[c] for c in self.channel]]
-        functions = self.form.basis(run)
-        products = tangent[:, :, :, None] * functions[:, None, None, :]
-        return np.asarray(products.reshape(*tangent.shape[:2], -1))
+        answer = self.form.sigma * tangent(model, line, run, channel_of(self.form))
+        products = answer[:, :, :, None] * self.form.basis(run)[:, None, None, :]
+        return np.asarray(products.reshape(*answer.shape[:2], -1))
 
-    def columns(self, run: Run, line: Linearisation) -> Array:
+    def columns(self, model: Model, run: Run, line: Linearisation) -> Array:
         """(N, ny, k)."""
-        return np.asarray(self.raw(run, line) @ self.turn)
+        return np.asarray(self.raw(model, run, line) @ self.turn)
 
 
 def compressed(
@@ -101,8 +112,9 @@ def compressed(
 
     `bases` holds of every run the whitened set-up and geometry (N, ny, s + g) and s.
     """
-    drafts = [Compressed(f, tuple(channel_columns(model, f.channel or TOOL, f.effect.axis))) for f in forms]
-    sizes = [d.raw(r := model.campaign.runs[0], lines[r.id]).shape[2] for d in drafts]
+    drafts = [Compressed(form) for form in forms]
+    first = model.campaign.runs[0]
+    sizes = [draft.raw(model, first, lines[first.id]).shape[2] for draft in drafts]
     geometry = bases[0][0].shape[2] - bases[0][1]
     shared = np.eye(geometry)
     cross = [np.zeros((geometry, size)) for size in sizes]
@@ -114,7 +126,7 @@ def compressed(
         mixed = np.linalg.solve(factor, gram[:setup, setup:])
         shared += gram[setup:, setup:] - mixed.T @ mixed
         for k, draft in enumerate(drafts):
-            raw = scaled(run, draft.raw(run, lines[run.id])).reshape(len(flat), -1)
+            raw = scaled(run, draft.raw(model, run, lines[run.id])).reshape(len(flat), -1)
             seen = flat.T @ raw
             taken = np.linalg.solve(factor, seen[:setup])
             cross[k] += seen[setup:] - mixed.T @ taken
@@ -123,5 +135,5 @@ def compressed(
     for draft, c, d in zip(drafts, cross, own, strict=True):
         power, axes = np.linalg.eigh(d - c.T @ np.linalg.solve(shared, c))
         kept = np.flatnonzero(power > SEEN)[-MOST:]
-        found.append(Compressed(draft.form, draft.channel, axes[:, kept]))
+        found.append(Compressed(draft.form, axes[:, kept]))
     return found

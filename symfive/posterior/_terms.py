@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -51,10 +52,14 @@ class Term:
 
 
 def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
-    """What every effect of the library states for this campaign, but for those that `exclude` names."""
+    """What every effect of the library states for this campaign, but for those that `exclude` names.
+
+    What does not change from fit to fit, functions and courses along the runs, is kept.
+    """
     stated = [draft for name, kind in EFFECTS.items() if name not in exclude for draft in kind.candidates(campaign)]
-    forms = [d for d in stated if isinstance(d, Form)]
-    return Candidates(joinable(campaign, forms), tuple(d for d in stated if not isinstance(d, Form)))
+    forms = [replace(d, basis=cache(d.basis)) if d.basis else d for d in stated if isinstance(d, Form)]
+    scans = [replace(d, courses=cache(d.courses)) if isinstance(d, Scan) else d for d in stated if not isinstance(d, Form)]
+    return Candidates(joinable(campaign, forms), tuple(scans))
 
 
 def joinable(campaign: Campaign, forms: Sequence[Form]) -> tuple[Form, ...]:
@@ -88,7 +93,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
             prior, slot = UNIDENTIFIED, ("", effect.coordinate)
         else:
             prior = EXPECTED * effect.rate / (total * ways[name])
-            slot = (*name, getattr(effect, "component", None))
+            slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
         frees = frozenset(effect.frees())
         found.append(Term(form, name, slot, frees, float(np.log(prior / form.places))))
     return tuple(found)
