@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.effects._form import Form, Scan, Tone, moving
+from symfive.effects._form import AXIS, TOOL, Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
 from symfive.parameters import Parameter
@@ -70,6 +70,15 @@ class Effect:
         """The axis it is about: its own, or that of its component."""
         symbol = getattr(self, "component", None)
         return symbol[2:].lstrip("0") if self.axis is None and isinstance(symbol, str) else self.axis
+
+    @property
+    def answers(self) -> tuple[str, str] | None:
+        """The channel by which readings answer to it and the coordinate over which it acts, where a form that is a little off
+        would show; None where neither is one of the machine's."""
+        kind = self.coordinate.format(axis=self.belongs_to)
+        words = kind.replace(" velocity sign", " since reversal") if kind != "time" else "t"
+        channels = {"drive": AXIS, "axis": AXIS, "structure": TOOL}
+        return (channels[self.stage], words) if self.stage in channels and words not in ("pose", "reading") else None
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from symfive.effects._base import Effect
 from symfive.effects._coordinates import (
     ACCELERATION,
+    FINEST,
     SIGN,
     SINCE,
     VELOCITY,
@@ -45,8 +46,8 @@ PLACES = ("axis", "structure", "reading", "force")
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
 FASTER = "faster"
-SIDES = 16
-"""Intervals of a term over the way since a reversal."""
+SIDES, CLOSEST = 16, 1e-5
+"""Intervals of a term over the way since a reversal, each twice as long as the one before; the first is a few µm, as a play is."""
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 
 
@@ -56,7 +57,7 @@ class Unknown(Effect):
 
     A coordinate is an axis (`B`), its velocity (`B velocity`) or acceleration (`B acceleration`), the side from which it came
     (`B velocity sign`), its way since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
-    logarithm) or `t` (the campaign's clock, s). With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
+    logarithm down to `finest` of the longest) or `t` (the campaign's clock, s). With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
     and fixed) it is the phase in a cycle that counts, and `basis` is fourier. Functions as in the
     machine file: `basis` and `order` one per coordinate (a single one holds for all), products for several; `bspline` of order
     n has n intervals. They have no constant part, which zeros and set-ups hold. `faster` is +1 while the first of two velocities
@@ -89,6 +90,7 @@ class Unknown(Effect):
     period_sigma: float = 0.0
     less: tuple[tuple[float, ...], ...] = ()
     sigma_force: float = 0.0
+    finest: float = FINEST
 
     @property
     def key(self) -> str:
@@ -112,14 +114,20 @@ class Unknown(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form]:
-        """Over every axis that moves, its velocity, its way since it reversed, two rotary axes together, and time."""
+        """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration, its
+        way since it reversed, two rotary axes together, and time."""
         machine, axes = campaign.machine, moving(campaign)
         drafts = [cls(over=("t",))]
         for axis in axes:
-            drafts.append(cls(over=(axis,)))
+            words = [axis, f"{axis}{SINCE}"]
             if any(run.dynamic for run in campaign.runs):
-                drafts.append(cls(over=(f"{axis}{VELOCITY}",)))
-                drafts.append(cls(over=(f"{axis}{SINCE}",), place="axis", order=SIDES))
+                words += [f"{axis}{VELOCITY}", f"{axis}{ACCELERATION}"]
+            for word in words:
+                order = SIDES if word.endswith(SINCE) else cls.order
+                drafts += [
+                    cls(over=(word,), order=order, finest=CLOSEST),
+                    cls(over=(word,), order=order, finest=CLOSEST, place="axis", tag="axis"),
+                ]
         for pair in combinations([axis for axis in axes if machine.axes[axis].rotary], 2):
             round_ = [goes_round(campaign, axis) for axis in pair]
             basis, order = tuple("fourier" if r else "polynomial" for r in round_), tuple(3 if r else 4 for r in round_)
@@ -354,7 +362,7 @@ class Unknown(Effect):
         if name.endswith(SINCE):
             axis = owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
-            return row.signal(Direction(axis)) * steps(row.signal(ReversalDistance(axis)) / reach, ca)
+            return row.signal(Direction(axis)) * steps(row.signal(ReversalDistance(axis)) / reach, ca, self.finest)
         if name.endswith(SIGN):
             return row.signal(Direction(owner(name)))
         if name.endswith((VELOCITY, ACCELERATION)):
@@ -376,7 +384,7 @@ class Unknown(Effect):
             if period:
                 unit = 2.0 * np.pi / period
             there = unit * (np.clip(there, low, high) if self._bases[number] == "polynomial" else there)
-            points.append(np.sign(there) * steps(np.abs(there) / high, np) if name.endswith(SINCE) else there)
+            points.append(np.sign(there) * steps(np.abs(there) / high, np, self.finest) if name.endswith(SINCE) else there)
         table = self._basis(machine).matrix(*points)
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
 

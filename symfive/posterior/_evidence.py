@@ -21,13 +21,20 @@ from scipy.special import logsumexp
 
 from symfive.posterior._moments import Columns, Moments
 
-__all__ = ["WIDTHS", "Member", "Weighed", "log_evidence", "solution", "sweep"]
+__all__ = [
+    "WIDTHS", "Blocks", "Member", "Weighed", "discrepancies", "log_evidence", "solution", "sweep",
+    "widths_of",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Member = tuple[int, float]
 """A term of a subset: its number, and the width of its amplitudes' prior in units of its usual one."""
+Blocks = tuple[tuple[int, float], ...]
+"""Discrepancies: unidentified terms, each with the 1σ of its coefficients in units of its usual one."""
 WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
 """A scale-free prior of amplitudes as a mixture, half a decade apart: nothing is capped by what machine tools usually have."""
+SHARE = 0.3
+"""1σ of a discrepancy as a share of its term: a form of the library is right to a third, or it is another form."""
 STEPS = 4
 """Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-2 or less."""
 
@@ -64,7 +71,7 @@ class _Subset:
     target: Array
 
 
-def _subset(moments: Moments, members: Iterable[Member]) -> _Subset:
+def _subset(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> _Subset:
     target = np.zeros(moments.size)
     target[-1] = 1.0
     columns, scale, departure = [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros(0)]
@@ -75,15 +82,20 @@ def _subset(moments: Moments, members: Iterable[Member]) -> _Subset:
         departure.append(own.departure)
         if own.exact >= 0:
             target[own.exact] -= 1.0
+    for number, share in blocks:
+        own = moments.columns[number]
+        columns.append(own.where)
+        scale.append(np.full(len(own.where), share))
+        departure.append(np.zeros(len(own.where)))
     where, w, d = np.concatenate(columns), np.concatenate(scale), np.concatenate(departure)
     aimed = moments.gram @ target
     h = moments.gram[:, where[:, None], where] * np.outer(w, w)
     return _Subset(where, w, d, h, aimed[:, where] * w, aimed @ target, target)
 
 
-def log_evidence(moments: Moments, members: Iterable[Member]) -> Weighed:
-    """The evidence of one subset."""
-    s = _subset(moments, members)
+def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> Weighed:
+    """The evidence of one subset, with the discrepancies `blocks` of its terms."""
+    s = _subset(moments, members, blocks)
     eye, kappa2 = np.eye(len(s.scale)), np.maximum(1.0, s.q / moments.count)
     left = s.q
     for _ in range(STEPS):
@@ -98,20 +110,28 @@ def log_evidence(moments: Moments, members: Iterable[Member]) -> Weighed:
     return Weighed(by_node, float(kappa2[np.argmax(by_node)]))
 
 
-def sweep(moments: Moments, members: Sequence[Member], chosen: Sequence[int]) -> Array:
-    """The evidence of a subset with each of the `chosen` terms (no member, not held) added, for every width: (W, chosen).
+def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
+    """The widths that a term may have. One that frees a quantity of a drive has its usual one: beyond that its slope says nothing."""
+    return WIDTHS[:1] if moments.terms[number].frees else WIDTHS
+
+
+def sweep(moments: Moments, members: Sequence[Member], chosen: Sequence[int], blocks: Blocks = ()) -> Array:
+    """The evidence of a subset and its `blocks` with each of the `chosen` terms (no member, not held) added, for every width: (W, chosen).
 
     One eigen-decomposition H_SS = UΛUᵀ serves all: with P = (Λ/κ² + 1)^(-½)·UᵀH_St/κ² a term's Schur complement is
     H_tt/κ² + I - PᵀP.
     """
-    s = _subset(moments, members)
+    s = _subset(moments, members, blocks)
     total = np.zeros((len(moments.nodes), len(WIDTHS), len(chosen)))
     base = _Base.of(s)
     for size in sorted({len(moments.columns[t].where) for t in chosen}):
         at = [k for k, t in enumerate(chosen) if len(moments.columns[t].where) == size]
         own = [moments.columns[chosen[k]] for k in at]
         total[:, :, at] = _joined(moments, s, base, own)
-    return np.asarray(logsumexp(total + (moments.log_prior - 0.5 * moments.const)[:, None, None], axis=0))
+    found = np.asarray(logsumexp(total + (moments.log_prior - 0.5 * moments.const)[:, None, None], axis=0))
+    for k, t in enumerate(chosen):
+        found[len(widths_of(moments, t)) :, k] = -np.inf
+    return found
 
 
 @dataclass(frozen=True)
@@ -158,6 +178,20 @@ def _joined(moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns]) -
         cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
         kappa2 = np.maximum(1.0, left / moments.count)
     return np.asarray(-0.5 * cost)
+
+
+def discrepancies(moments: Moments, members: Sequence[Member], node: int) -> Blocks:
+    """The discrepancy of each named member: a term over its own coordinate, in its own channel, whose prior rms in the readings is
+    `SHARE` of what the member came out as (M. Kennedy & A. O'Hagan 2001; one per channel and coordinate, of the largest)."""
+    sizes: dict[int, float] = {}
+    for (number, _), x in zip(members, solution(moments, members, node), strict=True):
+        block = moments.blocks[number]
+        if block >= 0:
+            own, other = moments.columns[number], moments.columns[block].where
+            a, at = x[own.amplitude], own.where[own.amplitude]
+            square = float(a @ moments.raw[np.ix_(at, at)] @ a) / float(np.trace(moments.raw[np.ix_(other, other)]))
+            sizes[block] = max(sizes.get(block, 0.0), SHARE * square**0.5)
+    return tuple((number, size) for number, size in sizes.items() if size > 0.0)
 
 
 def solution(moments: Moments, members: Sequence[Member], node: int) -> list[Array]:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from symfive.posterior._evidence import WIDTHS, Member, log_evidence, sweep
+from symfive.posterior._evidence import WIDTHS, Blocks, Member, discrepancies, log_evidence, sweep, widths_of
 from symfive.posterior._moments import Moments
 from symfive.posterior._terms import Name
 
-__all__ = ["Posterior", "Subset", "explore"]
+__all__ = ["Posterior", "Subset", "explore", "log_prior", "weighed"]
 
 Array = NDArray[np.float64]
 Subset = tuple[Member, ...]
@@ -60,17 +60,15 @@ class Posterior:
 class _Search:
     moments: Moments
     mass: dict[Subset, float] = field(default_factory=dict)
+    blocks: dict[Subset, Blocks] = field(default_factory=dict)
     swept: dict[Subset, tuple[list[int], Array]] = field(default_factory=dict)
-
-    def prior(self, subset: Iterable[Member]) -> float:
-        """Log prior of a subset, each width as probable as any other."""
-        return sum(self.moments.terms[t].log_prior - float(np.log(len(WIDTHS))) for t, _ in subset)
 
     def see(self, members: Iterable[Member]) -> None:
         """Weigh a subset, unless it was."""
         subset = tuple(sorted(members))
         if subset not in self.mass:
-            self.mass[subset] = log_evidence(self.moments, subset).total + self.prior(subset)
+            evidence, self.blocks[subset] = weighed(self.moments, subset)
+            self.mass[subset] = evidence + log_prior(self.moments, subset)
 
     def sweep(self, subset: Subset) -> tuple[list[int], Array]:
         """Terms that may join a subset, and the log mass with each of them, by width (W, terms)."""
@@ -79,8 +77,10 @@ class _Search:
             held = [terms[t] for t, _ in subset]
             free = [k for k, term in enumerate(terms)
                     if k >= self.moments.held and not any(term.excludes(h) for h in held)]  # fmt: skip
-            prior = np.array([self.prior([(k, 1.0)]) for k in free])
-            self.swept[subset] = free, sweep(self.moments, subset, free) + self.prior(subset) + prior
+            prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
+            self.see(subset)
+            evidence = sweep(self.moments, subset, free, self.blocks[subset])
+            self.swept[subset] = free, evidence + log_prior(self.moments, subset) + prior
         return self.swept[subset]
 
     def join(self, subset: Subset, most: int) -> None:
@@ -88,8 +88,7 @@ class _Search:
         free, mass = self.sweep(subset)
         best = mass.max(axis=0, initial=-np.inf)
         for k in np.argsort(-best)[:most]:
-            width = WIDTHS[int(np.argmax(mass[:, k]))]
-            self.mass.setdefault(tuple(sorted((*subset, (free[k], width)))), float(best[k]))
+            self.see((*subset, (free[k], WIDTHS[int(np.argmax(mass[:, k]))])))
         held = [t for t in range(self.moments.held) if t not in {member for member, _ in subset}]
         for t in held:
             if not any(self.moments.terms[t].excludes(self.moments.terms[o]) for o, _ in subset):
@@ -109,8 +108,23 @@ class _Search:
             self.see(rest)
             self.join(rest, SWAPS)
             at = WIDTHS.index(width)
-            for other in WIDTHS[max(at - 1, 0) : at + 2]:
+            for other in widths_of(self.moments, t)[max(at - 1, 0) : at + 2]:
                 self.see((*rest, (t, other)))
+
+
+def log_prior(moments: Moments, subset: Iterable[Member]) -> float:
+    """Of a subset, each width of a term as probable as any other."""
+    return sum(moments.terms[t].log_prior - float(np.log(len(widths_of(moments, t)))) for t, _ in subset)
+
+
+def weighed(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
+    """Log evidence of a subset whose forms may or may not be a little off, the mean of both; and the discrepancies, if they help."""
+    plain = log_evidence(moments, subset)
+    blocks = discrepancies(moments, subset, plain.node) if subset else ()
+    if not blocks:
+        return plain.total, ()
+    other = log_evidence(moments, subset, blocks).total
+    return float(np.logaddexp(plain.total, other) - np.log(2.0)), blocks if other > plain.total else ()
 
 
 def explore(moments: Moments, start: Sequence[int] = ()) -> Posterior:

@@ -45,7 +45,8 @@ class Moments:
     """Reduced Gram matrices `gram` (J, m, m) of the terms' columns, the exact contributions and, last, the residual, by noise
     node; `const` (J,) what every subset has in -2·log evidence, `log_prior` (J,) of the nodes, `count` of readings.
 
-    `terms`: those that are held by the fit come first (`held` of them).
+    `terms`: those that are held by the fit come first (`held` of them). `blocks`: the number of the unidentified term that is a
+    named one's discrepancy, -1 where there is none; `raw` (m, m) the Gram matrix under white noise before anything is eliminated.
     """
 
     fit: Identification
@@ -57,6 +58,8 @@ class Moments:
     const: Array
     log_prior: Array
     count: int
+    blocks: tuple[int, ...]
+    raw: Array
 
     @property
     def size(self) -> int:
@@ -70,6 +73,7 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     nodes = nodes_of(max(run.duration for run in campaign.runs))
     tables = Tables(fit, [form.effect for form in held], fresh)
     total = np.zeros((len(nodes), tables.size, tables.size))
+    raw = np.zeros((tables.size, tables.size))
     const, count = np.zeros(len(nodes)), 0
     for table in tables:
         whitened, logs = grams(table.rows, table.interval, nodes)
@@ -78,12 +82,19 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
         reduced, logs = eliminated(whitened, table.setup, table.departure)
         const += logs
         total[:, table.where[:, None], table.where] += reduced
+        raw[table.where[:, None], table.where] += whitened[0, table.setup :, table.setup :]
     reduced, logs = eliminated(total, tables.geometry, tables.departure)
     columns = tuple(Columns(c.where - tables.geometry, c.amplitude, c.departure, _shifted(c.exact, tables.geometry))
                     for c in tables.columns)  # fmt: skip
     prior = np.array([node.log_prior for node in nodes])
     terms = terms_of([*held, *fresh])
-    return Moments(fit, terms, columns, len(held), nodes, reduced, const + logs, prior, count)
+    raw = raw[tables.geometry :, tables.geometry :]
+    return Moments(fit, terms, columns, len(held), nodes, reduced, const + logs, prior, count, _blocks(terms), raw)
+
+
+def _blocks(terms: Sequence[Term]) -> tuple[int, ...]:
+    places = {(t.form.channel, t.effect.coordinate): k for k, t in enumerate(terms) if t.form.basis is not None}
+    return tuple(places.get(t.covers, -1) for t in terms)
 
 
 def _shifted(column: int, by: int) -> int:

@@ -33,12 +33,15 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Term:
-    """One form that may join: its name, the log of its prior probability, `slot`: of the terms of one slot at most one can act."""
+    """One form that may join: its name, the log of its prior probability, `slot`: of the terms of one slot at most one can act;
+    `covers`: the channel and coordinate over which a named one may be a little off, so that no unidentified one acts there beside it.
+    """
 
     form: Form
     name: Name
     slot: tuple[object, ...]
     frees: frozenset[tuple[str, str]]
+    covers: tuple[str, str]
     log_prior: float
 
     @property
@@ -48,6 +51,8 @@ class Term:
 
     def excludes(self, other: Term) -> bool:
         """Whether both cannot act at once."""
+        if self.effect.nameless != other.effect.nameless:
+            return self.covers == other.covers
         return self.slot == other.slot or bool(self.frees & other.frees)
 
 
@@ -90,10 +95,11 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
     for form in forms:
         effect, name = form.effect, name_of(form.effect)
         if effect.nameless:
-            prior, slot = UNIDENTIFIED, ("", effect.coordinate)
+            prior, slot, covers = UNIDENTIFIED, ("", effect.coordinate), (form.channel, effect.coordinate)
         else:
+            covers = effect.answers or ("", "")
             prior = EXPECTED * effect.rate / (total * ways[name])
             slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
         frees = frozenset(effect.frees())
-        found.append(Term(form, name, slot, frees, float(np.log(prior / form.places))))
+        found.append(Term(form, name, slot, frees, covers, float(np.log(prior / form.places))))
     return tuple(found)
