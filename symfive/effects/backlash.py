@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
-SHAPES = ("play", "pre_sliding", "wind_up")
+SHAPES = ("play", "pre_sliding", "wind_up", "gradual")
 AHEAD = 0.1
 """How often the axis is ahead instead: where the control compensates for more than there is."""
 
@@ -31,6 +31,8 @@ class Backlash(Effect):
     - `play`: s is ±1 at the flanks and in between while the play is crossed and the output stands.
     - `pre_sliding` (lost motion, low hysteresis): s = ±(1 - 2·exp(-ξ/distance)), ξ the distance since the
       reversal (P. R. Dahl 1968); the contact creeps over `distance`.
+    - `gradual`: s changes in proportion to ξ until `distance`, a contact that is softer than a free play; at once where it is
+      short, as circular tests are read (ISO 230-4, Annex B).
     - `wind_up` (unequal backlash): a play whose width grows along the axis, width + slope·q.
 
     Where in the play a recording begins is a parameter of the run. Static rows: s is the direction from which the axis
@@ -58,7 +60,7 @@ class Backlash(Effect):
         rotary = self.its_axis(campaign).rotary
         small = "urad" if rotary else "um"
         found = [self.own("width", small, 100.0 if rotary else 20.0, start=1.0)]
-        if self.shape == "pre_sliding":
+        if self.shape in ("pre_sliding", "gradual"):
             distance = 300.0 if rotary else 50.0
             found.append(self.own("distance", small, distance, mean=distance, lower=0.02 * distance))
         if self.shape == "wind_up":
@@ -75,6 +77,8 @@ class Backlash(Effect):
         start = f"setup.{self.key}.start"
         if self.shape == "pre_sliding":
             return (PreSliding(str(self.axis), f"{self.key}.distance", start),)
+        if self.shape == "gradual":
+            return (Play(str(self.axis), f"{self.key}.distance", start=start),)
         slope = f"{self.key}.slope" if self.shape == "wind_up" else ""
         return (Play(str(self.axis), f"{self.key}.width", slope, start),)
 

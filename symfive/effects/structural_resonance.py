@@ -77,9 +77,7 @@ class StructuralResonance(Effect):
                 if not run.dynamic or np.ptp(run.commands[axis]) == 0.0:
                     return np.zeros((run.rows, len(frequencies)))
                 acceleration, rows, step = RunMotion(run, campaign.machine, {}, {}).fine_acceleration(axis, FINE_S)
-                return np.stack(
-                    [_ringing(acceleration.value, f, cls.damping, step)[rows] for f in frequencies], axis=1
-                )
+                return np.stack([_ringing(acceleration.value, f, cls.damping, step)[rows] for f in frequencies], axis=1)
 
             yield Scan(channel=TOOL, count=count, courses=courses, form=form)
 

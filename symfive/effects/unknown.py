@@ -47,7 +47,7 @@ FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
 FASTER = "faster"
 SIDES, CLOSEST = 16, 1e-5
-"""Intervals of a term over the way since a reversal, each twice as long as the one before; the first is a few µm, as a play is."""
+"""Intervals of a term over the way since a reversal, each twice as long as the last; the first is a few µm, as a play is."""
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 
 
@@ -57,7 +57,8 @@ class Unknown(Effect):
 
     A coordinate is an axis (`B`), its velocity (`B velocity`) or acceleration (`B acceleration`), the side from which it came
     (`B velocity sign`), its way since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
-    logarithm down to `finest` of the longest) or `t` (the campaign's clock, s). With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
+    logarithm down to `finest` of the longest) or `t` (the campaign's clock, s).
+    With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
     and fixed) it is the phase in a cycle that counts, and `basis` is fourier. Functions as in the
     machine file: `basis` and `order` one per coordinate (a single one holds for all), products for several; `bspline` of order
     n has n intervals. They have no constant part, which zeros and set-ups hold. `faster` is +1 while the first of two velocities
@@ -114,8 +115,8 @@ class Unknown(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form]:
-        """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration, its
-        way since it reversed, two rotary axes together, and time."""
+        """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration,
+        its way since it reversed, two rotary axes together, and time."""
         machine, axes = campaign.machine, moving(campaign)
         drafts = [cls(over=("t",))]
         for axis in axes:
@@ -384,7 +385,9 @@ class Unknown(Effect):
             if period:
                 unit = 2.0 * np.pi / period
             there = unit * (np.clip(there, low, high) if self._bases[number] == "polynomial" else there)
-            points.append(np.sign(there) * steps(np.abs(there) / high, np, self.finest) if name.endswith(SINCE) else there)
+            points.append(
+                np.sign(there) * steps(np.abs(there) / high, np, self.finest) if name.endswith(SINCE) else there
+            )
         table = self._basis(machine).matrix(*points)
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
 

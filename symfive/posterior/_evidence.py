@@ -111,12 +111,12 @@ def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = (
 
 
 def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
-    """The widths that a term may have. One that frees a quantity of a drive has its usual one: beyond that its slope says nothing."""
+    """The widths that a term may have: of one that frees a quantity of a drive the usual one, since no slope holds beyond."""
     return WIDTHS[:1] if moments.terms[number].frees else WIDTHS
 
 
 def sweep(moments: Moments, members: Sequence[Member], chosen: Sequence[int], blocks: Blocks = ()) -> Array:
-    """The evidence of a subset and its `blocks` with each of the `chosen` terms (no member, not held) added, for every width: (W, chosen).
+    """The evidence of a subset and its `blocks` with each of the `chosen` terms (not held) added, for every width: (W, chosen).
 
     One eigen-decomposition H_SS = UΛUᵀ serves all: with P = (Λ/κ² + 1)^(-½)·UᵀH_St/κ² a term's Schur complement is
     H_tt/κ² + I - PᵀP.
@@ -181,8 +181,8 @@ def _joined(moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns]) -
 
 
 def discrepancies(moments: Moments, members: Sequence[Member], node: int) -> Blocks:
-    """The discrepancy of each named member: a term over its own coordinate, in its own channel, whose prior rms in the readings is
-    `SHARE` of what the member came out as (M. Kennedy & A. O'Hagan 2001; one per channel and coordinate, of the largest)."""
+    """The discrepancy of each named member: a term over its own coordinate, in its own channel, whose prior rms in the readings
+    is `SHARE` of what the member came out as (M. Kennedy & A. O'Hagan 2001; one per channel and coordinate, of the largest)."""
     sizes: dict[int, float] = {}
     for (number, _), x in zip(members, solution(moments, members, node), strict=True):
         block = moments.blocks[number]

@@ -19,16 +19,18 @@ from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
 from symfive.threads import one_thread
 
-__all__ = ["Expansion", "baseline", "fitted", "refitted"]
+__all__ = ["WHITE", "Expansion", "baseline", "expansion", "fitted", "refitted", "settled"]
 
 Array = NDArray[np.float64]
 STEPS, TOLERANCE = 15, 1e-2
 """Of Gauss-Newton, and the share of its posterior 1σ by which no parameter moves any more: a hundredth changes no evidence."""
+WHITE = Node(0.0, 0.0, 0.0)
+"""The noise that is declared."""
 
 
 @dataclass(frozen=True)
 class Expansion:
-    """A fit and the forms of the effects that it holds beyond the machine file's, in its order; the noise that it was made under."""
+    """A fit, the forms of the effects that it holds beyond the machine file's, in its order, and the noise it was made under."""
 
     fit: Identification
     held: tuple[Form, ...]
@@ -38,13 +40,16 @@ class Expansion:
 
 def baseline(campaign: Campaign) -> Identification:
     """The fit of what the machine file describes, under white noise as declared."""
-    return fitted(Model(campaign), [{}], Node(0.0, 0.0, 0.0), 1.0)
+    return fitted(Model(campaign), [{}], WHITE, 1.0)
 
 
 @one_thread
-def fitted(model: Model, starts: Sequence[Mapping[str, float]], node: Node, kappa2: float) -> Identification:
-    """The fit from the best of some starts; readings that no noise explains and that stand alone are left out."""
-    problem = Problem.of(model)
+def fitted(
+    model: Model, starts: Sequence[Mapping[str, float]], node: Node, kappa2: float, like: Identification | None = None
+) -> Identification:
+    """The fit from the best of some starts. Readings that no noise explains and that stand alone are left out; of a fit that is
+    compared with another one `like` it, the same."""
+    problem = like.problem(model) if like is not None else Problem.of(model)
     for key, noise in problem.noises.items():
         problem.noises[key] = replace(node.noise(noise.declared * kappa2**0.5), declared=noise.declared)
     vectors = [model.vector({n: v for n, v in start.items() if n in model.index}) for start in starts]
@@ -52,9 +57,10 @@ def fitted(model: Model, starts: Sequence[Mapping[str, float]], node: Node, kapp
         squares = [problem.information_at(v).square for v in vectors] if len(vectors) > 1 else [0.0]
         values = vectors[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))]
         values, converged = gauss_newton(problem, values, TOLERANCE, STEPS)
-        if problem.flag_outliers(problem.survey(values)):
+        if like is None and problem.flag_outliers(problem.survey(values)):
             values, converged = gauss_newton(problem, values, TOLERANCE, STEPS)
-        return summarise(problem, values, converged)
+        fit = summarise(problem, values, converged)
+    return fit if like is None else replace(fit, outliers=like.outliers)
 
 
 def refitted(moments: Moments, subset: Subset) -> Expansion:
@@ -69,7 +75,13 @@ def refitted(moments: Moments, subset: Subset) -> Expansion:
     starts = [moved, still] if any(moments.terms[t].frees for t, _ in subset) else [moved]
     model = Model(moments.fit.model.campaign, [form.effect for form in forms])
     node = moments.nodes[weighed.node]
-    return expansion(fitted(model, starts, node, weighed.kappa2), forms, node, weighed.kappa2)
+    return expansion(fitted(model, starts, node, weighed.kappa2, moments.fit), forms, node, weighed.kappa2)
+
+
+def settled(here: Expansion) -> Expansion:
+    """The same with the outliers that it leaves by itself, and the noise found anew."""
+    fit = fitted(here.fit.model, [here.fit.named], here.node, here.kappa2)
+    return replace(here, fit=fit)
 
 
 def expansion(fit: Identification, forms: Sequence[Form], node: Node, kappa2: float) -> Expansion:

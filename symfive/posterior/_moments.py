@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from symfive.effects import Form
 from symfive.identify import Identification
 from symfive.posterior._noise import Node, grams, nodes_of
-from symfive.posterior._tables import Table, Tables
+from symfive.posterior._tables import Tables
 from symfive.posterior._terms import Term, terms_of
 
 __all__ = ["Columns", "Moments", "moments_of"]
@@ -68,7 +68,7 @@ class Moments:
 
 
 def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form]) -> Moments:
-    """The moments of a fit: `held` the forms of the effects that it holds beyond the machine file's, `fresh` those that may join."""
+    """The moments of a fit: `held` the forms of its effects beyond the machine file's, in order, `fresh` those that may join."""
     campaign = fit.model.campaign
     nodes = nodes_of(max(run.duration for run in campaign.runs))
     tables = Tables(fit, [form.effect for form in held], fresh)

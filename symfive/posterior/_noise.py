@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def grams(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, 
     cosines = dct(table, axis=0, norm="ortho")
     edges = _edges(rows)
     bands = np.empty((len(edges) - 1, size, size))
-    for band, (first, last) in zip(bands, zip(edges[:-1], edges[1:], strict=True), strict=True):
+    for band, (first, last) in zip(bands, pairwise(edges), strict=True):
         part = cosines[first:last].reshape(-1, size)
         np.matmul(part.T, part, out=band)
     spectra = np.stack([node.spectrum(rows, interval) for node in nodes])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from symfive.identify import Identification
 from symfive.model import Model
 from symfive.posterior._evidence import WIDTHS, Member, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, log_prior, weighed
-from symfive.posterior._fit import Expansion, expansion, fitted, refitted
+from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._moments import moments_of
 from symfive.posterior._scan import placed
 from symfive.posterior._terms import Candidates
@@ -48,42 +48,60 @@ def _width(effect: Effect) -> float:
     return min(WIDTHS, key=lambda w: abs(np.log(w / effect.spread)))
 
 
-def polish(start: Expansion, candidates: Candidates, progress: Progress = lambda message: None) -> tuple[Posterior, Expansion]:
-    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of the best."""
-    here, evidence = expanded(start.fit, start.held, candidates)
+def polish(
+    before: Identification, candidates: Candidates, progress: Progress = lambda message: None
+) -> tuple[Posterior, Expansion]:
+    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset."""
+    here = Expansion(before, (), WHITE, 1.0)
     for number in range(ROUNDS):
         progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
-        moments = moments_of(here.fit, here.held, _fresh(here, candidates))
-        posterior = explore(moments, range(moments.held))
-        ahead = _ahead(posterior, here, evidence, candidates, progress)
-        if ahead is None:
+        now = _Round.at(here, candidates, progress)
+        ahead = next((there for mass, there in map(now.exact, _ahead(now.posterior)) if mass > now.own), None)
+        rivals = {} if ahead else {subset: now.exact(subset) for subset in _rivals(now.posterior)}
+        best, rival = max(rivals.values(), key=lambda each: each[0], default=(now.own, None))
+        if number == ROUNDS - 1 or (ahead is None and (rival is None or best <= now.own)):
             break
-        here, evidence = ahead
-    return _contested(posterior, here, candidates, progress), here
+        here = settled(ahead or rival or here)
+    exact = {subset: mass for subset, (mass, _) in rivals.items()}
+    return replace(now.posterior, mass={**now.posterior.mass, **exact}), now.here
 
 
-def _ahead(
-    posterior: Posterior, here: Expansion, evidence: float, candidates: Candidates, progress: Progress
-) -> tuple[Expansion, float] | None:
-    """The exact fit of the best subset whose evidence with it is what the moments promised at least in part; None where the best
-    is the one expanded at."""
-    moments, tried = posterior.moments, set[frozenset[int]]()
-    known = {form.effect.key for form in here.held}
-    prior = log_prior(moments, [(t, 1.0) for t in range(moments.held)])
+@dataclass(frozen=True)
+class _Round:
+    """One expansion: its fit, the posterior about it, and the log mass `own` of what it holds."""
+
+    here: Expansion
+    posterior: Posterior
+    own: float
+    candidates: Candidates
+    progress: Progress
+
+    @classmethod
+    def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
+        here, evidence = expanded(here.fit, here.held, candidates)
+        moments = moments_of(here.fit, here.held, _fresh(here, candidates))
+        own = evidence + log_prior(moments, [(t, 1.0) for t in range(moments.held)])
+        return cls(here, explore(moments, range(moments.held)), own, candidates, progress)
+
+    def exact(self, subset: Subset) -> tuple[float, Expansion]:
+        """The log mass of a subset by an exact refit in its best shapes, and that fit."""
+        known = {form.effect.key for form in self.here.held}
+        there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
+        mass = evidence + log_prior(self.posterior.moments, subset)
+        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {mass - self.own:+.1f} nats")
+        return mass, there
+
+
+def _ahead(posterior: Posterior) -> Iterator[Subset]:
+    """The most probable subsets that the fit should hold instead of what it holds, cut to what is clear."""
+    held, tried = set(range(posterior.moments.held)), set[frozenset[int]]()
     for subset in sorted(posterior.mass, key=lambda s: -posterior.mass[s]):
         terms = frozenset(t for t, _ in subset)
-        if terms == set(range(moments.held)) or len(tried) == TRIES:
-            return None
-        if terms in tried:
-            continue
-        tried.add(terms)
-        chosen = _clear(posterior, subset)
-        there, found = _shaped(refitted(moments, chosen), candidates, progress, known)
-        gain = found + log_prior(moments, chosen) - evidence - prior
-        progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {gain:+.1f} nats")
-        if gain > 0.0:
-            return there, found
-    return None
+        if terms == held or len(tried) == TRIES:
+            return
+        if terms not in tried:
+            tried.add(terms)
+            yield _clear(posterior, subset)
 
 
 def _fresh(here: Expansion, candidates: Candidates) -> list[Form]:
@@ -118,40 +136,39 @@ def _reshaped(here: Expansion, number: int, shape: Effect) -> Expansion | None:
         effect = replace(shape, spread=form.effect.spread, tag=form.effect.tag).prepare(here.fit.model.campaign)
         forms = [*here.held[:number], replace(form, effect=effect), *here.held[number + 1 :]]
         model = Model(here.fit.model.campaign, [f.effect for f in forms])
-        trial = fitted(model, [here.fit.named], here.node, here.kappa2)
+        trial = fitted(model, [here.fit.named], here.node, here.kappa2, here.fit)
         return expansion(trial, forms, here.node, here.kappa2) if _sane(trial) else None
     except (InputError, np.linalg.LinAlgError):
         return None
 
 
-def _contested(posterior: Posterior, here: Expansion, candidates: Candidates, progress: Progress) -> Posterior:
-    """The posterior with the nearest rivals of the best subset weighed by exact refits, each in its best shapes."""
-    terms, mass, best = posterior.moments.terms, dict(posterior.mass), posterior.best
-    seen = {_names(posterior, best)}
-    for subset in sorted(mass, key=lambda s: -mass[s]):
-        if len(seen) > RIVALS:
-            break
+def _rivals(posterior: Posterior) -> list[Subset]:
+    """The nearest subsets of other names than the best one that an exact refit may lift above it."""
+    seen, found = {_names(posterior, posterior.best)}, list[Subset]()
+    for subset in sorted(posterior.mass, key=lambda s: -posterior.mass[s]):
         names = _names(posterior, subset)
+        if len(found) == RIVALS:
+            break
         if any(set(other) <= set(names) for other in seen if other) or not _promising(posterior, subset):
             continue  # with one more name beside it only the search says more
         seen.add(names)
-        known = {form.effect.key for form in here.held}
-        _, evidence = _shaped(refitted(posterior.moments, subset), candidates, progress, known)
-        prior = log_prior(posterior.moments, subset)
-        progress(f"rival {[terms[t].effect.key for t, _ in subset]}: {evidence + prior - mass[best]:+.1f} nats")
-        mass[subset] = max(mass[subset], evidence + prior)
-    return replace(posterior, mass=mass)
+        found.append(subset)
+    return found
 
 
 def _clear(posterior: Posterior, best: Subset) -> Subset:
-    """The members of a subset that stand out, of several over one coordinate the clearest; what the linear model needs beside them,
-    relinearising or another shape may explain."""
+    """The members of a subset that stand out, of several over one coordinate the clearest; what the linear model needs beside
+    them, relinearising or another shape may explain."""
     mass, _ = weighed(posterior.moments, best)
     gains = {m: mass - weighed(posterior.moments, tuple(o for o in best if o != m))[0] for m in best}
     terms, kept = posterior.moments.terms, list[Member]()
     for member in sorted(best, key=lambda m: (m[0] >= posterior.moments.held, -gains[m])):
         covered = {terms[t].covers for t, _ in kept} - {("", "")}
-        if not kept or member[0] < posterior.moments.held or (gains[member] > CLEAR and terms[member[0]].covers not in covered):
+        if (
+            not kept
+            or member[0] < posterior.moments.held
+            or (gains[member] > CLEAR and terms[member[0]].covers not in covered)
+        ):
             kept.append(member)
     return tuple(sorted(kept))
 
@@ -161,8 +178,8 @@ def _names(posterior: Posterior, subset: Subset) -> tuple[object, ...]:
 
 
 def _promising(posterior: Posterior, subset: Subset) -> bool:
-    """Whether an exact refit may lift a subset above the best: it has a form of which the moments hold the slope alone, and explains
-    by it at least half of what it does without."""
+    """Whether an exact refit may lift a subset above the best: it has a form of which the moments hold the slope alone, and
+    explains by it at least half of what it does without."""
     moments, best = posterior.moments, {t for t, _ in posterior.best}
     if best <= {t for t, _ in subset} or all(t < moments.held or linear(moments.terms[t].form) for t, _ in subset):
         return False

@@ -4,8 +4,8 @@ With the whitened columns X of one place (a channel's tangent times a course alo
 
     Δ = sᵀ(H + 1)⁻¹s,   H = XᵀX - XᵀJ(JᵀJ + 1)⁻¹JᵀX,   s = Xᵀr - XᵀJ(JᵀJ + 1)⁻¹(Jᵀr - δ),
 
-is what it takes off the cost (C. R. Rao 1948). Sines over a coordinate are scored on a whole grid of frequencies by one FFT of the
-twice whitened residual's answer. The best places become forms; what they are worth, the moments say.
+is what it takes off the cost (C. R. Rao 1948). Sines over a coordinate are scored on a whole grid of frequencies by one FFT of
+the twice whitened residual's answer. The best places become forms; what they are worth, the moments say.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class _Seen:
 
     def _drops(self, scan: Scan) -> Array:
         """Δ of every place (count,)."""
-        cross, own, slope = list[Array](), 0.0, 0.0
+        cross, own, slope = list[Array](), np.zeros(()), np.zeros(())
         rows = list[NDArray[np.int64]]()
         for run in self.campaign.runs:
             if scan.run not in (None, run.id):
@@ -153,8 +153,8 @@ class _Seen:
 
 
 def _spectrum(at: Array, answer: Array, step: float, count: int) -> Array:
-    """Σ answer·exp(-2πi·f·q) (count // 2 + 1,) at f = k/(count·step), q `at` ≥ 0: shared linearly between neighbours on a grid, then
-    one FFT; the loss of that, sinc², is undone."""
+    """Σ answer·exp(-2πi·f·q) (count // 2 + 1,) at f = k/(count·step), q `at` ≥ 0: shared linearly between neighbours on a grid,
+    then one FFT; the loss of that, sinc², is undone."""
     left = np.floor(at / step).astype(int)
     share = at / step - left
     grid = np.bincount(left, answer * (1.0 - share), count)[:count]

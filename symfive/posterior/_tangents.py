@@ -73,7 +73,7 @@ def probes(channels: Iterable[Channel]) -> list[Effect]:
 
 
 def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Array:
-    """How the readings of a run answer to a channel (N, ny, parts), per µm or µrad; of the ball on the table, as to its set-up."""
+    """How the readings of a run answer to a channel (N, ny, parts), per µm or µrad; of the table's ball, as to its set-up."""
     if channel[0] == BALL:
         stems = tuple(f"setup.{run.id}.{name}." for name in ("table_ball", "zero"))
         wanted = [i for i in line.columns if model.parameters[i].name.startswith(stems)]
@@ -85,8 +85,8 @@ def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Ar
 
 @dataclass(frozen=True)
 class Compressed:
-    """An unidentified term in a model: `turn` (raw, k) from the channel's columns times the functions to k directions, which stand
-    at `where` (k,) in the whole."""
+    """An unidentified term in a model: `turn` (raw, k) from the channel's columns times the functions to k directions, which
+    stand at `where` (k,) in the whole."""
 
     form: Form
     turn: Array = field(default_factory=lambda: np.zeros((0, 0)))

@@ -34,7 +34,7 @@ class Candidates:
 @dataclass(frozen=True)
 class Term:
     """One form that may join: its name, the log of its prior probability, `slot`: of the terms of one slot at most one can act;
-    `covers`: the channel and coordinate over which a named one may be a little off, so that no unidentified one acts there beside it.
+    `covers`: the channel and coordinate over which a named one may be a little off, so that no unidentified one acts there too.
     """
 
     form: Form
@@ -63,7 +63,9 @@ def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
     """
     stated = [draft for name, kind in EFFECTS.items() if name not in exclude for draft in kind.candidates(campaign)]
     forms = [replace(d, basis=cache(d.basis)) if d.basis else d for d in stated if isinstance(d, Form)]
-    scans = [replace(d, courses=cache(d.courses)) if isinstance(d, Scan) else d for d in stated if not isinstance(d, Form)]
+    scans = [
+        replace(d, courses=cache(d.courses)) if isinstance(d, Scan) else d for d in stated if not isinstance(d, Form)
+    ]
     return Candidates(joinable(campaign, forms), tuple(scans))
 
 
@@ -93,6 +95,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
     total = sum(max(f.effect.rate for f in forms if name_of(f.effect) == name) for name in ways)
     found = []
     for form in forms:
+        slot: tuple[object, ...]
         effect, name = form.effect, name_of(form.effect)
         if effect.nameless:
             prior, slot, covers = UNIDENTIFIED, ("", effect.coordinate), (form.channel, effect.coordinate)
