@@ -51,7 +51,9 @@ def bars(plays: Mapping[str, float], soft: float = 0.0, machine: str = "three-ax
         deviation = trace(angle, sense, plays, soft, seed)
         height = 0.0 if machine == "three-axis" else 200.0
         runs.append(
-            polar_run(found, angle, deviation, centre=(0.0, 0.0, height), radius=150.0, feed=1000.0, id=name, noise_um=NOISE)
+            polar_run(
+                found, angle, deviation, centre=(0.0, 0.0, height), radius=150.0, feed=1000.0, id=name, noise_um=NOISE
+            )
         )
     return Campaign(machine=found, runs=tuple(runs))
 
@@ -70,7 +72,9 @@ def test_every_effect_states_its_own_candidates() -> None:
     keys = [form.effect.key for form in candidates(campaign).forms]
     assert {"backlash.X", "backlash.Y", "lateral_play.EXY", "friction.X"} <= set(keys)
     assert len(keys) == len(set(keys))
-    assert not any(key.startswith("backlash") for key in (f.effect.key for f in candidates(campaign, ["backlash"]).forms))
+    assert not any(
+        key.startswith("backlash") for key in (f.effect.key for f in candidates(campaign, ["backlash"]).forms)
+    )
 
 
 def test_no_effect_is_named_in_the_package() -> None:

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
 
 __all__ = [
-    "AXIS", "BALL", "READING", "TOOL", "Form", "Scan", "Tone", "across", "goes_round", "moving", "own_component",
+    "AXIS", "BALL", "CARRIED", "TOOL", "Form", "Scan", "Tone", "across", "goes_round", "moving", "own_component",
     "reversing",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-TOOL, AXIS, BALL, READING = "tool", "axis", "ball", "reading"
-"""Channels by which readings answer: a shift of the tool (3), of an axis, of the ball on the table (3), of each reading."""
+TOOL, AXIS, CARRIED, BALL = "tool", "axis", "carried", "ball"
+"""Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3)."""
 ROUND = 200.0
 """An axis that goes further than this (degree) in one run is described by harmonics and not by polynomials."""
 
@@ -30,14 +30,16 @@ ROUND = 200.0
 class Form:
     """One way in which an effect may act. `shapes`: the same cause in other shapes, which only an exact refit can weigh.
 
-    `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given, the
-    readings answer to the effect as to this channel times the functions, each with its own factor of the prior 1σ `sigma`.
+    `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
+    the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
+    prior 1σ `sigma`.
     """
 
     effect: Effect
     shapes: tuple[Effect, ...] = ()
     places: float = 1.0
     channel: str = ""
+    axis: str | None = None
     basis: Callable[[Run], Array] | None = None
     sigma: float = 1.0
 

@@ -89,6 +89,7 @@ class GravitySag(Effect):
                 symbol = f"E{letter}{axis}"
                 others = tuple(cls(axis=axis, component=symbol, parts=parts) for parts in OTHERS)
                 yield Form(effect=cls(axis=axis, component=symbol), shapes=others)
+                yield Form(effect=cls(axis=axis, component=symbol, parts=PARTS, tag="yielding"), shapes=others)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         component = component_of(self.component, campaign.machine)

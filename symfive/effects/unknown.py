@@ -25,7 +25,7 @@ from symfive.effects._coordinates import (
     steps,
     usual_span,
 )
-from symfive.effects._form import AXIS, TOOL, Form, goes_round, moving
+from symfive.effects._form import AXIS, CARRIED, TOOL, Form, goes_round, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
@@ -132,7 +132,8 @@ class Unknown(Effect):
         for pair in combinations([axis for axis in axes if machine.axes[axis].rotary], 2):
             round_ = [goes_round(campaign, axis) for axis in pair]
             basis, order = tuple("fourier" if r else "polynomial" for r in round_), tuple(3 if r else 4 for r in round_)
-            drafts.append(cls(over=pair, basis=basis, order=order))
+            pose = cls(over=pair, basis=basis, order=order)
+            drafts += [pose, *(replace(pose, carrier=axis, tag=f"carried-{axis}") for axis in pair)]
         for draft in drafts:
             try:
                 effect = draft.prepare(campaign)
@@ -149,8 +150,14 @@ class Unknown(Effect):
                 else np.zeros((run.rows, len(shares)))
             )
 
-        channel = AXIS if self.place == "axis" else TOOL
-        return Form(effect=self, channel=channel, basis=basis, sigma=self.parameters(campaign)[0].sigma)
+        channel = AXIS if self.place == "axis" else CARRIED if self.carrier else TOOL
+        return Form(
+            effect=self,
+            channel=channel,
+            axis=self.axis or self.carrier or None,
+            basis=basis,
+            sigma=self.parameters(campaign)[0].sigma,
+        )
 
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("place", PLACES)

@@ -60,7 +60,7 @@ class Weighed:
 @dataclass(frozen=True)
 class _Subset:
     """The normal equations of a subset in every node: `h` (J, n, n), `g` (J, n), `q` (J,), `d` (n,), `columns` and `scale` (n,),
-    and `target`: weights (m,) of the columns that make the residual less the exact contributions of terms that are held."""
+    and the weights of the columns `aim` that make the residual less the exact contributions of terms that are held."""
 
     columns: NDArray[np.int64]
     scale: Array
@@ -68,7 +68,8 @@ class _Subset:
     h: Array
     g: Array
     q: Array
-    target: Array
+    aim: NDArray[np.int64]
+    weights: Array
 
 
 def _subset(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> _Subset:
@@ -88,24 +89,25 @@ def _subset(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) ->
         scale.append(np.full(len(own.where), share))
         departure.append(np.zeros(len(own.where)))
     where, w, d = np.concatenate(columns), np.concatenate(scale), np.concatenate(departure)
-    aimed = moments.gram @ target
+    aim = np.flatnonzero(target)
     h = moments.gram[:, where[:, None], where] * np.outer(w, w)
-    return _Subset(where, w, d, h, aimed[:, where] * w, aimed @ target, target)
+    g = moments.gram[:, where[:, None], aim] @ target[aim] * w
+    q = moments.gram[:, aim[:, None], aim] @ target[aim] @ target[aim]
+    return _Subset(where, w, d, h, g, q, aim, target[aim])
 
 
 def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> Weighed:
     """The evidence of one subset, with the discrepancies `blocks` of its terms."""
     s = _subset(moments, members, blocks)
     eye, kappa2 = np.eye(len(s.scale)), np.maximum(1.0, s.q / moments.count)
-    left = s.q
-    for _ in range(STEPS):
+    for step in range(STEPS):
         a = s.h / kappa2[:, None, None] + eye
         x = np.linalg.solve(a, (s.g / kappa2[:, None] - s.d)[:, :, None])[:, :, 0]
         left = s.q - 2.0 * np.sum(x * s.g, axis=1) + np.einsum("ji,jik,jk->j", x, s.h, x)
-        pull = np.sum((x + s.d) ** 2, axis=1)
-        logdet = np.linalg.slogdet(a)[1]
-        cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
-        kappa2 = np.maximum(1.0, left / moments.count)
+        if step < STEPS - 1:
+            kappa2 = np.maximum(1.0, left / moments.count)
+    pull, logdet = np.sum((x + s.d) ** 2, axis=1), np.linalg.slogdet(a)[1]
+    cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
     by_node = -0.5 * (cost + moments.const) + moments.log_prior
     return Weighed(by_node, float(kappa2[np.argmax(by_node)]))
 
@@ -155,14 +157,13 @@ def _joined(moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns]) -
     scale = np.stack([[c.scaled(width) for c in own] for width in WIDTHS])
     d = np.stack([c.departure for c in own])
     h = moments.gram[:, None, where[:, :, None], where[:, None, :]] * scale[..., :, None] * scale[..., None, :]
-    rows = moments.gram[:, where]
-    g = (rows @ s.target)[:, None] * scale
-    cross = (rows[:, :, :, s.columns] * s.scale) @ base.axes[:, None]
+    g = (moments.gram[:, where[:, :, None], s.aim] @ s.weights)[:, None] * scale
+    cross = (moments.gram[:, where[:, :, None], s.columns] * s.scale) @ base.axes[:, None]
     cross = np.swapaxes(cross, 2, 3)[:, None] * scale[..., None, :]
     power, g_base, d_base = (part[:, None, None, :] for part in (base.power, base.g, base.d))
     q = s.q[:, None, None]
     kappa2 = np.broadcast_to(np.maximum(1.0, q / moments.count), (len(q), *scale.shape[:2]))
-    for _ in range(STEPS):
+    for step in range(STEPS):
         k = kappa2[..., None]
         shrunk = 1.0 / np.sqrt(power / k + 1.0)
         e = shrunk * (g_base / k - d_base)
@@ -173,18 +174,18 @@ def _joined(moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns]) -
         y = shrunk * (e - (p @ x[..., None])[..., 0])
         moved = (h @ x[..., None])[..., 0] + 2.0 * (y[..., None, :] @ cross)[..., 0, :]
         left = q + np.sum(y * (power * y - 2.0 * g_base), axis=-1) + np.sum(x * (moved - 2.0 * g), axis=-1)
-        pull = np.sum((y + d_base) ** 2, axis=-1) + np.sum((x + d) ** 2, axis=-1)
-        logdet = np.linalg.slogdet(a)[1] - 2.0 * np.log(shrunk).sum(axis=-1)
-        cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
-        kappa2 = np.maximum(1.0, left / moments.count)
-    return np.asarray(-0.5 * cost)
+        if step < STEPS - 1:
+            kappa2 = np.maximum(1.0, left / moments.count)
+    pull = np.sum((y + d_base) ** 2, axis=-1) + np.sum((x + d) ** 2, axis=-1)
+    logdet = np.linalg.slogdet(a)[1] - 2.0 * np.log(shrunk).sum(axis=-1)
+    return np.asarray(-0.5 * (left / kappa2 + pull + moments.count * np.log(kappa2) + logdet))
 
 
-def discrepancies(moments: Moments, members: Sequence[Member], node: int) -> Blocks:
+def discrepancies(moments: Moments, members: Sequence[Member], weighed: Weighed) -> Blocks:
     """The discrepancy of each named member: a term over its own coordinate, in its own channel, whose prior rms in the readings
     is `SHARE` of what the member came out as (M. Kennedy & A. O'Hagan 2001; one per channel and coordinate, of the largest)."""
     sizes: dict[int, float] = {}
-    for (number, _), x in zip(members, solution(moments, members, node), strict=True):
+    for (number, _), x in zip(members, solution(moments, members, weighed), strict=True):
         block = moments.blocks[number]
         if block >= 0:
             own, other = moments.columns[number], moments.columns[block].where
@@ -194,10 +195,10 @@ def discrepancies(moments: Moments, members: Sequence[Member], node: int) -> Blo
     return tuple((number, size) for number, size in sizes.items() if size > 0.0)
 
 
-def solution(moments: Moments, members: Sequence[Member], node: int) -> list[Array]:
-    """x of each member at one node, in units of its usual prior; of a term that is not in the fit counted from nothing."""
+def solution(moments: Moments, members: Sequence[Member], weighed: Weighed) -> list[Array]:
+    """x of each member under the noise that fits best, in units of its usual prior; of a term that is not in the fit counted from nothing."""
     s = _subset(moments, members)
-    kappa2 = max(1.0, log_evidence(moments, members).kappa2)
+    node, kappa2 = weighed.node, weighed.kappa2
     x = np.linalg.solve(s.h[node] / kappa2 + np.eye(len(s.d)), s.g[node] / kappa2 - s.d) * s.scale
     ends = np.cumsum([len(moments.columns[t].where) for t, _ in members])
     return np.split(x, ends[:-1])

@@ -120,7 +120,7 @@ def log_prior(moments: Moments, subset: Iterable[Member]) -> float:
 def weighed(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     """Log evidence of a subset whose forms may or may not be a little off, the mean of both; the discrepancies, if they help."""
     plain = log_evidence(moments, subset)
-    blocks = discrepancies(moments, subset, plain.node) if subset else ()
+    blocks = discrepancies(moments, subset, plain) if subset else ()
     if not blocks:
         return plain.total, ()
     other = log_evidence(moments, subset, blocks).total

@@ -69,7 +69,7 @@ def refitted(moments: Moments, subset: Subset) -> Expansion:
     forms = [replace(f := moments.terms[t].form, effect=replace(f.effect, spread=width)) for t, width in subset]
     still = dict(moments.fit.named)
     moved = dict(still)
-    for (t, _), part in zip(subset, solution(moments, subset, weighed.node), strict=True):
+    for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
         if t >= moments.held and moments.terms[t].form.basis is None:
             moved |= _stepped(moments, t, part)
     starts = [moved, still] if any(moments.terms[t].frees for t, _ in subset) else [moved]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.effects import AXIS, BALL, Effect, Form
+from symfive.effects import AXIS, BALL, CARRIED, Effect, Form
 from symfive.model import Linearisation, Model
 from symfive.parameters import Parameter
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 SEEN = 1e-2
 """Information in units of the prior below which a direction changes no evidence: log(1 + λ)/2 = 0.005 nats."""
 MOST = 10
-"""Directions of one term, those that are seen best."""
+"""Directions of a term over one coordinate, those that are seen best; four times as many over two."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,17 +54,32 @@ class _AxisOffset(Effect):
         row.axis[str(self.axis)] += self.parameter(row, "offset")
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Carried(Effect):
+    """What an axis carries moved by a constant in its own frame."""
+
+    id: ClassVar[str] = "probe_carried"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return tuple(self.own(c, "um", 1.0) for c in "xyz")
+
+    def apply(self, row: Row) -> None:
+        for c in "xyz":
+            row.add_motion(f"E{c.upper()}{self.axis}", self.parameter(row, c))
+
+
 Channel = tuple[str, str | None]
 """Its kind, and its axis."""
 
 
 def _probe(channel: Channel) -> Effect:
-    return _AxisOffset(axis=channel[1]) if channel[0] == AXIS else _ToolShift()
+    kinds = {AXIS: _AxisOffset, CARRIED: _Carried}
+    return kinds[channel[0]](axis=channel[1]) if channel[0] in kinds else _ToolShift()
 
 
 def channel_of(form: Form) -> Channel:
     """The channel of an unidentified term."""
-    return form.channel, form.effect.axis if form.channel == AXIS else None
+    return form.channel, form.axis
 
 
 def probes(channels: Iterable[Channel]) -> list[Effect]:
@@ -134,6 +149,6 @@ def compressed(
     found = []
     for draft, c, d in zip(drafts, cross, own, strict=True):
         power, axes = np.linalg.eigh(d - c.T @ np.linalg.solve(shared, c))
-        kept = np.flatnonzero(power > SEEN)[-MOST:]
+        kept = np.flatnonzero(power > SEEN)[-MOST * (1 + draft.form.effect.coordinate.count(",")) ** 2 :]
         found.append(Compressed(draft.form, axes[:, kept]))
     return found
