@@ -178,7 +178,9 @@ def test_a_circle_without_play_is_clean() -> None:
 def test_textbook_plays_get_their_names_and_widths(plays: dict[str, float], soft: float, machine: str) -> None:
     result = diagnose(bars(plays, soft, machine))
     widths = {f.axis: f.parameters["width"].value for f in result.findings if f.name == "backlash"}
-    assert len(result.findings) == len(widths)
+    others = {(f.name, f.axis) for f in result.findings if f.name != "backlash"}
+    # the trunnion machine's baseline has no scale, the traces do
+    assert others == (set() if machine == "three-axis" else {("scale_error", "X")})
     assert widths == pytest.approx(plays, abs=0.3)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.effects._form import AXIS, TOOL, Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
+from symfive.effects._rates import rate_of
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 
@@ -35,7 +36,8 @@ class Effect:
     `id` is its name, `reported_as` the word of the vocabulary (docs/conventions.md, section 7) for it where
     that is another one, `stage` one of `STAGES`, `axis` the axis it belongs to (None: no axis). Further
     fields of a subclass say which of several forms is meant (a component, a run, a shape); `tag` tells two
-    effects of one kind and axis apart. `spread` multiplies the prior 1σ of its amplitudes.
+    effects of one kind and axis apart. `rested`: from which side an axis came before its first move is unknown in static runs
+    too. `spread` multiplies the prior 1σ of its amplitudes.
 
     At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
     usual size. Its amplitudes are the parameters whose prior mean is 0; or all of them where it `departs` from what
@@ -52,9 +54,9 @@ class Effect:
     departs: ClassVar[bool] = False
     nameless: ClassVar[bool] = False
     coordinate: ClassVar[str] = "pose"
-    rate: ClassVar[float] = 1.0
     axis: str | None = None
     tag: str = ""
+    rested: bool = False
     spread: float = field(default=1.0, compare=False)
 
     @property
@@ -70,6 +72,11 @@ class Effect:
         """The axis it is about: its own, or that of its component."""
         symbol = getattr(self, "component", None)
         return symbol[2:].lstrip("0") if self.axis is None and isinstance(symbol, str) else self.axis
+
+    @property
+    def rate(self) -> float:
+        """How common it is beside other names."""
+        return rate_of(self.vocabulary)
 
     @property
     def answers(self) -> tuple[str, str] | None:
@@ -208,7 +215,7 @@ class Effect:
 
     def start_of_contact(self, run: Run, axis: str) -> tuple[Parameter, ...]:
         """Where between its flanks (-1…+1) a contact stands when the recording of a run begins: anywhere."""
-        if not run.dynamic or np.ptp(run.commands[axis]) == 0.0:
+        if not (run.dynamic or self.rested) or np.ptp(run.commands[axis]) == 0.0:
             return ()
         name = f"setup.{run.id}.{self.key}.start"
         sigma = 3.0**-0.5  # of what is equally probable in -1…+1

@@ -19,6 +19,7 @@ from symfive.motion._signals import (
     ReversalAhead,
     ReversalDistance,
     ReversalTime,
+    Side,
     Signal,
     Velocity,
     approach,
@@ -26,6 +27,6 @@ from symfive.motion._signals import (
 
 __all__ = [
     "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position",
-    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
-    "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
+    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Side", "Signal",
+    "Velocity",     "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
 ]  # fmt: skip

@@ -21,7 +21,7 @@ from symfive.motion._motion import RunMotion, Series
 
 __all__ = [
     "Acceleration", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding", "Resonance",
-    "ReversalDistance", "ReversalTime", "Signal", "Velocity",
+    "ReversalDistance", "ReversalTime", "Side", "Signal", "Velocity",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -120,6 +120,32 @@ class Direction(_OfAxis):
 
     def series(self, motion: RunMotion) -> Series:
         return Series(approach(motion.axis(self.axis).position.value), steps=True)
+
+
+@dataclass(frozen=True)
+class Side:
+    """Direction of the last motion, -1 or +1; before the first one what the parameter `start` says, where the run has it."""
+
+    axis: str
+    start: str
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The state at the start."""
+        return (self.start,)
+
+    def series(self, motion: RunMotion) -> Series:
+        """The sides and their slopes."""
+        return _started(motion.axis(self.axis).position.value, motion.values.get(self.start), self.start)
+
+
+def _started(positions: Array, start: float | None, name: str) -> Series:
+    """Sides from which an axis came; in rows before its first motion `start` (a parameter's value, None: as the first motion)."""
+    side = approach(positions)
+    if start is None or not side.any():
+        return Series(side, steps=True)
+    still = np.logical_and.accumulate(positions == positions[0])
+    return Series(np.where(still, start, side), {name: still.astype(float)}, steps=True)
 
 
 class ReversalDistance(_OfAxis):
@@ -246,7 +272,9 @@ class Play:
         growth = motion.values[self.slope] if self.slope else 0.0
         signed = motion.values[self.width] + growth * position.value
         half = 0.5 * np.abs(signed)
-        if not motion.run.dynamic or half.max() < 1e-15:
+        if not motion.run.dynamic:
+            return _started(position.value, motion.values.get(self.start), self.start)
+        if half.max() < 1e-15:
             return Series(side, steps=True)
         half = np.maximum(half, 1e-15)
         state = _play_states(position.value, motion.values.get(self.start, 0.0), half)

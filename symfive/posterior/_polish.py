@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,12 +20,11 @@ from symfive.posterior._terms import Candidates
 
 __all__ = ["Expansion", "expanded", "polish"]
 
-ROUNDS = 4
-"""Expansions at most: each about the best subset of the one before, as Gauss-Newton steps they settle in two or three."""
+ROUNDS = 6
+"""Expansions at most: each about the best subset of the one before, as Gauss-Newton steps they settle in two or three;
+one more for each member that a rival replaces."""
 TRIES = 3
 """Subsets that are refitted in one round, until one holds what the moments promise."""
-RIVALS = 3
-"""Nearest subsets of other names that are refitted exactly."""
 DECISIVE = 3.0
 """Nats by which another shape has to be better (H. Jeffreys 1961: strong evidence)."""
 CLEAR = 10.0
@@ -62,8 +61,15 @@ def polish(
         if number == ROUNDS - 1 or (ahead is None and (rival is None or best <= now.own)):
             break
         here = settled(ahead or rival or here)
-    exact = {subset: mass for subset, (mass, _) in rivals.items()}
-    return replace(now.posterior, mass={**now.posterior.mass, **exact}), now.here
+    return _corrected(now.posterior, {subset: mass for subset, (mass, _) in rivals.items()}), now.here
+
+
+def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior:
+    """The posterior with what exact refits say of some subsets; of the same terms in other widths as much more or less."""
+    gains = {frozenset(t for t, _ in s): mass - posterior.mass[s] for s, mass in exact.items()}
+    return replace(
+        posterior, mass={s: m + gains.get(frozenset(t for t, _ in s), 0.0) for s, m in posterior.mass.items()}
+    )
 
 
 @dataclass(frozen=True)
@@ -143,16 +149,18 @@ def _reshaped(here: Expansion, number: int, shape: Effect) -> Expansion | None:
 
 
 def _rivals(posterior: Posterior) -> list[Subset]:
-    """The nearest subsets of other names than the best one that an exact refit may lift above it."""
-    seen, found = {_names(posterior, posterior.best)}, list[Subset]()
-    for subset in sorted(posterior.mass, key=lambda s: -posterior.mass[s]):
-        names = _names(posterior, subset)
-        if len(found) == RIVALS:
-            break
-        if any(set(other) <= set(names) for other in seen if other) or not _promising(posterior, subset):
-            continue  # with one more name beside it only the search says more
-        seen.add(names)
-        found.append(subset)
+    """For each member of what the fit holds the nearest subset that has another name in its place, where an exact refit may lift
+    it; without members the nearest subset of all."""
+    moments, ranked = posterior.moments, sorted(posterior.mass, key=lambda s: -posterior.mass[s])
+    terms, held, found = moments.terms, frozenset(range(moments.held)), list[Subset]()
+    for member in sorted(held) or [-1]:
+        rest = held - {member}
+        for subset in ranked:
+            (*_, extra) = sorted({t for t, _ in subset} - rest) or [-1]
+            swapped = rest <= {t for t, _ in subset} and len(subset) == len(rest) + 1 and extra >= moments.held
+            if swapped and (member < 0 or terms[extra].name != terms[member].name) and _promising(posterior, subset):
+                found.append(subset)
+                break
     return found
 
 
@@ -173,15 +181,11 @@ def _clear(posterior: Posterior, best: Subset) -> Subset:
     return tuple(sorted(kept))
 
 
-def _names(posterior: Posterior, subset: Subset) -> tuple[object, ...]:
-    return tuple(sorted((posterior.moments.terms[t].name for t, _ in subset), key=str))
-
-
 def _promising(posterior: Posterior, subset: Subset) -> bool:
     """Whether an exact refit may lift a subset above the best: it has a form of which the moments hold the slope alone, and
     explains by it at least half of what it does without."""
     moments, best = posterior.moments, {t for t, _ in posterior.best}
-    if best <= {t for t, _ in subset} or all(t < moments.held or linear(moments.terms[t].form) for t, _ in subset):
+    if all(t < moments.held or linear(moments.terms[t].form) for t, _ in subset):
         return False
     common = tuple(m for m in subset if m[0] in best)
     mine, theirs, both = (weighed(moments, s)[0] for s in (subset, posterior.best, common))
