@@ -89,11 +89,14 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     prior = np.array([node.log_prior for node in nodes])
     terms = terms_of([*held, *fresh])
     raw = raw[tables.geometry :, tables.geometry :]
-    return Moments(fit, terms, columns, len(held), nodes, reduced, const + logs, prior, count, _blocks(terms), raw)
+    blocks = _blocks(terms, columns)
+    return Moments(fit, terms, columns, len(held), nodes, reduced, const + logs, prior, count, blocks, raw)
 
 
-def _blocks(terms: Sequence[Term]) -> tuple[int, ...]:
-    places = {(t.form.channel, t.effect.coordinate): k for k, t in enumerate(terms) if t.form.basis is not None}
+def _blocks(terms: Sequence[Term], columns: Sequence[Columns]) -> tuple[int, ...]:
+    """Of every term the unidentified one that is its discrepancy, if the readings see any of that."""
+    free = [k for k, (t, c) in enumerate(zip(terms, columns, strict=True)) if t.form.basis is not None and len(c.where)]
+    places = {(terms[k].form.channel, terms[k].effect.coordinate): k for k in free}
     return tuple(places.get(t.covers, -1) for t in terms)
 
 
