@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Scan, Tone, reversing
 from symfive.effects._quantity import Values
-from symfive.motion import Play, Position, PreSliding
+from symfive.motion import Play, Position, PreSliding, Side
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
-SHAPES = ("play", "pre_sliding", "wind_up", "gradual")
+SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")
 AHEAD = 0.1
 """How often the axis is ahead instead: where the control compensates for more than there is."""
 
@@ -31,8 +31,8 @@ class Backlash(Effect):
     - `play`: s is ±1 at the flanks and in between while the play is crossed and the output stands.
     - `pre_sliding` (lost motion, low hysteresis): s = ±(1 - 2·exp(-ξ/distance)), ξ the distance since the
       reversal (P. R. Dahl 1968); the contact creeps over `distance`.
-    - `gradual`: s changes in proportion to ξ until `distance`, a contact that is softer than a free play; at once where it is
-      short, as circular tests are read (ISO 230-4, Annex B).
+    - `gradual`: s changes in proportion to ξ until `distance`, a contact that is softer than a free play.
+    - `step`: s = ±1 at once, as circular tests are read (ISO 230-4, Annex B).
     - `wind_up` (unequal backlash): a play whose width grows along the axis, width + slope·q.
 
     Where in the play a recording begins is a parameter of the run. Static rows: s is the direction from which the axis
@@ -54,7 +54,9 @@ class Backlash(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         for axis in reversing(campaign):
-            yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
+            shapes = {shape: cls(axis=axis, shape=shape) for shape in SHAPES}
+            yield Form(effect=shapes.pop("play"), shapes=tuple(shapes.values()))
+            yield Form(effect=replace(shapes.pop("step"), tag="step"), shapes=tuple(shapes.values()))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary
@@ -77,6 +79,8 @@ class Backlash(Effect):
         start = f"setup.{self.key}.start"
         if self.shape == "pre_sliding":
             return (PreSliding(str(self.axis), f"{self.key}.distance", start),)
+        if self.shape == "step":
+            return (Side(str(self.axis), start),)
         if self.shape == "gradual":
             return (Play(str(self.axis), f"{self.key}.distance", start=start),)
         slope = f"{self.key}.slope" if self.shape == "wind_up" else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,12 +61,12 @@ def polish(
         if number == ROUNDS - 1 or (ahead is None and (rival is None or best <= now.own)):
             break
         here = settled(ahead or rival or here)
-    return _corrected(now.posterior, {subset: mass for subset, (mass, _) in rivals.items()}), now.here
+    return _corrected(now.posterior, now.exactly), now.here
 
 
 def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior:
     """The posterior with what exact refits say of some subsets; of the same terms in other widths as much more or less."""
-    gains = {frozenset(t for t, _ in s): mass - posterior.mass[s] for s, mass in exact.items()}
+    gains = {frozenset(t for t, _ in s): mass - posterior.mass[s] for s, mass in exact.items() if s in posterior.mass}
     return replace(
         posterior, mass={s: m + gains.get(frozenset(t for t, _ in s), 0.0) for s, m in posterior.mass.items()}
     )
@@ -74,13 +74,15 @@ def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior
 
 @dataclass(frozen=True)
 class _Round:
-    """One expansion: its fit, the posterior about it, and the log mass `own` of what it holds."""
+    """One expansion: its fit, the posterior about it, the log mass `own` of what it holds, and `exactly` those of
+    the subsets that were refitted."""
 
     here: Expansion
     posterior: Posterior
     own: float
     candidates: Candidates
     progress: Progress
+    exactly: dict[Subset, float] = field(default_factory=dict)
 
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
@@ -93,7 +95,7 @@ class _Round:
         """The log mass of a subset by an exact refit in its best shapes, and that fit."""
         known = {form.effect.key for form in self.here.held}
         there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
-        mass = evidence + log_prior(self.posterior.moments, subset)
+        mass = self.exactly[subset] = evidence + log_prior(self.posterior.moments, subset)
         self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {mass - self.own:+.1f} nats")
         return mass, there
 

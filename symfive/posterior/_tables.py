@@ -52,10 +52,14 @@ class Tables:
     def __init__(self, fit: Identification, held: Sequence[Effect], fresh: Sequence[Form]) -> None:
         self.fit, self._held = fit, held
         physical = [form.effect for form in fresh if form.basis is None]
+        freeing = [effect for effect in physical if effect.frees()]
+        others = [effect for effect in physical if not effect.frees()]
         campaign = fit.model.campaign
         channels = [channel_of(form) for form in fresh if form.basis is not None]
-        self._model = Model(campaign, (*fit.model.added, *physical, *probes(channels)))
-        self._values = self._model.vector(fit.named)
+        # what is fitted is linearised alone, and what changes the motion apart from what acts behind it: a candidate begins where
+        # it has a slope, and that must not move the slopes of others
+        groups = [[], [*others, *probes(channels)], *([freeing] if freeing else [])]
+        self._models = [Model(campaign, (*fit.model.added, *group)) for group in groups]
         own = {p.name for effect in held for p in effect.parameters(campaign)}
         kept = [p for p in fit.parameters if p.run is None and p.name not in own]
         self.geometry = len(kept)
@@ -66,7 +70,7 @@ class Tables:
         self._left_out = problem.left_out
         self._fitted = {run.id: np.concatenate([np.arange(part.start, part.stop) for _, part in problem.parts(run)])
                         for run in campaign.runs}  # fmt: skip
-        self._lines = {run.id: self._model.linearise(run, self._values) for run in campaign.runs}
+        self._lines = {run.id: [m.linearise(run, m.vector(fit.named)) for m in self._models] for run in campaign.runs}
         self._tangents = self._compressed([form for form in fresh if form.basis is not None])
         self.columns = self._placed(held, fresh)
         self._contributions = [fit.model.contribution(effect, fit.values) for effect in held]
@@ -76,7 +80,8 @@ class Tables:
         if not forms:
             return {}
         bases = [self._base(run) for run in self.fit.model.campaign.runs]
-        found = compressed(self._model, self._lines, bases, self._scaled, forms)
+        lines = {run: each[1] for run, each in self._lines.items()}
+        found = compressed(self._models[1], lines, bases, self._scaled, forms)
         return {id(form): entry for form, entry in zip(forms, found, strict=True)}
 
     def _placed(self, held: Sequence[Effect], fresh: Sequence[Form]) -> tuple[Placed, ...]:
@@ -125,53 +130,58 @@ class Tables:
 
     def _base(self, run: Run) -> tuple[Array, int]:
         """Set-up and geometry of a run (N, ny, s + g), and how many columns are the set-up's."""
-        line, setup = self._lines[run.id], self._setup(run)
-        own = [line.jacobian[:, :, k] * self._model.parameters[line.columns[k]].sigma for k in setup]
-        shared = np.zeros((*line.jacobian.shape[:2], self.geometry))
-        for k, number in enumerate(line.columns):
-            name = self._model.parameters[number].name
-            if name in self._place and self._place[name][0] < self.geometry:
-                column, sigma = self._place[name]
-                shared[:, :, column] = line.jacobian[:, :, k] * sigma
-        return self._scaled(run, np.concatenate([np.stack(own, axis=2), shared], axis=2) if own else shared), len(own)
+        line, (setup, shared) = self._lines[run.id][0], self._known(run)
+        parameters = self.fit.parameters
+        found = np.zeros((*line.jacobian.shape[:2], len(setup) + self.geometry))
+        for k, i in enumerate(setup):
+            found[:, :, k] = line.jacobian[:, :, i] * parameters[line.columns[i]].sigma
+        for i in shared:
+            column, sigma = self._place.get(parameters[line.columns[i]].name, (self.geometry, 0.0))
+            if column < self.geometry:
+                found[:, :, len(setup) + column] = line.jacobian[:, :, i] * sigma
+        return self._scaled(run, found), len(setup)
 
-    def _setup(self, run: Run) -> list[int]:
-        """Which columns of a run's linearisation are set-up that the fit knows."""
-        names = [self._model.parameters[number] for number in self._lines[run.id].columns]
-        return [k for k, p in enumerate(names) if p.run is not None and p.name in self.fit.model.index]
+    def _known(self, run: Run) -> tuple[list[int], list[int]]:
+        """Which columns of a run's linearisation are its set-up, and which belong to the whole campaign."""
+        parameters = [self.fit.parameters[number] for number in self._lines[run.id][0].columns]
+        setup = [k for k, p in enumerate(parameters) if p.run is not None]
+        return setup, [k for k, p in enumerate(parameters) if p.run is None]
 
     def __iter__(self) -> Iterator[Table]:
         for run in self.fit.model.campaign.runs:
             yield self._table(run)
 
     def _table(self, run: Run) -> Table:
-        line, setup = self._lines[run.id], self._setup(run)
-        parameters = [self._model.parameters[number] for number in line.columns]
-        shared = [k for k, p in enumerate(parameters) if p.run is None and p.name in self._place]
-        sigma = np.array([*(parameters[k].sigma for k in setup), *(self._place[parameters[k].name][1] for k in shared)])
-        where = [np.array([self._place[parameters[k].name][0] for k in shared], dtype=np.int64)]
-        parts = [line.jacobian[:, :, [*setup, *shared]] * sigma]
+        (line, *others), (setup, _) = self._lines[run.id], self._known(run)
+        own = [self.fit.parameters[line.columns[k]] for k in setup]
+        sigma = [p.sigma for p in own]
+        parts, where = [line.jacobian[:, :, setup] * np.array(sigma)], list[NDArray[np.int64]]()
+        for model, table in zip(self._models, (line, *others), strict=True):
+            fresh = [(k, model.parameters[n].name) for k, n in enumerate(table.columns)
+                     if model is self._models[0] or model.parameters[n].name not in self.fit.model.index]  # fmt: skip
+            chosen = [(k, *self._place[name]) for k, name in fresh if name in self._place]
+            parts.append(table.jacobian[:, :, [k for k, _, _ in chosen]] * np.array([s for _, _, s in chosen]))
+            where.append(np.array([at for _, at, _ in chosen], dtype=np.int64))
         residual = np.array(self.fit.residuals[run.id])
         for effect, placed, given in zip(self._held, self.columns, self._contributions, strict=False):
             residual += given[run.id]
             parts.append((given[run.id] - self._tangent(line, effect))[:, :, None])
             where.append(np.array([placed.exact]))
         for form in self._tangents.values():
-            parts.append(form.columns(self._model, run, line))
+            parts.append(form.columns(self._models[1], run, others[0]))
             where.append(form.where)
         rows = self._scaled(run, np.concatenate([*parts, residual[:, :, None]], axis=2))
         at = np.concatenate([*where, [self.size - 1]])
         used = np.ones(rows.shape[2], dtype=bool)
         used[len(setup) :] = np.any(rows[:, :, len(setup) :] != 0.0, axis=(0, 1))
         used[-1] = True
-        own = [parameters[k] for k in setup]
         departure = np.array([(self.fit[p.name] - p.mean) / p.sigma for p in own])
         count = int(np.sum(~self._left_out[run.id][:, self._fitted[run.id]]))
         return Table(rows[:, :, used], run.interval, len(setup), at[used[len(setup) :]], departure, count)
 
     def _tangent(self, line: Linearisation, effect: Effect) -> Array:
         """J·a of an effect that is held, a its amplitudes counted from nothing (N, ny)."""
-        place = {self._model.parameters[number].name: k for k, number in enumerate(line.columns)}
+        place = {self.fit.parameters[number].name: k for k, number in enumerate(line.columns)}
         total = np.zeros(line.prediction.shape)
         for p in effect.amplitudes(self.fit.model.campaign):
             if p.name in place:
