@@ -1,9 +1,10 @@
 """Generated C against the limits of the computer and against other ways to the same Jacobian, in one run on one core.
 
-    .venv/bin/python benchmarks/codegen.py [--quick] [--peers PYTHON]
+    .venv/bin/python benchmarks/codegen.py [--quick] [--peers PYTHON] [--march SET ...]
 
 Chain of five axes with six exact errors each: the point (3) and its Jacobian by 30 parameters, 10⁵ poses. `--peers` names a
-Python with pinocchio (`pip install pin`) and JAX; what is not installed there is skipped and said. Least processor time of
+Python with pinocchio (`pip install pin`) and JAX; what is not installed there is skipped and said. `--march x86-64-v3
+x86-64-v4` measures kernel, limits and CasADi's C by each of these instruction sets in one run. Least processor time of
 several repetitions; ratios travel between machines, nanoseconds do not.
 """
 
@@ -42,16 +43,28 @@ POSES = 100_000
 TOOL = (0.0, 0.0, -150.0)
 LIMITS = """
 #include <stddef.h>
-typedef double v __attribute__((vector_size(64)));
+#include "sf_batch.h"
+typedef double v __attribute__((vector_size(8 * SF_LANES)));
+enum { LINE = 64 / sizeof(v) };
+static v numbers(void) /* lines of zeros are written faster by some processors */
+{
+    v x;
+    for (int i = 0; i < SF_LANES; ++i) {
+        x[i] = 1.5 + i;
+    }
+    return x;
+}
 void write_limit(v *p, size_t n)
 {
-    const v x = { 1, 2, 3, 4, 5, 6, 7, 8 };
-    for (size_t i = 0; i + 4 <= n; i += 4) {
-        for (int k = 0; k < 4; ++k) {
-#if defined(__AVX512F__) && !defined(__clang__)
-            __asm__("vmovntpd %1, %0" : "=m"(p[i + k]) : "v"(x));
-#elif defined(__clang__)
+    const v x = numbers();
+    for (size_t i = 0; i + LINE <= n; i += LINE) {
+        for (int k = 0; k < LINE; ++k) {
+#if defined(__clang__)
             __builtin_nontemporal_store(x, p + i + k);
+#elif defined(__AVX__)
+            __asm__("vmovntpd %1, %0" : "=m"(p[i + k]) : "v"(x));
+#elif defined(__SSE2__)
+            __asm__("movntpd %1, %0" : "=m"(p[i + k]) : "x"(x));
 #else
             p[i + k] = x;
 #endif
@@ -60,10 +73,12 @@ void write_limit(v *p, size_t n)
 }
 void fetched_write_limit(v *p, size_t n)
 {
-    const v x = { 1, 2, 3, 4, 5, 6, 7, 8 };
-    for (size_t i = 0; i < n; ++i) {
-        p[i] = x;
-        __builtin_prefetch(p + i + 90, 1, 3);
+    const v x = numbers();
+    for (size_t i = 0; i + LINE <= n; i += LINE) {
+        for (int k = 0; k < LINE; ++k) {
+            p[i + k] = x;
+        }
+        __builtin_prefetch(p + i + 90 * LINE, 1, 3);
     }
 }
 double multiply_add_limit(size_t n)
@@ -236,11 +251,11 @@ def best(work: Callable[[], Any], repeat: int, poses: int = POSES) -> float:
     return 1e9 * min(times) / poses
 
 
-def compiled(source: str, folder: Path, name: str, *flags: str) -> ctypes.CDLL:
+def compiled(source: str, folder: Path, name: str, *flags: str, march: str = "native") -> ctypes.CDLL:
     """A C text as a loaded library."""
     (folder / f"{name}.c").write_text(source)
     library = folder / f"{name}.so"
-    command = ["gcc", "-std=gnu99", "-w", *flags, "-march=native", "-shared", "-fPIC", f"{name}.c"]
+    command = ["gcc", "-std=gnu99", "-w", *flags, f"-march={march}", "-shared", "-fPIC", f"{name}.c"]
     subprocess.run([*command, "-o", str(library), "-lm"], cwd=folder, check=True)
     return ctypes.CDLL(str(library))
 
@@ -255,18 +270,21 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--quick", action="store_true", help="fewer repetitions")
     options.add_argument("--peers", default=sys.executable, help="a Python with pinocchio and JAX")
+    options.add_argument("--march", nargs="+", default=["native"], help="instruction sets that GCC knows")
     chosen = options.parse_args()
     if shutil.which("gcc") is None:
         sys.exit("gcc is not installed: there is nothing to measure")
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        compared(folder, chosen.peers, chosen.quick)
+        for march in chosen.march:
+            folder = Path(name) / march
+            folder.mkdir()
+            compared(folder, chosen.peers, chosen.quick, march)
         scalar(folder, 2 if chosen.quick else 5)
         large(folder, chosen.quick)
 
 
-def compared(folder: Path, python: str, quick: bool) -> dict[str, float | str]:
-    """The batch kernel, its limits and the peers, ns a pose; for a peer that is not there the reason why.
+def compared(folder: Path, python: str, quick: bool, march: str = "native") -> dict[str, float | str]:
+    """The batch kernel, its limits and the peers, ns a pose, by the instructions of `march`; for a missing peer the reason.
 
     Pins this process to one core.
     """
@@ -274,8 +292,8 @@ def compared(folder: Path, python: str, quick: bool) -> dict[str, float | str]:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     for file, text in c_files(subject(), "sf").items():
         (folder / file).write_text(text)
-    kernel, store = batch(folder, 3 if quick else 9)
-    return {**kernel, **peers(folder, kernel, store, python, 2 if quick else 5)}
+    kernel, store = batch(folder, 3 if quick else 9, march)
+    return {**kernel, **peers(folder, kernel, store, python, 2 if quick else 5, march)}
 
 
 def poses() -> tuple[np.ndarray, np.ndarray]:
@@ -284,7 +302,7 @@ def poses() -> tuple[np.ndarray, np.ndarray]:
     return generator.normal(size=(POSES, 5)) * [100.0, 100.0, 1.0, 1.0, 100.0], 10.0 * generator.normal(size=30)
 
 
-def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any]]:
+def batch(folder: Path, repeat: int, march: str) -> tuple[dict[str, float], Callable[[], Any]]:
     """The vector kernel against write bandwidth and arithmetic; returns ns a pose, and a call that stores all of J."""
     sources = Sources(subject(), "sf")
     made = Batch(sources)
@@ -292,8 +310,8 @@ def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    kernel, p_ = module.Batch(module.build_batch(compiler="gcc")), module._pointer
-    limits = compiled(LIMITS, folder, "limits", "-O2")
+    kernel, p_ = module.Batch(module.build_batch(compiler="gcc", flags=(f"-march={march}",))), module._pointer
+    limits = compiled(LIMITS, folder, "limits", "-O2", march=march)
     limits.multiply_add_limit.restype = ctypes.c_double
     q, p = poses()
     tiles, c = kernel._tiles(q), kernel._prepared(TOOL, p)
@@ -311,32 +329,32 @@ def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any
     leverage[...] = 0.0
     for _ in range(repeat):  # in turns, so that all see the same neighbours
         multiplied.append(_seconds(lambda: limits.multiply_add_limit(ctypes.c_size_t(turns))))
-        stores.append(best(lambda: limits.write_limit(p_(everything), ctypes.c_size_t(everything.size // 8)), 1))
+        stores.append(best(lambda: limits.write_limit(p_(everything), ctypes.c_size_t(everything.size // lanes)), 1))
         fetched.append(
-            best(lambda: limits.fetched_write_limit(p_(everything), ctypes.c_size_t(everything.size // 8)), 1)
+            best(lambda: limits.fetched_write_limit(p_(everything), ctypes.c_size_t(everything.size // lanes)), 1)
         )
-        past.append(best(lambda: kernel._c.sf_batch_jacobian(count, *map(p_, (tiles, c, position, by_p)), 1), 1))
-        kept.append(best(lambda: kernel._c.sf_batch_jacobian(count, *map(p_, (tiles, c, position, by_p)), 0), 1))
+        past.append(best(lambda: kernel._function("jacobian")(count, *map(p_, (tiles, c, position, by_p)), 1), 1))
+        kept.append(best(lambda: kernel._function("jacobian")(count, *map(p_, (tiles, c, position, by_p)), 0), 1))
         leverages.append(
             best(
-                lambda: kernel._c.sf_batch_leverage(
+                lambda: kernel._function("leverage")(
                     count, *map(p_, (tiles, c, factor)), ctypes.c_size_t(30), *map(p_, (leverage, work))
                 ),
                 1,
             )
         )
-        products.append(best(lambda: kernel._c.sf_batch_predict(count, *map(p_, (tiles, c, step, position))), 1))
+        products.append(best(lambda: kernel._function("predict")(count, *map(p_, (tiles, c, step, position))), 1))
         sums.append(
             best(
-                lambda: kernel._c.sf_batch_information(
+                lambda: kernel._function("information")(
                     ctypes.c_size_t(POSES), *map(p_, (tiles, c, target, normal, work))
                 ),
                 1,
             )
         )
-        points.append(best(lambda: kernel._c.sf_batch_forward(count, *map(p_, (tiles, c, position))), 1))
-    peak = turns * 10 * 16 / min(multiplied) / 1e9
-    print(f"\nBatch kernel: {POSES} poses, {flop} operations a pose, {lanes} poses a vector; ns a pose")
+        points.append(best(lambda: kernel._function("forward")(count, *map(p_, (tiles, c, position))), 1))
+    peak = turns * 10 * 2 * lanes / min(multiplied) / 1e9
+    print(f"\nBatch kernel for {march}: {POSES} poses, {flop} operations a pose, {lanes} poses a vector; ns a pose")
     line("write bandwidth, 93 doubles a pose, past the caches", f"{min(stores):.1f}")
     line("  through them, fetched ahead", f"{min(fetched):.1f}")
     text = "{:.2f} x its write limit (target 1.15)"
@@ -358,7 +376,7 @@ def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any
     line("point alone", f"{min(points):.1f}")
     few = ctypes.c_size_t(512 // lanes)
     small = best(
-        lambda: [kernel._c.sf_batch_jacobian(few, *map(p_, (tiles, c, position, by_p)), 0) for _ in range(100)],
+        lambda: [kernel._function("jacobian")(few, *map(p_, (tiles, c, position, by_p)), 0) for _ in range(100)],
         repeat,
         51200,
     )
@@ -372,7 +390,7 @@ def batch(folder: Path, repeat: int) -> tuple[dict[str, float], Callable[[], Any
         "kept limit": min(fetched),
         "Gflop/s": peak,
     }
-    return found, (lambda: kernel._c.sf_batch_jacobian(count, *map(p_, (tiles, c, position, by_p)), stored))
+    return found, (lambda: kernel._function("jacobian")(count, *map(p_, (tiles, c, position, by_p)), stored))
 
 
 def _seconds(work: Callable[[], Any]) -> float:
@@ -382,7 +400,7 @@ def _seconds(work: Callable[[], Any]) -> float:
 
 
 def peers(
-    folder: Path, kernel: dict[str, float], store: Callable[[], Any], python: str, repeat: int
+    folder: Path, kernel: dict[str, float], store: Callable[[], Any], python: str, repeat: int, march: str
 ) -> dict[str, float | str]:
     """The same Jacobian by others: ns a pose by name, or why it was skipped."""
     print("\nThe same point and Jacobian by others; ns a pose, and how many times ours takes less")
@@ -390,7 +408,7 @@ def peers(
     np.save(folder / "q.npy", q)
     np.save(folder / "p.npy", p)
     function = _casadi(folder)
-    loops = compiled(LOOPS, folder, "loops", "-O3", "sf.c")
+    loops = compiled(LOOPS, folder, "loops", "-O3", "sf.c", march=march)
     position, by_p = np.empty((POSES, 3)), np.empty((POSES, 90))
     arrays = [np.ascontiguousarray(x) for x in (q, TOOL, p)]
     call = [ctypes.c_size_t(POSES), *(x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, position, by_p))]
@@ -398,7 +416,7 @@ def peers(
     value, ours = (min(times) for times in zip(*pairs, strict=True))
     ratios = np.sort([theirs / own for theirs, own in pairs])
     text = f"{value / ours:.1f} x (target 7); pair by pair {ratios[0]:.1f} ... {np.median(ratios):.1f} ... {ratios[-1]:.1f} x"
-    line("CasADi's generated C, cse, tight loop, -O3 -march=native", f"{value:.0f}", text)
+    line(f"CasADi's generated C, cse, tight loop, -O3 -march={march}", f"{value:.0f}", text)
     told: dict[str, float | str] = {"ours": ours, "CasADi compiled": value, "CasADi pairs": float(np.median(ratios))}
     line("  against J used in the tile", "", f"{value / kernel['used']:.1f} x")
     call[0] = ctypes.c_size_t(512)

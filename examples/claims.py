@@ -55,21 +55,31 @@ class Claim:
             "low": self.low, "high": self.high, "unit": self.unit, "verdict": self.verdict, "note": self.note,
         }  # fmt: skip
 
-    def to_row(self) -> str:
-        """As a line of a Markdown table."""
+    def to_row(self, *, where: bool = True) -> str:
+        """As a line of a Markdown table, with or without the column `where`."""
         limits = f"≤ {self.high:.3g}" if self.low in (0.0, -float("inf")) else f"{self.low:.6g} … {self.high:.6g}"
         limits = f"≥ {self.low:.3g}" if self.high == float("inf") else limits
         figure = f"{self.ours:.2e}" if 0.0 < abs(self.ours) < 1e-3 else f"{self.ours:.6g}"
+        place = (self.where,) if where else ()
         cells = (
-            self.id, self.statement, self.where, self.paper, f"{figure} {self.unit}".strip(), limits, self.verdict, self.note,
-        )  # fmt: skip
+            self.id,
+            self.statement,
+            *place,
+            self.paper,
+            f"{figure} {self.unit}".strip(),
+            limits,
+            self.verdict,
+            self.note,
+        )
         return f"| {' | '.join(cells)} |"
 
 
 def markdown(claims: Sequence[Claim]) -> str:
-    """The table of claims."""
-    head = "| no. | claim | where | paper | ours | limits | verdict | remark |\n" + "| --- " * 8 + "|\n"
-    return head + "\n".join(claim.to_row() for claim in claims) + "\n"
+    """The table of claims; the column `where` only if a claim says it."""
+    where = any(claim.where for claim in claims)
+    columns = ("no.", "claim", *(("where",) if where else ()), "paper", "ours", "limits", "verdict", "remark")
+    head = f"| {' | '.join(columns)} |\n" + "| --- " * len(columns) + "|\n"
+    return head + "\n".join(claim.to_row(where=where) for claim in claims) + "\n"
 
 
 def write_claims(claims: Sequence[Claim], folder: Path, title: str) -> None:

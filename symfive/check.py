@@ -10,19 +10,17 @@ from typing import Any
 
 from symfive.campaign import Campaign, Run, campaign_problems
 from symfive.errors import InputError
-from symfive.machine import Axis, ErrorTerm, Machine, error_names, machine_problems, unknown_keys
-from symfive.numbers import plain_number, unit_words
+from symfive.machine import Machine, error_names, machine_problems, unknown_keys
+from symfive.screen import OnScreen
 from symfive.toml_files import read_toml
 
 __all__ = ["SCHEMA", "Check", "check"]
 
 SCHEMA = "symfive.check/1"
-UNREAD_TRAVEL = 1e9
-"""What stands for the travel of an axis whose table is wrong."""
 
 
-@dataclass(frozen=True)
-class Check:
+@dataclass(frozen=True, repr=False)
+class Check(OnScreen):
     """What the files at `path` declare and what is wrong with them.
 
     `machine` and `runs` as far as they can be read (a wrong entry is left out); `problems` in words with file and line;
@@ -49,15 +47,15 @@ class Check:
             "runs": [_run_data(run) for run in self.runs],
             "problems": [
                 {"problem": e.problem, "remedy": e.remedy, "file": None if e.path is None else str(e.path),
-                 "line": e.line, "column": e.column}
+                 "line": e.line, "column": e.column, "keys": list(e.keys)}
                 for e in self.problems
             ],
             "notes": list(self.notes),
         }  # fmt: skip
 
     def __str__(self) -> str:
-        lines = _machine_lines(self.machine) if self.machine is not None else []
-        lines += [_run_line(run) for run in self.runs]
+        lines = str(self.machine).split("\n") if self.machine is not None else []
+        lines += [str(run) for run in self.runs]
         lines += [f"note: {note}" for note in self.notes]
         count = len(self.problems)
         lines.append(f"{count} problem{'s' if count > 1 else ''}:" if count else "no problem found")
@@ -80,9 +78,8 @@ def check(path: Path | str) -> Check:
         machine, runs, found = campaign_problems(path)
     else:
         machine, found = machine_problems(path)
-    if machine is not None and not machine.errors and not any(map(_concerns_errors, found)):
-        problem = "no error is declared, so that nothing can be identified"
-        found = [*found, InputError(problem, path=_machine_path(path), remedy="write what may be wrong into [errors]")]
+    if machine is not None and not machine.errors and not runs and not any(map(_concerns_errors, found)):
+        found = [*found, _nothing_free(path)]
     notes = (
         tuple(
             f'key "{key}" is unknown to symfive; it is kept'
@@ -95,11 +92,27 @@ def check(path: Path | str) -> Check:
     if machine is not None and runs and not found:
         from symfive.plausible import doubts
 
+        campaign = Campaign(machine=machine, runs=runs)
         try:
-            notes += doubts(Campaign(machine=machine, runs=runs))
+            if not machine.errors:
+                from symfive.model import Model
+
+                free = Model(campaign).parameters  # what a drive's force has, set-up
+                if not free:
+                    found = [_nothing_free(path)]
+                elif all(parameter.run is not None for parameter in free):
+                    notes += ("no error is declared, so that only the set-up of the runs can be identified",)
+            notes += doubts(campaign)
         except InputError as error:
             found = [error]
     return Check(path, machine, runs, tuple(found), notes)
+
+
+def _nothing_free(path: Path) -> InputError:
+    problem = "no error is declared, so that nothing can be identified"
+    return InputError(
+        problem, path=_machine_path(path), remedy="write what may be wrong into [errors]", keys=("errors",)
+    )
 
 
 def errors_block(machine: Machine) -> str:
@@ -121,55 +134,11 @@ def _machine_path(path: Path) -> Path:
 
 
 def _named_in(problems: Sequence[InputError], key: str) -> bool:
-    return any(f"'{key.rsplit('.', 1)[-1]}'" in problem.problem for problem in problems)
+    return any(".".join(map(str, problem.keys)) == key for problem in problems)
 
 
 def _concerns_errors(error: InputError) -> bool:
-    return "error" in error.problem.split()[:4] or "[errors]" in error.remedy
-
-
-def _machine_lines(machine: Machine) -> list[str]:
-    return [
-        f"machine {machine.name}: {machine.structure.code}",
-        f"axes: {', '.join(map(_axis_words, (machine.axes[name] for name in machine.axis_names)))}",
-        f"errors, prior 1σ: {', '.join(map(_error_words, machine.errors.values())) or 'none'}",
-        *(
-            [f"effects in the model: {', '.join(_named(e.effect, e.axis) for e in machine.effects)}"]
-            if machine.effects
-            else []
-        ),
-    ]
-
-
-def _named(effect: str, axis: str | None) -> str:
-    return effect if axis is None else f"{effect} of {axis}"
-
-
-def _axis_words(axis: Axis) -> str:
-    if axis.travel[1] >= UNREAD_TRAVEL:
-        return f"{axis.name} (not read)"
-    low, high = (plain_number(v) for v in axis.travel)
-    drive = " with drive" if axis.drive is not None else ""
-    return f"{axis.name} {low}…{high} {unit_words(axis.unit)}{drive}"
-
-
-def _error_words(term: ErrorTerm) -> str:
-    form = "" if term.is_location else f" {'×'.join(f'{b} {o}' for b, o in zip(term.basis, term.order, strict=True))}"
-    over = "" if term.over in ((), (term.axis,)) else f" over {', '.join(term.over)}"
-    return f"{term.name}{form}{over} ±{plain_number(term.sigma)} {'µrad' if term.angular else 'µm'}"
-
-
-def _noises(run: Run) -> str:
-    found = dict.fromkeys(plain_number(run.noise(name)) for name in run.instrument)
-    return (
-        f"noise {' and '.join(found)} µm (or its reading's unit)" if len(found) > 1 else f"noise {next(iter(found))} µm"
-    )
-
-
-def _run_line(run: Run) -> str:
-    state = "measured" if run.measured else "a plan, no readings yet"
-    instruments = " and ".join(name.replace("_", " ") for name in run.instrument)
-    return f"run {run.id}: {run.rows} rows, {instruments}, {run.sampling}, {_noises(run)}, {state}"
+    return error.keys[:1] == ("errors",)
 
 
 def _machine_data(machine: Machine) -> dict[str, Any]:
@@ -177,6 +146,8 @@ def _machine_data(machine: Machine) -> dict[str, Any]:
         "name": machine.name,
         "structure": machine.structure.code,
         "axes": {a.name: {"travel": list(a.travel), "unit": a.unit, "drive": a.drive is not None} for a in machine.axes.values()},
+        "table": None if machine.workspace.table_radius is None
+        else {"radius": machine.workspace.table_radius, "centre": list(machine.table_centre), "axis": machine.table_axis},
         "errors": {t.name: {"sigma": t.sigma, "unit": "urad" if t.angular else "um"} for t in machine.errors.values()},
         "errors_possible": error_names(machine.axes),
     }  # fmt: skip

@@ -1,17 +1,21 @@
-"""The one exception a user can cause: a sentence with file, line, column and remedy."""
+"""The exceptions a user can cause: a sentence with file, line, column and remedy; values at which a model has no readings."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["InputError"]
+__all__ = ["EvaluationError", "InputError", "inside"]
 
 
 class InputError(ValueError):
     """Bad input, said in one sentence.
 
     Arguments: `problem` (what is wrong), `remedy` (what to change), and where: `path`, `line` and `column`
-    (both counted from 1) as far as they are known. `str(error)` is ready to be printed to the user.
+    (both counted from 1) as far as they are known, and `keys`, the path of the key in the data: names of tables and keys,
+    numbers (from 0) of entries, as `("run", 2, "length")`. Who checks a value gives its key, who reads a file prefixes
+    where the value stands in it (`inside`) and adds the line. `str(error)` is ready to be printed to the user.
     """
 
     def __init__(
@@ -22,22 +26,31 @@ class InputError(ValueError):
         path: Path | str | None = None,
         line: int | None = None,
         column: int | None = None,
+        keys: tuple[str | int, ...] = (),
     ) -> None:
         self.problem = problem.rstrip(".")
         self.remedy = remedy.rstrip(".")
         self.path = None if path is None else Path(path)
         self.line = line
         self.column = column
+        self.keys = keys
         super().__init__(self._sentence())
 
-    def at(self, path: Path | str | None, line: int | None = None, column: int | None = None) -> InputError:
-        """The same error with its place filled in where it was still unknown."""
+    def at(
+        self,
+        path: Path | str | None,
+        line: int | None = None,
+        column: int | None = None,
+        keys: tuple[str | int, ...] | None = None,
+    ) -> InputError:
+        """The same error with its place filled in where it was still unknown; `keys` where another path is right."""
         return InputError(
             self.problem,
             remedy=self.remedy,
             path=self.path or path,
             line=self.line if self.line is not None else line,
             column=self.column if self.column is not None else column,
+            keys=self.keys if keys is None else keys,
         )
 
     def _sentence(self) -> str:
@@ -49,3 +62,20 @@ class InputError(ValueError):
         text = f"{place}: {self.problem}" if place else self.problem
         text = f"{text}; {self.remedy}." if self.remedy else f"{text}."
         return " ".join(text.split())
+
+
+class EvaluationError(InputError):
+    """Parameter values at which the model has no finite readings: most often gains that make a drive unstable.
+
+    Only `symfive.model` raises it, before a library sees such numbers. To a solver it is a step that went too far
+    (`symfive.inference.halved`); only where a user's own values are such does it reach him.
+    """
+
+
+@contextmanager
+def inside(*keys: str | int) -> Iterator[None]:
+    """Errors of the block lie at or below `keys`: their own key path is continued upward."""
+    try:
+        yield
+    except InputError as error:
+        raise error.at(None, keys=(*keys, *error.keys)) from None

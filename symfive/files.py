@@ -14,7 +14,7 @@ from typing import Any
 
 from symfive.errors import InputError
 
-__all__ = ["output_folder", "read_text", "shown", "write_json", "write_text"]
+__all__ = ["one_line", "output_folder", "read_text", "shown", "write_json", "write_text"]
 
 MAX_TEXT_BYTES = 1_000_000_000
 
@@ -26,6 +26,11 @@ def shown(value: object) -> str:
     except (RecursionError, ValueError):  # nested without end, or an integer of more than 4300 digits
         return f"a {type(value).__name__} too long to show"
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def one_line(text: str) -> str:
+    """Text from outside as one line: blanks of every kind as one blank, what is not printed as a question mark."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
 
 
 def read_text(path: Path, *, at_most: int = MAX_TEXT_BYTES) -> str:

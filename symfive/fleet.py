@@ -24,11 +24,12 @@ from symfive.diagnose import diagnose as diagnose_campaign
 from symfive.diagnose._result import EXPLAINED
 from symfive.errors import InputError
 from symfive.executors import Inline, finished
-from symfive.files import output_folder, write_json, write_text
+from symfive.files import one_line, output_folder, write_json, write_text
 from symfive.identify import Identification, identify
 from symfive.model import read_json
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.results import write_diagnosis, write_identification
+from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
 __all__ = ["SCHEMA", "Fleet", "Row", "Task", "fleet", "row_of"]
@@ -68,8 +69,8 @@ class Task:
     redo: bool = False
 
 
-@dataclass(frozen=True)
-class Fleet:
+@dataclass(frozen=True, repr=False)
+class Fleet(OnScreen):
     """The table of all campaigns, in the order they were given."""
 
     verb: str
@@ -85,14 +86,18 @@ class Fleet:
         return {"schema": SCHEMA, "verb": self.verb, "campaigns": [asdict(row) for row in self.rows]}
 
     def csv(self) -> str:
-        """The table as CSV: value and 1σ of every location error; what a machine does not have is empty."""
+        """The table as CSV: value and 1σ of every location error; what a machine does not have is empty.
+
+        Text that a spreadsheet would take for a formula begins with an apostrophe.
+        """
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         columns = [f"{name}{part}_{unit}" for name, unit in self.errors.items() for part in ("", "_std")]
-        table.writerow(["campaign", "verdict", "rms", "rms_unit", "chi2_dof", *columns, "says"])
+        table.writerow(["campaign", "verdict", "rms", "rms_unit", "chi2_dof", *map(_cell, columns), "says"])
         for row in self.rows:
             numbers = [n for name in self.errors for n in row.errors.get(name, ("", "", ""))[:2]]
-            table.writerow([row.campaign, row.verdict, row.rms, row.rms_unit, row.chi2_dof, *numbers, row.says])
+            cells = [row.campaign, row.verdict, row.rms, row.rms_unit, row.chi2_dof, *numbers, row.says]
+            table.writerow([_cell(cell) for cell in cells])
         return text.getvalue()
 
     def __str__(self) -> str:
@@ -102,13 +107,20 @@ class Fleet:
         text = [
             "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
         ]
-        return "\n".join([*text, *(f"{row.campaign}: failed: {row.says}" for row in self.rows if row.failed)])
+        failed = [f"{row.campaign}: failed: {row.says}" for row in self.rows if row.failed]
+        return "\n".join([*text, *map(one_line, failed)])
 
     def _line(self, row: Row) -> list[str]:
         found = (row.errors.get(name) for name in self.errors)
         errors = ["" if e is None else with_std(e[0], e[1]) for e in found]
         rms = f"{plain_number(row.rms or 0.0, row.rms_unit)} {unit_words(row.rms_unit)}"
-        return [row.campaign, row.verdict, rms, plain_number(row.chi2_dof or 0.0), *errors]
+        return [one_line(row.campaign), row.verdict, rms, plain_number(row.chi2_dof or 0.0), *errors]
+
+
+def _cell(value: object) -> object:
+    """A cell that no spreadsheet calculates (OWASP, CSV injection); numbers stay numbers."""
+    formula = isinstance(value, str) and value.lstrip().startswith(("=", "+", "-", "@"))
+    return f"'{value}" if formula else value
 
 
 def fleet(

@@ -49,8 +49,8 @@ def with_std(value: float, std: float, unit: str = "") -> str:
     return f"{rounded(value, std, unit)}{spread}{f' {words}' if words not in ('', '1') else ''}"
 
 
-def in_words(value: Any, std: Any = None, unit: str = "") -> str:
-    """A quantity: words as they are, a number with its 1σ, several numbers in brackets to the digits that theirs leave."""
+def in_words(value: Any, std: Any = None, unit: str = "", *, spread: bool = True) -> str:
+    """A quantity: words as they are, a number with its 1σ, several numbers in brackets, each with its own if `spread`."""
     if isinstance(value, str):
         return value
     if not isinstance(value, tuple):
@@ -58,14 +58,17 @@ def in_words(value: Any, std: Any = None, unit: str = "") -> str:
     if all(isinstance(v, str) for v in value):
         return ", ".join(value)
     words = unit_words(unit)
-    return f"{_listed(value, std, unit)}{f' {words}' if words not in ('', '1') else ''}"
+    return f"{_listed(value, std, unit, spread)}{f' {words}' if words not in ('', '1') else ''}"
 
 
-def _listed(value: Any, std: Any, unit: str) -> str:
+def _listed(value: Any, std: Any, unit: str, spread: bool) -> str:
     if not isinstance(value, tuple):
-        return rounded(value, _spread(std), unit) if isinstance(value, (int, float)) else str(value)
+        if not isinstance(value, (int, float)):
+            return str(value)
+        own = _spread(std)
+        return rounded(value, own, unit) + (f" ± {rounded(own, own, unit)}" if spread and own > 0.0 else "")
     spreads = std if isinstance(std, tuple) else (std,) * len(value)
-    return f"({', '.join(_listed(v, s, unit) for v, s in zip(value, spreads, strict=False))})"
+    return f"({', '.join(_listed(v, s, unit, spread) for v, s in zip(value, spreads, strict=False))})"
 
 
 def _spread(std: Any) -> float:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from symfive.campaign import Campaign, Run
-from symfive.inference import Problem
-from symfive.machine import Machine
-from symfive.model import Model
+from symfive.instruments import INSTRUMENTS
+from symfive.machine import Machine, designed_ball
 from symfive.numbers import plain_number
 
 __all__ = ["doubts"]
@@ -17,6 +17,7 @@ __all__ = ["doubts"]
 TINY, SLIP = 0.1, 10.0
 """Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
 units are 57, 60 and 1000)."""
+ROUNDING = 1e-6
 MOST_ROWS = 100_000
 """Of a longer run only the first rows are looked at."""
 WHAT = {"ball_bar": "the bar", "r_test": "the ball"}
@@ -25,9 +26,9 @@ WHAT = {"ball_bar": "the bar", "r_test": "the ball"}
 def doubts(campaign: Campaign) -> tuple[str, ...]:
     """What to look at before anything is measured or believed, in words; nothing where all is plausible.
 
-    A prior 1σ smaller than the noise (mm or rad instead of µm or µrad?); an axis commanded faster than it can go; a ball bar or
-    an R-test that would be beyond its stroke on the machine as the file has it; readings beyond that stroke, or that hardly
-    change (a wrong unit).
+    A prior 1σ smaller than the noise (mm or rad instead of µm or µrad?); an axis commanded faster than it can go; a ball or
+    nest beside the table; a ball bar or an R-test that would be beyond its stroke on the machine as the file has it; readings
+    beyond that stroke, or that hardly change (a wrong unit).
     """
     runs = (run if run.rows <= MOST_ROWS else run.part(0, MOST_ROWS) for run in campaign.runs)
     return (*_small_priors(campaign), *(said for run in runs for said in _of_run(campaign.machine, run)))
@@ -49,14 +50,33 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
             yield f"run {run.id}: {name} is commanded at up to {sizes}; look at t_s and the units of {name}"
     instrument = next((name for name in run.instrument if name in WHAT), None)
     if instrument is not None:
+        yield from _beside_the_table(machine, run)
         yield from _of_stroke(machine, run, instrument)
+
+
+def _beside_the_table(machine: Machine, run: Run) -> Iterator[str]:
+    radius, centre = machine.workspace.table_radius, machine.table_centre
+    away = math.dist(run.table_ball[:2], centre)
+    if radius is not None and away > radius * (1.0 + ROUNDING):
+        place = f"({', '.join(map(plain_number, centre))})"
+        by = (
+            f"axis {machine.table_axis}"
+            if machine.workspace.table_centre is None and machine.table_axis
+            else "table_centre"
+        )
+        yield (
+            f"run {run.id}: table_ball stands {plain_number(away)} mm from the table's centre {place}, the table ends at "
+            f"table_radius = {plain_number(radius)} mm; look at table_ball and {by}"
+        )
 
 
 def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
     stroke = machine.workspace.stroke(bar=instrument == "ball_bar")
-    model = Model(Campaign(machine=machine, runs=(run,)))
-    own = next(columns for name, columns in Problem.of(model).parts(run) if name == instrument)
-    foretold = model.predict_run(run, model.prior_mean)[:, own]
+    columns = [column.name for column in INSTRUMENTS[instrument].columns(run, machine)]
+    away = designed_ball(machine, run.commands, run.tool_ball) - np.array(run.table_ball)
+    if instrument == "ball_bar":
+        away = np.linalg.norm(away, axis=1, keepdims=True) - (run.length or 0.0)
+    foretold = 1e3 * away
     row, _ = np.unravel_index(int(np.argmax(np.abs(foretold))), foretold.shape)
     most = 1e-3 * float(np.max(np.abs(foretold)))
     what, limit = WHAT[instrument], f"{plain_number(stroke)} mm"
@@ -68,7 +88,7 @@ def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
         return
     if not run.measured:
         return
-    readings = model.readings(run)[:, own]
+    readings = np.stack([run.readings[name] for name in columns], axis=1)
     largest = 1e-3 * float(np.max(np.abs(readings)))
     if largest > 2.0 * stroke:
         yield f"run {run.id}: readings of up to {plain_number(largest)} mm are beyond the stroke of ±{limit}; they are in µm"

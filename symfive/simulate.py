@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,10 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.errors import InputError
+from symfive.given import campaign_given
 from symfive.model import Model, effect_to_data
 from symfive.parameters import Parameter
+from symfive.screen import OnScreen, plural
 from symfive.threads import one_thread
 
 __all__ = ["Simulation", "simulate"]
@@ -21,14 +24,21 @@ WIDEST_SETUP_UM = 100.0
 """A zero with a practically flat prior is drawn with this 1σ."""
 
 
-@dataclass(frozen=True)
-class Simulation:
+@dataclass(frozen=True, repr=False)
+class Simulation(OnScreen):
     """`campaign` with readings and the `truth` (parameter name → value in its file unit) that made them."""
 
     campaign: Campaign
     truth: Mapping[str, float]
     effects: tuple[Effect, ...]
     seed: int
+
+    def __str__(self) -> str:
+        effects = f", effects {', '.join(effect.key for effect in self.effects)}" if self.effects else ""
+        head, *lines = str(self.campaign).split("\n")
+        return "\n".join(
+            [f"simulation of {head}; seed {self.seed}, {plural(len(self.truth), 'true value')}{effects}", *lines]
+        )
 
     def to_data(self) -> dict[str, Any]:
         """`truth.json`."""
@@ -42,7 +52,7 @@ class Simulation:
 
 @one_thread
 def simulate(
-    plan: Campaign,
+    plan: Campaign | Path | str,
     *,
     truth: Mapping[str, float] | None = None,
     effects: Iterable[Effect] = (),
@@ -51,10 +61,11 @@ def simulate(
 ) -> Simulation:
     """Measure a plan in simulation, with white noise as declared.
 
+    `plan` a campaign, a plan, or the path of its folder;
     `truth` gives true values by name; what it does not name is drawn from its prior. The same `seed` gives the same
     machine and the same noise. Raises `InputError` for a name that the model does not have.
     """
-    effects = tuple(effects)
+    plan, effects = campaign_given(plan), tuple(effects)
     model = Model(plan, effects)
     given = dict(truth or {})
     for name in given:

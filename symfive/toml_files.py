@@ -1,18 +1,21 @@
-"""TOML files with the place of every key, written with their comments and layout kept."""
+"""TOML files with the place of every key, written with their comments and layout kept.
+
+They are read by the standard library alone; what writes them is loaded when something is written.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
-
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
 
 __all__ = ["TomlFile", "edited_toml", "parse_toml", "read_toml", "refuse_what_toml_lacks", "toml_text"]
@@ -35,28 +38,47 @@ class TomlFile:
 
         An integer counts the blocks of an array of tables (`[[run]]`). Line 1 where nothing is found.
         """
-        wanted = [key for key in keys if isinstance(key, str)]
-        block = next((key for key in keys if isinstance(key, int)), None)
-        header: list[str] = []
-        number_of_block = -1
+        header: tuple[str | int, ...] = ()
+        blocks = Counter[tuple[str | int, ...]]()
         best, depth = 1, 0
         for number, raw in enumerate(self.text.split("\n"), start=1):
             line = raw.strip()
-            key = []
+            key: tuple[str, ...] = ()
             if line.startswith("["):
-                header = [part.strip(" \"'") for part in line.split("#")[0].strip("[] ").split(".")]
-                number_of_block += line.startswith("[[") and header == wanted[:1]
+                header = ()
+                *above, last = _parts(line.split("#")[0].strip("[] "))
+                for name in above:
+                    header = _numbered((*header, name), blocks)
+                blocks[(*header, last)] += line.startswith("[[")
+                header = _numbered((*header, last), blocks)
             elif "=" in line and not line.startswith("#"):
-                key = [part.strip(" \"'") for part in line.split("=")[0].split(".")]
-            here = header + key
-            inside = block is None or (number_of_block == block and here[:1] == wanted[:1])
-            if inside and len(here) > depth and here == wanted[: len(here)]:
+                key = _parts(line.split("=")[0])
+            here = (*header, *key)
+            if len(here) > depth and here == keys[: len(here)]:
                 best, depth = number, len(here)
         return best if self.text else None
 
     def error(self, problem: str, *keys: str | int, remedy: str) -> InputError:
         """An `InputError` at the place of `keys`."""
-        return InputError(problem, remedy=remedy, path=self.path, line=self.line(*keys))
+        return InputError(problem, remedy=remedy, path=self.path, line=self.line(*keys), keys=keys)
+
+    @contextmanager
+    def placing(self, *keys: str | int) -> Iterator[None]:
+        """Errors of the block get this file and the line of their key, which lies at or below `keys`."""
+        try:
+            with inside(*keys):
+                yield
+        except InputError as error:
+            raise error.at(self.path, self.line(*error.keys)) from None
+
+
+def _numbered(path: tuple[str | int, ...], blocks: Counter[tuple[str | int, ...]]) -> tuple[str | int, ...]:
+    """The path with the number of its last block, where it is that of an array of tables."""
+    return (*path, blocks[path] - 1) if blocks[path] else path
+
+
+def _parts(dotted: str) -> tuple[str, ...]:
+    return tuple(part.strip(" \"'") for part in dotted.split("."))
 
 
 def read_toml(path: Path) -> TomlFile:
@@ -72,8 +94,8 @@ def parse_toml(path: Path, text: str) -> TomlFile:
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        line, column = _place_in_message(str(error), text)
-        problem = f"not valid TOML: {str(error).split(' (at ')[0]}"
+        said, line, column = _of_tomllib(error, text)
+        problem = f"not valid TOML: {said}"
         raise InputError(problem, path=path, line=line, column=column, remedy="correct the syntax there") from None
     file = TomlFile(path, text, data, tuple(_comments(text)))
     refuse_what_toml_lacks(file)
@@ -113,11 +135,14 @@ def _leaves(
         yield keys, value
 
 
-def _place_in_message(message: str, text: str) -> tuple[int | None, int | None]:
-    words = message.replace(",", " ").replace(")", " ").split()
-    if "line" in words and "column" in words:
-        return int(words[words.index("line") + 1]), int(words[words.index("column") + 1])
-    return (text.count("\n") + 1 if "end of document" in message else 1), None
+def _of_tomllib(error: Exception, text: str) -> tuple[str, int, int | None]:
+    """What tomllib says, its line and column. Before Python 3.14 it tells the place only in brackets at the end of its message;
+    without any it is the end of the document, or the whole of it (nested too deep)."""
+    said, _, place = str(error).rpartition(" (at ")
+    numbers = [int(number) for number in re.findall(r"\d+", place)] if said else []
+    if len(numbers) == 2:
+        return said, numbers[0], numbers[1]
+    return (said, text.count("\n") + 1, None) if said else (str(error), 1, None)
 
 
 def _comments(text: str) -> Iterator[str]:
@@ -151,6 +176,8 @@ def toml_text(data: Mapping[str, Any], comments: Sequence[str] = (), *, sections
     Entries of the top-level tables named in `sections` become tables of their own (`[axes.X]`); every other
     mapping below the first level is written inline.
     """
+    import tomlkit
+
     document = tomlkit.document()
     for comment in comments:
         document.add(tomlkit.comment(comment))
@@ -161,6 +188,8 @@ def toml_text(data: Mapping[str, Any], comments: Sequence[str] = (), *, sections
 
 def _toml_item(value: Any, level: int) -> Any:
     """`level` 0 a table of tables, 1 a table, 2 all inline."""
+    import tomlkit
+
     if isinstance(value, Mapping):
         table = tomlkit.inline_table() if level > 1 else tomlkit.table(is_super_table=level == 0 and bool(value))
         for key, entry in value.items():
@@ -184,6 +213,9 @@ def edited_toml(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> st
 
     None where that cannot be done, as when the order of tables has to change.
     """
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
     try:
         document = tomlkit.parse(text)
         _edit(document, old, new, level=1)

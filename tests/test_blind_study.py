@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import plant
 import pytest
+from plant.effects import FOREIGN
 from scipy.signal import lfilter
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -23,6 +25,7 @@ from examples.blind_study import (  # noqa: E402
     controls,
     effects,
     figures,
+    foreign,
     recorded,
     rivals,
     score,
@@ -188,6 +191,58 @@ def test_outside_means_outside() -> None:
     assert len(names) >= 5
     assert names.isdisjoint(EFFECTS)
     assert names < set(plant.EFFECTS)
+
+
+FROZEN = {
+    ROOT / "tests" / "plant" / "foreign.py": "2dd16000f6eba17ba0af7a12bcf9dad79995087ce900ad599bef490e987eae27",
+    ROOT
+    / "examples"
+    / "blind_study"
+    / "foreign.py": "bc7f90427fecc1019607c135a13335ceec3f076609143892fe5c01fdf5f47539",
+}
+
+
+@pytest.mark.parametrize("path", FROZEN, ids=lambda path: path.parent.name)
+def test_the_frozen_stratum_is_as_it_was_before_anything_was_run_on_it(path: Path) -> None:
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == FROZEN[path], (
+        "the stratum is frozen: draw a new one instead"
+    )
+
+
+def test_no_name_of_the_frozen_stratum_is_the_librarys() -> None:
+    assert len(foreign.FORMS) >= 15
+    assert set(foreign.FORMS) == set(FOREIGN)
+    assert set(foreign.FORMS).isdisjoint(EFFECTS)
+    assert set(foreign.FORMS).isdisjoint(draw(1.0)["effect"] for draw in _old_drafts())
+
+
+def _old_drafts() -> list[Any]:
+    settings, rng = [_setting(kind) for kind in ("r_test", "planar", "xc")], np.random.default_rng(0)
+    drawers = [d for d, _ in (*effects.MACHINE, *FAULTS, *OUTSIDE)]
+    return [d.make for drawer in drawers for s in settings for d in [drawer(rng, s)] if d is not None]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(foreign.FORMS)), ids=list(foreign.FORMS))
+def test_a_frozen_form_writes_finite_readings_that_show_it(number: int) -> None:
+    """SNR of what geometry and set-up leave of it: above 10."""
+    case = cases.make_case(1, f"foreign-{number:03d}")
+    change = cases.change_of(case.setting, case.effects, case.seed)
+    assert all(np.isfinite(y).all() for y in change)
+    assert span.Span.of(case.setting).masked(change)[1] > 10.0
+    assert case.facts[0]["name"][0] == list(foreign.FORMS)[number]
+
+
+def test_a_frozen_form_is_told_by_its_coordinate_or_by_what_it_predicts() -> None:
+    spec = {"effect": "scale_slip", "axis": "X"}
+    finding = {"effect": "unknown", "form": "unknown.X", "where": {"coordinate": "X"}}
+    name = {"effect": "scale_error", "form": "scale_error.X", "where": {"coordinate": "X"}}
+    elsewhere = {**finding, "where": {"coordinate": "Y"}}
+    predicts, fails = {"before": 3.0, "after": 1.1}, {"before": 3.0, "after": 2.5}
+    assert foreign.honest(spec, finding, fails) and foreign.honest(spec, name, predicts)
+    assert not foreign.honest(spec, name, fails)
+    assert not foreign.honest(spec, elsewhere, predicts)
+    assert not foreign.honest(spec, None, predicts)
 
 
 # --- the folder --------------------------------------------------------------------------------------------

@@ -180,8 +180,35 @@ BAD_ROWS = {
     "empty": (ONE, "", 1, None, "empty"),
     "blank": (ONE, "\n \n\n", 1, None, "empty"),
     "no header": (ONE, "0.0,0.0,1.5,-3.25\n", 1, 1, "header"),
-    "semicolons": (ONE, ONE.replace(",", ";"), 1, None, "commas"),
-    "tabs": (ONE, ONE.replace(",", "\t"), 1, None, "commas"),
+    "semicolons in rows": (
+        ONE[ONE.index("\n") :],
+        ONE[ONE.index("\n") :].replace(",", ";"),
+        2,
+        None,
+        "by commas as the header",
+    ),
+    "commas in rows": (
+        ONE[: ONE.index("\n")],
+        ONE[: ONE.index("\n")].replace(",", ";"),
+        2,
+        None,
+        "by semicolons as the header",
+    ),
+    "decimal commas between commas": (ONE, ONE.replace(".", ","), 2, None, "separate the columns by semicolons"),
+    "comma and point in a number": (
+        ONE,
+        ONE.replace(",", ";").replace("10.0", "1.000,5"),
+        3,
+        2,
+        "has a comma and a point",
+    ),
+    "both marks in one file": (
+        ONE,
+        ONE.replace(",", ";").replace("10.0", "10,0"),
+        3,
+        2,
+        "decimal comma, line 2 a decimal point",
+    ),
 }
 
 
@@ -203,6 +230,19 @@ def test_bad_rows(folder, name):
 def test_harmless_differences(folder, text):
     (folder / "sub" / "one.csv").write_bytes(text.encode("utf-8"))
     assert read_campaign(folder).runs[0].commands["X"].tolist() == [1.5, 2.5]
+
+
+@pytest.mark.parametrize("sign", [";", "\t", " ; "])
+@pytest.mark.parametrize("mark", [".", ","])
+@pytest.mark.parametrize("block", [None, 64])
+def test_semicolons_tabs_and_decimal_commas(folder, monkeypatch, sign, mark, block):
+    expected = read_campaign(folder).runs[0]
+    if block:
+        monkeypatch.setattr("symfive.campaign._lines.BLOCK_BYTES", block)
+    (folder / "sub" / "one.csv").write_text(ONE.replace(",", sign).replace(".", mark))
+    run = read_campaign(folder).runs[0]
+    for name, column in {**expected.commands, **expected.readings}.items():
+        assert {**run.commands, **run.readings}[name].tolist() == column.tolist()
 
 
 def test_time_column_may_stand_anywhere(folder):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import re
 import shutil
@@ -17,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from symfive.cli import main
-from symfive.codegen import codegen, read_isg
+from symfive.codegen import TARGETS, codegen, read_isg
 from symfive.codegen._lines import axis_lines
 from symfive.codegen._subject import subject_of
 from symfive.codegen._workspace import workspace_poses
@@ -167,10 +168,15 @@ def test_the_component_runs_in_hal(tmp_path, kinematics, name) -> None:
     codegen(fitted(preset(name)), tmp_path, target="linuxcnc", prefix=prefix)
     kins = kinematics[name]
     pose = {"X": 30.0, "Y": -40.0, "Z": 150.0, "B": 35.0, "C": 70.0}
+    changed = f"{prefix}kins.{pin_names(subject_of(preset(name)), prefix)[5]}"
     lines = ["loadrt threads name1=test period1=1000000", (tmp_path / f"{prefix}kins.hal").read_text(),
              f"addf {prefix}kins.check test", f"setp {prefix}kins.tool-offset 120",
              *(f"setp {prefix}kins.check-world-{WORLD.index(k)} {v}" for k, v in pose.items()),
-             "start", "loadusr -w sleep 0.2", f"show pin {prefix}kins"]  # fmt: skip
+             "start", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {changed} {kins.p[5] + 100.0}", "loadusr -w sleep 1", f"show pin {prefix}kins",
+             f"setp {prefix}kins.ramp 10000", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {changed} nan", "loadusr -w sleep 0.2", f"show pin {prefix}kins",
+             f"setp {prefix}kins.check-world-1 nan", "loadusr -w sleep 0.2", f"show pin {prefix}kins"]  # fmt: skip
     environment = dict(os.environ)
     shared = Path(tempfile.mkdtemp())  # root's LinuxCNC works as nobody, who may not read pytest's folders
     if os.getuid() == 0:
@@ -186,13 +192,28 @@ def test_the_component_runs_in_hal(tmp_path, kinematics, name) -> None:
     finally:
         (MODULES / f"{prefix}kins.so").unlink(missing_ok=True)
         shutil.rmtree(shared, ignore_errors=True)
-    pins = {pin: float(value) for value, pin in re.findall(rf"\s(\S+)\s+{prefix}kins\.(check-\S+)", shown.stdout)
-            if not pin.endswith("time")}  # fmt: skip
-    assert pins["check-status"] == 0.0, shown.stdout + shown.stderr
+    shows = [
+        {pin: value for value, pin in re.findall(rf"\s(\S+)\s+{prefix}kins\.(\S+)", part)}
+        for part in shown.stdout.split("Component Pins")[1:]
+    ]
+    start, ramped, there, held, refused = shows
     world = np.array([pose.get(letter, 0.0) for letter in WORLD])
     expected = kins.joints(world, 120.0, kins.p)
-    assert [pins[f"check-joint-{i}"] for i in range(5)] == pytest.approx(expected, rel=1e-6)
-    assert [pins[f"check-back-{i}"] for i in range(6)] == pytest.approx(world[:6], abs=1e-4)
+    after = kins.joints(world, 120.0, kins.p + 100.0 * (np.arange(len(kins.p)) == 5))
+    moved = int(np.argmax(np.abs(after - expected)[:3]))
+
+    def joints(pins: dict[str, str]) -> np.ndarray:
+        return np.array([float(pins[f"check-joint-{i}"]) for i in range(5)])
+
+    assert [pins["check-status"] for pins in shows] == ["0", "0", "0", "0", "-1"], shown.stdout + shown.stderr
+    assert joints(start) == pytest.approx(expected, rel=1e-6)
+    assert [float(start[f"check-back-{i}"]) for i in range(6)] == pytest.approx(world[:6], abs=1e-4)
+    share = (joints(ramped) - expected)[moved] / (after - expected)[moved]
+    assert 0.15 < share < 0.6 and ramped["following"] == "TRUE"  # 20 um in a second
+    assert joints(there) == pytest.approx(after, rel=1e-6) and there["following"] == "FALSE"
+    assert joints(held) == pytest.approx(after, rel=1e-6)
+    assert [pins["fault"] for pins in shows] == ["FALSE", "FALSE", "FALSE", "TRUE", "TRUE"]
+    assert joints(refused) == pytest.approx(0.0)
 
 
 # ---- stock kinematics
@@ -203,13 +224,16 @@ def test_places_of_axes_fit_the_stock_kinematics_entirely(tilt) -> None:
     across = "Y" if tilt == "A" else "X"
     machine = _trunnion(tilt)
     subject = subject_of(fitted(machine, {f"E{across}0{tilt}": 31.0, f"EZ0{tilt}": -17.0, "EX0C": 40.0, "EY0C": -25.0}))
-    design, found, before, after = fit_trunnion(subject, workspace_poses(subject))
+    fit = fit_trunnion(subject, workspace_poses(subject))
     lines = axis_lines(subject)
     k = "XY".index(across)
     c, t = lines["C"][1].point, lines[tilt][1].point
-    assert found == pytest.approx([c[0], c[1], t[k] - c[k], t[2]], abs=1e-5)
-    assert design == pytest.approx([0.0, 0.0, 0.0, -50.0])
-    assert before > 20.0 and after < 0.02
+    assert fit.fitted == pytest.approx([c[0], c[1], t[k] - c[k], t[2]], abs=1e-5)
+    assert fit.design == pytest.approx([0.0, 0.0, 0.0, -50.0])
+    assert fit.before > 20.0 and fit.after < 0.02
+    by_name = {"x-rot": 0, "y-rot": 1, "lateral": 2, "height": 3}  # every error has 1σ 1 µm: sums of independent ones
+    assert fit.uncertainty[by_name["height"]] == pytest.approx(2e-3, rel=1e-3)
+    assert fit.uncertainty[by_name["y-rot" if tilt == "B" else "x-rot"]] == pytest.approx(2e-3, rel=0.3)
 
 
 def _trunnion(tilt: str) -> Machine:
@@ -234,6 +258,20 @@ def test_the_setp_lines_say_what_they_leave(tmp_path) -> None:
     assert "It cannot" in text and "Draft" in text
 
 
+def test_a_pin_within_its_uncertainty_stays_as_designed(tmp_path) -> None:
+    values = {"EX0C": 40.4, "EY0C": 1.5, "EZ0B": -30.0, "EX0B": 40.4}
+    (path,) = codegen(fitted(_trunnion("B"), values), tmp_path, target="setp")
+    text = path.read_text()
+    pins = dict(re.findall(r"^setp xyzbc-trt-kins\.(\S+) (\S+)$", text, re.MULTILINE))
+    assert (
+        float(pins["y-rot-point"]) == 0.0
+        and "y-rot-point: designed 0.0000 mm, change +1.5 um, U 2.0 um: within" in text
+    )
+    assert float(pins["z-offset"]) == pytest.approx(-50.03) and len(pins["x-rot-point"]) <= len("0.0808")
+    (path,) = codegen(_trunnion("B"), tmp_path, target="setp")
+    assert "not known: nothing was measured" in path.read_text()
+
+
 @pytest.mark.parametrize("name", ["head-bc", "mixed-bc", "nutating-table", "three-axis"])
 def test_other_structures_do_not_fit_the_stock_kinematics(tmp_path, name) -> None:
     with pytest.raises(InputError, match="stock trunnion"):
@@ -252,6 +290,15 @@ def test_the_isg_table_reads_back_as_the_same_model(tmp_path, name) -> None:
     for parameter, value in model.values.items():
         assert back[parameter] == pytest.approx(value, abs=1e-7)
     assert "negate" in note.read_text() and "Draft" in note.read_text()
+
+
+def test_the_isg_table_says_what_is_within_its_uncertainty(tmp_path) -> None:
+    table, note = codegen(fitted(preset("table-bc"), {"EX0C": 1.5, "EA0C": 40.0}), tmp_path, target="isg")
+    names, _, said = table.read_text().splitlines()[2:5]
+    spread = dict(zip(names.split(), map(float, said.split(": ")[1].split()), strict=True))
+    assert spread["X0C"] == 2e-3 and spread["A0C"] == 2e-6  # twice 1 µm and 1 µrad
+    (within,) = (line for line in note.read_text().splitlines() if "not to be entered" in line)
+    assert "EX0C" in within and "EA0C" not in within
 
 
 def test_the_isg_table_says_what_it_cannot_hold(tmp_path) -> None:
@@ -283,14 +330,78 @@ def test_sheets_print_old_and_new_and_stay_drafts(tmp_path, control) -> None:
     assert path.suffix == ".html"  # nothing that a control could load
     text = path.read_text()
     assert "Draft, to be verified" in text
-    rows = re.findall(r"class='n'>(-?[\d.]+)</td><td class='n'><b>(-?[\d.]+)</b></td><td class='n'>([+-][\d.]+)", text)
-    assert rows
-    for old, new, change in rows:
-        assert float(new) - float(old) == pytest.approx(float(change), abs=2e-6)
-    changes = {abs(round(1e3 * float(change))) for _, _, change in rows}
+    rows = sheet(text)
+    assert rows and all(row["U (k = 2)"] != "not known" for row in rows)
+    for row in rows:
+        moved = number(row["new"]) - number(row["design"]) if row["enter"].startswith("yes") else 0.0
+        assert moved == pytest.approx(number(row["change"]) if moved else 0.0, abs=2e-6)
+        assert row["on the control"] == "" and ("larger number" in row["meaning"] or "closes" in row["meaning"])
+    changes = {abs(round(1e3 * number(row["change"]))) for row in rows if row["enter"].startswith("yes")}
     assert {40, 25} <= changes
     with pytest.raises(InputError, match="two rotary axes under the workpiece"):
         codegen("head-bc", tmp_path, target=control)
+
+
+def sheet(text: str) -> list[dict[str, str]]:
+    """The rows of a printed sheet, each cell by the name of its column."""
+    rows = re.findall(r"<tr[^>]*>(<td.*?)</tr>", text)
+    return [
+        {h: re.sub(r"<[^>]*>", " ", c).strip() for h, c in re.findall(r"data-head='(.*?)'>(.*?)</td>", r)} for r in rows
+    ]
+
+
+def number(text: str) -> float:
+    return float(text.replace("−", "-").replace("mm", ""))
+
+
+def with_spread(model: FittedModel, **std: float) -> FittedModel:
+    """The model with other 1σ of single parameters."""
+    return replace(model, covariance=np.diag([std.get(name, 1.0) ** 2 for name in model.names]))
+
+
+def test_a_sheet_has_no_digit_that_its_uncertainty_does_not_leave(tmp_path) -> None:
+    model = fitted(preset("tsutsumi-2007"), {"EX0C": -141.351, "EY0C": 34.999994, "EZ0A": 20.0})
+    (path,) = codegen(with_spread(model, EX0C=14.0, EZ0A=300.0), tmp_path, target="haas")
+    x, y, z = sheet(path.read_text())
+    assert (x["change"], x["U (k = 2)"], x["new"], x["enter"]) == ("−0.141 mm", "0.028 mm", "−0.141 mm", "yes")
+    assert y["new"] == "0.035 mm" and y["enter"] == "yes"
+    assert (
+        z["new"] == "unchanged" and z["enter"] == "no: within uncertainty, not entered" and z["U (k = 2)"] == "0.60 mm"
+    )
+    assert "Not determined by the readings: EZ0A" in path.read_text()
+
+
+def test_the_uncertainty_of_a_sheet_is_that_of_its_lines(tmp_path) -> None:
+    machine = preset("table-bc")
+    model = fitted(machine)
+    std = {name: 1.0 + 0.3 * (k % 5) for k, name in enumerate(model.names)}
+    (path,) = codegen(with_spread(model, **std), tmp_path, target="siemens")
+    rows = {row["parameter"].split()[0]: row for row in sheet(path.read_text())}
+
+    def leaning(values: dict[str, float]) -> float:
+        return float(axis_lines(subject_of(replace(model, values=values)))["C"][1].direction[0])
+
+    by_hand = [1e2 * (leaning({**model.values, n: v + 0.01}) - leaning(model.values)) for n, v in model.values.items()]
+    expected = 2.0 * np.sqrt(sum((slope * std[n]) ** 2 for slope, n in zip(by_hand, model.names, strict=True)))
+    assert number(rows["$TC_CARR10"]["U (k = 2)"]) == pytest.approx(expected, rel=0.02)
+
+
+def test_a_closing_vector_closes_what_is_entered(tmp_path) -> None:
+    model = fitted(preset("table-bc"), {"EX0B": 30.0, "EX0C": 1.2, "EY0C": 25.0, "EZ0B": 12.3456})
+    (path,) = codegen(with_spread(model, EX0C=9.0), tmp_path, target="siemens")
+    rows = sheet(path.read_text())
+    typed = [number(row["new"] if row["enter"].startswith("yes") else row["design"]) for row in rows]
+    for k in range(3):
+        assert typed[6 + k] == pytest.approx(-typed[k] - typed[3 + k], abs=1e-9)
+    assert typed[0] == 0.03 and typed[3] == 0.0
+
+
+@pytest.mark.parametrize("control", ["siemens", "haas"])
+def test_without_a_measurement_no_uncertainty_is_known_and_nothing_entered(tmp_path, control) -> None:
+    (path,) = codegen("table-bc", tmp_path, target=control)
+    rows = sheet(path.read_text())
+    assert "no uncertainty is known" in path.read_text()
+    assert all(row["U (k = 2)"] == "not known" and row["new"] == "unchanged" for row in rows)
 
 
 def test_the_command_line_writes_and_refuses(tmp_path, capsys) -> None:
@@ -300,3 +411,43 @@ def test_the_command_line_writes_and_refuses(tmp_path, capsys) -> None:
     assert main(["codegen", "three-axis", "-o", str(tmp_path / "no"), "--target", "haas"]) == 2
     assert "use the target c or linuxcnc" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
+
+
+# ---- names from files
+
+
+@pytest.mark.parametrize("name", ["mill\nX0C\n5.0", "mill\r#", "mill\x85setp", "mill\u2028setp", "mill\x1b[2J"])
+def test_a_name_of_several_lines_is_refused_before_any_file_is_written(tmp_path, name) -> None:
+    """In a table of ISG or in HAL lines it would be a row or a command of its own."""
+    with pytest.raises(InputError, match="not one line of printed text"):
+        replace(preset("table-bc"), name=name)
+    path = tmp_path / "machine.toml"
+    path.write_text(
+        f"""schema = "symfive.machine/1"\nname = {json.dumps(name)}\nstructure = "w X' b t"\n""", encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r"machine\.toml, line 2.*not one line of printed text"):
+        codegen(path, tmp_path / "out", target="isg")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("target", list(TARGETS))
+def test_no_name_ends_a_comment(tmp_path, target) -> None:
+    """Comment ends, HTML, formulas and HAL words in a name stay inside the comment or text that the name stands in."""
+    nasty = """*/ int x; /* <script>alert(1)</script> =1+1 "quoted" \\ ?? // # setp ${prefix} µ"""
+    written = {}
+    for label, name in (("plain", "mill"), ("nasty", nasty)):
+        paths = codegen(fitted(replace(preset("table-bc"), name=name)), tmp_path / label, target=target)
+        written[label] = {path.name: path.read_text(encoding="utf-8") for path in paths}
+    digests = [re.search(r"[0-9a-f]{64}", "".join(texts.values()))[0] for texts in written.values()]
+    for file, plain_text in written["plain"].items():
+        text = written["nasty"][file].replace(digests[1], digests[0])
+        assert "<script>" not in text or not file.endswith(".html")
+        lines, others = plain_text.splitlines(), text.splitlines()
+        assert len(lines) == len(others)
+        changed = [(a, b) for a, b in zip(lines, others, strict=True) if a != b]
+        assert len(changed) <= 2 and all("mill" in a for a, _ in changed), changed
+        for _, line in changed:  # in C the comment's only end is its own
+            if file.endswith((".c", ".h")):
+                assert "*/" not in line and "/*" not in line.removeprefix("/*")
+            elif file.endswith((".hal", ".csv")):
+                assert line.startswith(("#", "//"))

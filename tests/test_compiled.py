@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
+import platform
 import re
 import shutil
 import subprocess
@@ -17,12 +18,14 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from test_codegen_lanes import cpu_flags
 from test_effects import CASES, around, model_of
 
 from symfive.campaign import read_campaign
 from symfive.compiled import Mapped, _mapped, status
 from symfive.compiled._cache import find
-from symfive.compiled._compiler import SWITCH
+from symfive.compiled._compiler import FLAGS, SWITCH
+from symfive.compiled._library import Library
 from symfive.compiled._source import source_of
 from symfive.design import plan
 from symfive.identify import identify
@@ -141,6 +144,32 @@ def test_every_operation_and_every_odd_number(eager, monkeypatch, program) -> No
         assert same(mapped(points, np.array(held))[0], expected)
         assert mapped._state.library is not None, status().refused
         assert same(mapped(points, np.array(held))[0], expected)
+
+
+@pytest.mark.parametrize("program", ["gcc", "clang"])
+@pytest.mark.parametrize("march", ["x86-64-v2", "x86-64-v3", "x86-64-v4", "aarch64"])
+def test_every_instruction_set(tmp_path, program, march) -> None:
+    """Vectors of the registers' size, so without a word on the ABI; the same bits from each that this processor can run."""
+    cross = march == "aarch64"
+    if cross and program == "clang":
+        pytest.skip("gcc is the cross compiler")
+    if not cross and platform.machine() not in ("x86_64", "AMD64"):
+        pytest.skip("not an x86-64 processor")
+    compiler = shutil.which("aarch64-linux-gnu-gcc" if cross else program)
+    if compiler is None:
+        pytest.skip(f"{program} for {march} is not installed")
+    (tmp_path / "rows.c").write_text(source_of(every_operation(), (1,)).text)
+    flags = [flag for flag in FLAGS if flag not in ("-w", "-march=native")] + ([] if cross else [f"-march={march}"])
+    command = [compiler, *flags, "-Wpsabi", "-Werror", "-shared", "rows.c", "-o", "rows.so", "-lm"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    if cross or not {"x86-64-v3": {"avx2"}, "x86-64-v4": {"avx512vl"}}.get(march, set()) <= cpu_flags():
+        return
+    points, held = POINTS, np.array([0.4, -1.0])
+    (expected,) = interpreted(every_operation(), (1,), points, held)
+    found = np.empty_like(expected)
+    Library(tmp_path / "rows.so")(len(points), [points, held], [found])
+    assert same(found, expected)
 
 
 FIRST = [next(i for i, case in enumerate(CASES) if case.effect == effect) for effect in {c.effect: 0 for c in CASES}]

@@ -132,6 +132,32 @@ def test_emps_gives_back_invented_forces(tmp_path: Path) -> None:
     assert found == pytest.approx([80.0, 150.0, 17.0, -4.0], rel=0.005)
 
 
+def test_emps_pulses_are_in_the_voltage_already(tmp_path: Path) -> None:
+    """The carriage answers to all that the drive gets; the file names the part of it that the pulses are."""
+    t = np.arange(12000) * 1e-3
+    pulses = np.where((t % 3.0 > 1.0) & (t % 3.0 < 1.5), 30.0, 0.0)
+    controller = 200.0 * np.cos(2 * np.pi * 0.5 * t)
+    x = np.cumsum(np.cumsum((controller + pulses) / 80.0) * 1e-3) * 1e-3
+    (tmp_path / "emps").mkdir()
+    data = {
+        "t": t,
+        "qg": x,
+        "qm": x,
+        "vir": (controller + pulses) / 20.0,
+        "gtau": 20.0,
+        "kp": 160.0,
+        "pulses_N": pulses,
+    }
+    savemat(tmp_path / "emps" / "DATA_EMPS_PULSES.mat", data)
+    campaign = convert("emps", tmp_path)
+    run, model = campaign.run("DATA_EMPS_PULSES"), Model(campaign)
+    slopes = model.linearise(run, model.start).jacobian[:, 1, :]
+    square = low_pass(pulses, run.options["low_pass_hz"], 1e-3)[np.searchsorted(t, run.time)]
+    found = np.linalg.lstsq(np.column_stack([slopes, square]), run.readings["X_force_N"], rcond=None)[0]
+    assert found[0] == pytest.approx(80.0, rel=0.005)
+    assert abs(found[-1]) < 0.01  # nothing that looks like the pulses is left beside the inertia
+
+
 def test_emps_file_that_lacks_a_column(tmp_path: Path) -> None:
     (tmp_path / "emps").mkdir()
     savemat(tmp_path / "emps" / "DATA_EMPS.mat", {"t": [0.0, 1.0]})
@@ -167,6 +193,7 @@ def test_iso230_rows_tell_the_direction_of_approach(tmp_path: Path) -> None:
     campaign = convert("ess-xyz", tmp_path)
     run = campaign.runs[0]
     assert run.instrument == ("laser",) and run.options["axis"] == "Y"
+    assert not run.has_clock  # the file holds an order, and no times
     assert run.commands["Y"].round(3).tolist() == [-5.0, 5.0, 5.0, -5.0, -5.0, 5.0, 5.0, -5.0]
     assert run.readings["Y_dev_um"].round(2).tolist() == [10.0, 20.0, 0.0, -10.0, 20.0, 30.0, -10.0, -20.0]
     direction = Direction("Y").series(RunMotion(run, campaign.machine, {}, {})).value
@@ -208,6 +235,7 @@ def test_xyz_log_gives_stops_and_scan(tmp_path: Path) -> None:
     assert stops.readings["X_act_mm"] == pytest.approx(stops.commands["X"], abs=1e-6)
     assert np.diff(stops.readings["X_dev_um"]) == pytest.approx([0.0, 0.0, 20.0, 0.0], abs=1e-3)
     assert scan.dynamic and scan.rows == 510
+    assert stops.has_clock and stops.time[-1] == pytest.approx(40.0, abs=0.1)
     assert np.ptp(scan.readings["X_dev_um"]) == pytest.approx(20.0, abs=1e-3)
 
 
@@ -304,6 +332,7 @@ def test_tracker_placement_and_lost_reflectors(tmp_path: Path) -> None:
     write(folder / "measured_joints.txt", columns(joints))
     campaign = convert("irb120-tracker", tmp_path)
     assert campaign.run("base-1").rows == 28 and len(campaign.notes) == 6
+    assert not any(run.has_clock for run in campaign.runs)
     model = Model(campaign)
     prediction = model.predict(model.start)
     for run in campaign.runs:
@@ -317,6 +346,7 @@ def test_arm_in_its_socket_reads_zero(tmp_path: Path) -> None:
     write(folder / "here/hole_0_pose.csv", "this file is not read\n")
     campaign = convert("mukca/panda_1", tmp_path)
     run = campaign.run("here-hole_0")
+    assert not run.has_clock
     rotation, position = forward(PANDA_AXES, np.degrees(angles))
     assert np.asarray(run.table_ball) == pytest.approx(rotation[0] @ np.array(TOOL_BALL) + position[0], abs=1e-3)
     model = Model(campaign)

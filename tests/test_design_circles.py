@@ -195,7 +195,8 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
         "Stand the table ball at x = 60, y = 0, z = 80 mm", "Bar of 50 mm", "ball bar: dL_um into", "793, one every 50 ms",
         "radius 50 mm, 480° with run-up", "xy of the workpiece frame", "counter-clockwise, seen against +z",
         "800 mm/min along the circle", "C and X move; the ball is X_T = 60.000 mm from axis C, X_T/r = 60/50 = 1.2",
-        "Machine position with the tool's end there: X 60.000, Y 0.000, Z 210.000 mm (A 0°, C 0°)", "39.6 s, from rest",
+        "With the tool's ball there, no tool offset, the control shows X 60.000, Y 0.000, Z 210.000 mm (A 0°, C 0°)",
+        "39.6 s, from rest",
         f"The same mounting as for run {first}: all stays as it stands", "backlash.C.width", "nc/iso/*.nc", "4580 °/min",
     ):  # fmt: skip
         assert words in page.words, words

@@ -23,10 +23,12 @@ from symfive.diagnose import (
     partitions,
     prove,
 )
+from symfive.diagnose._locate import survey
 from symfive.diagnose._next_test import possible_tests
 from symfive.diagnose._places import moves_the_same, reshapes
 from symfive.diagnose._refit import refitted, settled
 from symfive.diagnose._search import Member, Naming
+from symfive.diagnose._unknown import unknowns
 from symfive.diagnose._words import facts_of
 from symfive.effects import make_effect
 from symfive.effects.unknown import Unknown
@@ -68,7 +70,7 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     assert 0.9 * explained < sum(shares.values()) <= explained + 1e-9 and min(shares.values()) > 0.1
     for finding in findings_of(naming):
         says = finding.says
-        assert says.startswith(f"{finding.title}: ") and says.count(". ") == 0 and len(says) < 160
+        assert says.startswith(f"{finding.title}: ") and says.count(". ") == 0 and len(says) < 180
         assert "; it had hidden in the geometry (" in says and " %; " in says and "amplitude" in says
         facts = facts_of(finding, naming.after)
         assert facts["where"].endswith("in all runs") and " ± " in facts["how large"]
@@ -217,6 +219,16 @@ def test_where_no_single_test_parts_all_that_reads_alike_the_next_ones_come_toge
     assert test.also == ("lateral_play.EBZ from lateral_play.EXZ",) and test.also[0] in test.says
     improbable = next_test(measured, yaw, tilt, side, chances=(0.02, 0.01))
     assert len(improbable.test.runs) == 1 and not improbable.also
+
+
+def test_a_control_searches_what_a_user_does():
+    """What is taken out of the library is taken out, and nothing stands in for it that a user would not get."""
+    fit = identify(read_campaign(CAMPAIGNS / "static-none" / "fit"))
+    whole, control = survey(fit), survey(fit, ("lateral_play", "backlash", "transmission_error"))
+    gone = {s.effect.key for s in whole.scores} - {s.effect.key for s in control.scores}
+    assert {s.effect.key for s in control.scores} < {s.effect.key for s in whole.scores}
+    assert {key.split(".")[0] for key in gone} == {"lateral_play", "backlash", "transmission_error"}
+    assert {e.key for e in unknowns(fit.model.campaign, ())} >= {"unknown.B velocity sign.turned"}
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from symfive.campaign import Campaign, Run, read_campaign
+from symfive.diagnose._catalogue import catalogue
 from symfive.effects import EFFECTS, VOCABULARY, Effect, make_effect
 from symfive.errors import InputError
 from symfive.machine import machine_from_data, preset
@@ -360,12 +361,15 @@ def tilt(run: Any) -> np.ndarray:
 
 
 def came_from(command: np.ndarray) -> np.ndarray:
+    """By the moves; before the first one between the flanks, but for a single first row, which counts like the second."""
     signs = np.zeros(len(command))
     for k in range(1, len(command)):
         step = command[k] - command[k - 1]
         signs[k] = np.sign(step) if abs(step) > 1e-9 else signs[k - 1]
-    first = signs[np.flatnonzero(signs)[0]]
-    return np.where(signs == 0.0, first, signs)
+    begins = np.flatnonzero(signs)[0]
+    if begins == 1:
+        signs[0] = signs[1]
+    return signs
 
 
 @pytest.mark.parametrize("name", FORMULAS)
@@ -403,13 +407,39 @@ def test_gravity_turns_in_the_tilted_frame(code: str, direction: tuple[float, fl
     sign = -1.0 if "B'" in code else 1.0
     across = -sign * np.cross(unit, down)
     change = [Rotation.from_rotvec(sign * q * unit).inv().apply(down) - down for q in np.deg2rad(poses)]
-    wanted = np.array(change) @ (across / np.linalg.norm(across) ** 2)
+    wanted = np.array(change) @ (across / np.linalg.norm(across))
     got = signature(make_effect("gravity_sag", "B", component="EZB"), plan, {"sin": 8.0, "one_minus_cos": 0.0})
     moved = got[runs[0].id]
     np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 8.0 * np.abs(wanted), rtol=0, atol=1e-6)
     if sign > 0.0:
         np.testing.assert_allclose(moved[:, 2], 8.0 * wanted, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(wanted, np.sin(np.deg2rad(poses)), rtol=0, atol=1e-12)
+    sine = np.linalg.norm(across)
+    np.testing.assert_allclose(wanted, sine * np.sin(np.deg2rad(poses)), rtol=0, atol=1e-12)
+    said = make_effect("gravity_sag", "B", component="EZB").describe(
+        plan, {"gravity_sag.B.EZB.sin": 8.0, "gravity_sag.B.EZB.one_minus_cos": 0.0}, {}
+    )
+    assert said["amplitude"].value == pytest.approx(8.0 * sine)  # what it moves at sin q = 1
+
+
+@pytest.mark.parametrize("slip", [0.0, 1e-9, 2.9e-4, 0.1, 1.0])
+@pytest.mark.parametrize("axis", ["B", "C"])
+def test_a_sag_is_no_larger_than_gravity_turns_in_its_frame(axis: str, slip: float) -> None:
+    """However near an axis is to the vertical, alone or on a tilting one: 1 g turned over is a change by 2."""
+    axes: dict[str, Any] = {n: {} for n in "CXYZB"}
+    axes[axis] = {"direction": [0.0, slip, 1.0]}
+    machine = machine_from_data({"schema": "symfive.machine/1", "structure": "w C' B' X' Y' b Z t", "axes": axes})
+    generator = np.random.default_rng(1)
+    commands = {n: np.zeros(50) for n in "XYZ"} | {n: generator.uniform(-180.0, 180.0, 50) for n in "BC"}
+    plan = campaign("static")
+    run = replace(plan.runs[0], time=np.arange(50.0), commands=commands, readings={}, tool_ball=(0.0, 0.0, -100.0))
+    plan = replace(plan, machine=machine, runs=(run,))
+    if axis == "B" and slip < 1e-8:  # vertical, to rounding
+        with pytest.raises(InputError, match="gravity does not turn"):
+            make_effect("gravity_sag", "B", component="EZB").prepare(plan)
+        return
+    moved = signature(make_effect("gravity_sag", axis, component=f"EZ{axis}"), plan, {"sin": 8.0, "one_minus_cos": 0.0})
+    turns = 2.0 if axis == "C" else 2.0 * slip / math.hypot(slip, 1.0)
+    assert 0.1 * turns * 8.0 < np.linalg.norm(moved[run.id], axis=1).max() <= turns * 8.0 + 1e-6
 
 
 def test_pre_sliding_after_a_reversal_is_the_catalogue_s_formula() -> None:
@@ -450,6 +480,35 @@ def test_latency_leaves_the_control_s_own_recording_alone() -> None:
     for run in runs:
         assert np.abs(change[run.id][:, 0]).max() > 0.01
         assert np.abs(change[run.id][:, 1:]).max() == 0.0
+
+
+def test_latency_leaves_what_other_effects_do_to_the_control_s_own_recording_alone() -> None:
+    """A clock belongs to a reading: force and bar may look at the velocity of one axis, and only the bar sees it late."""
+    plan = campaign("planar")
+    options = {"axis": "X", "force_terms": ("mass", "viscous")}
+    runs = tuple(
+        replace(run, instrument=("drive_force", "ball_bar"), options=options, readings={}) for run in plan.runs
+    )
+    plan = replace(plan, runs=runs)
+    others = [make_effect("force_friction", "X"), make_effect("unknown", over=("X velocity",), place="force")]
+    model = Model(plan, [*others, make_effect("latency")])
+    at = {p.name: 5.0 for e in model.effects[:2] for p in e.parameters(plan)} | {"drive_force.X.mass": 90.0}
+    on_time, late = model.predict(at), model.predict({**at, "latency.delay_ms": 8.0})
+    for run in runs:
+        change = late[run.id] - on_time[run.id]
+        assert np.abs(change[:, 0]).max() == 0.0 and np.ptp(on_time[run.id][:, 0]) > 1.0
+        assert np.abs(change[:, 1]).max() > 0.01
+    names = [*at, "latency.delay_ms", next(p.name for p in model.parameters if p.kind == "location_error")]
+    assert_exact(model, names)
+
+
+@pytest.mark.parametrize("name", ["latency", "sensor_low_pass"])
+def test_where_the_control_records_everything_no_instrument_is_late(name: str) -> None:
+    plan = campaign("planar")
+    runs = tuple(replace(run, instrument=("encoder",), readings={}) for run in plan.runs)
+    assert not any(make_effect(name).applies(run) for run in runs)
+    assert any(make_effect(name).applies(run) for run in plan.runs)
+    assert name not in {effect.id for effect in catalogue(replace(plan, runs=runs))}
 
 
 REFUSED = [

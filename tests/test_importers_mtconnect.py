@@ -168,7 +168,7 @@ def test_names_of_users_stay_names(tmp_path: Path):
     machine = read_mtconnect(probe(tmp_path, axis("X"), name=name), code="w X' b t")
     write_machine(machine, tmp_path / "machine.toml")
     again: Machine = read_machine(tmp_path / "machine.toml")
-    assert again.name == 'a "b" \\ # ]]\nstructure = 1\t<' and again.structure.code == "w X' b t"
+    assert again.name == 'a "b" \\ # ]] structure = 1 <' and again.structure.code == "w X' b t"
 
 
 BOMB = '<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>'

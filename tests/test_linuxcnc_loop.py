@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT))
 
 from examples.linuxcnc_loop import controller, loop  # noqa: E402
 from examples.linuxcnc_loop.baseline import with_error_motions  # noqa: E402
-from examples.linuxcnc_loop.configuration import hal_text, ini_text, joint_letters  # noqa: E402
+from examples.linuxcnc_loop.configuration import TCP_OFF, hal_text, ini_text, joint_letters, tcp_on  # noqa: E402
 from examples.linuxcnc_loop.controller import PREFIX, Controller, Recording, setp_lines  # noqa: E402
 from examples.linuxcnc_loop.deviation import measured_deviation, true_deviation  # noqa: E402
 from examples.linuxcnc_loop.poses import held_out_run, joints_at_poses, plant_run, pose_lines, programme  # noqa: E402
@@ -258,4 +258,33 @@ def test_linuxcnc_says_what_it_does_not_run(tmp_path) -> None:
     far = programme(machine, grid_run(machine), Post()).replace("X90.00000", "X4000.00000", 1)
     with Controller.of(machine) as control, pytest.raises(InputError, match="LinuxCNC stopped a programme"):
         control.run({"far": far}, setp_lines(machine), feed_override=10.0)
+    assert not controller.LOCK.exists()
+
+
+@pytest.mark.linuxcnc
+def test_linuxcnc_runs_through_the_pole_and_follows_a_pin_smoothly(tmp_path) -> None:
+    """The whole control: through B = 0 with the tool centre held, then a pin changes; no joint jumps. A pin that is not a
+    number is not followed, and a point beyond a joint's limit is not gone to."""
+    try:
+        controller.require_linuxcnc()
+    except InputError as absent:
+        pytest.skip(str(absent))
+    machine = preset("table-bc")
+    setp = [line.replace(f"{PREFIX}kins.EA0B 0.0", f"{PREFIX}kins.EA0B nan") for line in setp_lines(machine)]
+    setp = [line for line in setp if f"{PREFIX}kins.EX0C" not in line]
+    setp.append(f"net changed motion.analog-out-00 => {PREFIX}kins.EX0C")
+    head = f"G21 G90 G94 G61\nG1 X40 Y20 Z0 B0 C30 F3000\n{tcp_on(80.0)}\n"
+    path = head + "G1 B-3 F300\nG1 B3 C31\nG4 P0.2\nM68 E0 Q150\nG4 P2\nG1 B-1\n" + TCP_OFF + "\nM2\n"
+    with Controller.of(machine) as control:
+        joints = control.run({"path": path}, setp, feed_override=1.0)["path"].joints
+        held = control.run({"path": path.replace("M68 E0 Q150\n", "")}, setp, feed_override=1.0)["path"].joints
+        with pytest.raises(InputError, match="limit"):
+            control.run({"far": head + "G1 X4000 F3000\nM2\n"}, setp, feed_override=1.0)
+    steps = {letter: np.abs(np.diff(values, 2)) for letter, values in joints.items()}
+    assert all(np.isfinite(values).all() for values in joints.values())
+    assert np.ptp(joints["B"]) > 5.9 and joints["B"].min() < 0.0 < joints["B"].max()
+    for letter, change in steps.items():  # what an axis may accelerate in a cycle, and no more
+        most = (machine.axes[letter].max_acceleration or 1000.0) * 1e-6
+        assert change.max() < 3.0 * most, letter
+    assert 0.02 < abs(joints["X"][-1] - held["X"][-1]) < 0.15  # mm: two seconds and a path at 20 µm/s
     assert not controller.LOCK.exists()

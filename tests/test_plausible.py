@@ -3,11 +3,14 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.check import check
+from symfive.machine import designed_ball, preset, presets
 from symfive.plausible import doubts
+from symfive.procedures import Nominal
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 
@@ -32,6 +35,14 @@ def nests() -> Campaign:
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_said_of_what_is_meant(name):
     assert check(CAMPAIGNS / name / "fit").notes == ()
+
+
+@pytest.mark.parametrize("name", presets())
+def test_the_designed_machine_is_that_of_the_chain(name):
+    machine, rng = preset(name), np.random.default_rng(3)
+    commands = {a: rng.uniform(*machine.axes[a].travel, size=20) for a in machine.axis_names}
+    ball = (1.0, -2.0, -120.0)
+    assert designed_ball(machine, commands, ball) == pytest.approx(Nominal(machine).ball(commands, ball), abs=1e-9)
 
 
 def test_balls_that_do_not_fit_the_commands(bar, nests):

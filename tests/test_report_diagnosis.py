@@ -22,7 +22,7 @@ from symfive.diagnose import (
     detect,
 )  # fmt: skip
 from symfive.diagnose._words import facts_of, sentence_of
-from symfive.effects import make_effect
+from symfive.effects import Quantity, make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
 from symfive.numbers import change, in_words, percent, power_of_ten
@@ -171,12 +171,22 @@ def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found):
     unsure = replace(found.findings[1], confidence=0.991, nearest=("backlash.Y", 1.3), rivals=(), shape_differs=1.08)
     facts = facts_of(unsure, found.after)
     assert facts["how sure"] == (
-        "confidence 99.1 % by plausibility alone (the readings tell it from backlash.Y by 1.3σ only) "
+        "confidence 99.1 %, by the odds beforehand: it cannot be distinguished from backlash.Y in this test (1.3σ) "
         "(its component is open: EXB reads the same)"
     )
     assert facts["how large"].endswith("its shape differs from the library's by 108 %")
     same = replace(unsure, nearest=("backlash.Y", 0.004))
-    assert "(the readings tell it from backlash.Y not at all)" in facts_of(same, found.after)["how sure"]
+    assert "cannot be distinguished from backlash.Y in this test (its" in facts_of(same, found.after)["how sure"]
+
+
+def test_every_number_of_a_finding_has_its_uncertainty(found):
+    """Numbers of a matrix too; where none stands out by itself, how far all together do."""
+    matrix = Quantity(((1.007, 0.008), (-0.002, 1.004)), ((0.009, 0.010), (0.005, 0.002)), "1")
+    faint = {"P1": Quantity(-5.0, 15.0, "um"), "P2": Quantity(3.0, 9.0, "um")}
+    finding = replace(found.findings[1], parameters={"matrix": matrix, **faint}, sigmas=7.4)
+    said = facts_of(finding, found.after)["how large"]
+    assert "matrix ((1.0070 ± 0.0090, 0.008 ± 0.010), (−0.0020 ± 0.0050, 1.0040 ± 0.0020))" in said
+    assert "P1 −5 ± 15 µm, together 7.4σ from none, P2 3.0 ± 9.0 µm" in said
 
 
 def test_a_fit_that_did_not_converge_says_so_first(found, tmp_path, monkeypatch):
@@ -329,8 +339,9 @@ def test_small_numbers_in_words(found):
         and in_words(("B", "C")) == "B, C"
         and in_words(7.0123, 0.064, "um") == "7.012 ± 0.064 µm"
     )
-    assert in_words((0.0, 0.27712), (0.01, 0.004), "1") == "(0.000, 0.2771)"
-    assert in_words(((1.0, 0.0123), (-0.2, 1.0)), ((0.01, 0.01), (0.1, 0.1))) == "((1.000, 0.012), (−0.20, 1.00))"
+    assert in_words((0.0, 0.27712), (0.01, 0.004), "1") == "(0.000 ± 0.010, 0.2771 ± 0.0040)"
+    matrix, spreads = ((1.0, 0.0123), (-0.2, 1.0)), ((0.01, 0.01), (0.1, 0.1))
+    assert in_words(matrix, spreads, spread=False) == "((1.000, 0.012), (−0.20, 1.00))"
     assert percent(0.9999) == "above 99.9 %" and percent(0.5) == "50 %" and percent(0.0) == "0 %"
     assert (
         power_of_ten(0.03) == "0.03" and power_of_ten(3e-7) == "about 10⁻⁷" and power_of_ten(1e-300) == "below 10⁻³⁰⁰"

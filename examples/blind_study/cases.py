@@ -14,12 +14,15 @@ import plant
 from plant.state import Spec as PlantSpec
 
 from .effects import MACHINE, Draft, Spec, Table, draw, name_of
+from .foreign import form_of_case
 from .others import FAULTS, OUTSIDE
 from .plans import Random, Setting, draw_setting
 from .span import Array, Span, aliases, size
 
 STRATA = {"none": 100, "visible": 100, "masked": 80, "alias": 30, "pairs": 60, "outside": 30, "instrument": 20}
 """Cases of each stratum at 420."""
+FOREIGN = "foreign"
+"""A stratum of its own, frozen: it is asked for by number and belongs to no total (`foreign`)."""
 MASKED = 0.7
 """Share of an effect's energy that geometry and set-up can swallow, from which it counts as masked."""
 SIZES = (1.0, 8.0)
@@ -52,16 +55,25 @@ def case_ids(count: int) -> list[str]:
     return [f"{s}-{k:03d}" for _, s, k in sorted(placed)]
 
 
+def foreign_ids(count: int) -> list[str]:
+    """Names of the first cases of the frozen stratum; every form comes once before any comes again."""
+    return [f"{FOREIGN}-{k:03d}" for k in range(count)]
+
+
 def make_case(seed: int, id: str) -> Case:
     """The case of that name: the same for every number of cases and of workers."""
     stratum, number = id.rsplit("-", 1)
     own = [seed, zlib.crc32(stratum.encode()), int(number)]
     rng = np.random.default_rng(own)
     sown = int(np.random.default_rng([*own, 1]).integers(1 << 31))
+    _, form = form_of_case(int(number))
     for _ in range(TRIES):
-        lean = stratum == "alias"
-        setting = draw_setting(rng, lean=lean)
-        drawn = MAKERS[stratum](rng, setting, sown)
+        if stratum == FOREIGN:
+            setting = draw_setting(rng, form.kinds)
+            drawn = _foreign(rng, setting, sown, ((form.draw, 1.0),))
+        else:
+            setting = draw_setting(rng, lean=stratum == "alias")
+            drawn = MAKERS[stratum](rng, setting, sown)
         if drawn is not None:
             return Case(id, stratum, sown, setting, *drawn)
     raise RuntimeError(f"{id}: no such case in {TRIES} tries")
@@ -96,8 +108,13 @@ def _instrument(rng: Random, setting: Setting, seed: int) -> Drawn | None:
 
 
 def _outside(rng: Random, setting: Setting, seed: int) -> Drawn | None:
+    return _foreign(rng, setting, seed, OUTSIDE)
+
+
+def _foreign(rng: Random, setting: Setting, seed: int, table: Table) -> Drawn | None:
+    """One effect that the vocabulary has no word for, clear, and not to be read as one that it has."""
     clear = (1.5, 8.0)
-    drawn = _single(rng, setting, seed, OUTSIDE, lambda f: f["snr"] > 10.0 and f["masked"] < 0.9, clear, alone=False)
+    drawn = _single(rng, setting, seed, table, lambda f: f["snr"] > 10.0 and f["masked"] < 0.9, clear, alone=False)
     return None if drawn is None or drawn[1][0]["same"] else drawn
 
 
@@ -112,6 +129,8 @@ def _single(
     """One effect, of a size (over noise, or by the SNR of its orthogonal part) drawn log-uniformly; `alone`: no other
     name explains it nearly as well."""
     draft = draw(rng, setting, table)
+    if draft is None:
+        return None
     target = float(np.exp(rng.uniform(*np.log(sizes))))
     span = Span.of(setting)
     spec = scaled(setting, draft, seed, target, span if by_snr else None)
@@ -126,7 +145,7 @@ def _single(
 
 def _pairs(rng: Random, setting: Setting, seed: int) -> Drawn | None:
     """Two effects of different name, each of which leaves enough that the other cannot explain."""
-    drafts = [draw(rng, setting, MACHINE) for _ in range(2)]
+    drafts = [d for d in (draw(rng, setting, MACHINE) for _ in range(2)) if d is not None]
     targets = np.exp(rng.uniform(np.log(1.5), np.log(8.0), 2))
     specs = [scaled(setting, d, seed, float(t)) for d, t in zip(drafts, targets, strict=True)]
     if None in specs:
@@ -250,4 +269,4 @@ def write_case(case: Case, folder: Path) -> str:
     return json.dumps(answer, default=float)
 
 
-__all__ = ["STRATA", "Case", "case_ids", "make_case", "write_case"]
+__all__ = ["FOREIGN", "STRATA", "Case", "case_ids", "foreign_ids", "make_case", "write_case"]

@@ -327,8 +327,10 @@ MACHINE: Table = (
 """Effects of the machine and how often they are drawn."""
 
 
-def draw(rng: Random, setting: Setting, table: Table) -> Draft:
-    """One effect that this setting can have."""
+def draw(rng: Random, setting: Setting, table: Table) -> Draft | None:
+    """One effect that this setting can have; None of a table of one where it cannot."""
+    if len(table) == 1:
+        return table[0][0](rng, setting)
     weights = np.array([w for _, w in table])
     while True:
         drawer = table[int(rng.choice(len(table), p=weights / weights.sum()))][0]

@@ -60,13 +60,17 @@ def figure(what: str, target: str, values: Iterable[float], measure: Callable[[A
     return Line(what, target, len(data), float(measure(data)) if len(data) else math.nan)
 
 
+BEYOND = ("outside", "foreign")
+"""Strata of physics that the vocabulary has no word for."""
+
+
 def stated(rows: Sequence[Row]) -> list[tuple[float, bool]]:
     """Stated probability of every name given, and whether it was right."""
     return [
         (f["confidence"], r is not None)
         for row in rows
         for f, r in zip(row["found"], row["right"], strict=True)
-        if f["effect"] != "unknown" and row["stratum"] not in ("none", "outside")
+        if f["effect"] != "unknown" and row["stratum"] not in ("none", *BEYOND)
     ]
 
 
@@ -93,7 +97,7 @@ def table(rows: Sequence[Row]) -> list[Line]:
     """The issue's targets, line by line."""
     by = {
         s: [r for r in rows if r["stratum"] == s]
-        for s in ("none", "visible", "masked", "alias", "pairs", "outside", "instrument")
+        for s in ("none", "visible", "masked", "alias", "pairs", "instrument", *BEYOND)
     }
     seen = [r for r in by["masked"] if r["truth"][0]["snr"] >= SEEN]
     known = [*by["visible"], *by["masked"], *by["pairs"], *by["instrument"]]
@@ -125,6 +129,7 @@ def table(rows: Sequence[Row]) -> list[Line]:
         share("pairs: both named", "≥ 85 %", (r["all_named"] for r in by["pairs"])),
         share("pairs: a third invented", "≤ 5 %", (r["invented"] > 0 for r in by["pairs"])),
         share("outside: `unknown` over the right coordinate", "≥ 85 %", (r["honest"] for r in by["outside"])),
+        share("foreign: `unknown` or what predicts, over the right coordinate", "", (r["honest"] for r in by["foreign"])),
         share("known called `unknown`", "≤ 5 %", (r["unknown"] > 0 for r in known)),
         share("instrument told from machine", "≥ 90 %", (r["told"] for r in by["instrument"])),
         figure("parameter error, median", "≤ 0.05", (p["error"] for p in magnitudes), np.median),
@@ -147,7 +152,7 @@ def confusion(rows: Sequence[Row]) -> tuple[list[str], list[str], Counter[tuple[
         if len(row["truth"]) > 1:
             continue
         truth = row["truth"][0]["name"][0] if row["truth"] else "none"
-        truth = f"({truth})" if row["stratum"] == "outside" else truth
+        truth = f"({truth})" if row["stratum"] in BEYOND else truth
         counts[truth, _column(row)] += 1
     lines = sorted({t for t, _ in counts})
     columns = [*sorted({c for _, c in counts} - {"class", "unknown", "none"}), "class", "unknown", "none"]

@@ -54,7 +54,7 @@ def geometry(result: Identification) -> dict[str, list[float]]:
 
 
 def _held(result: Identification, heldout: Campaign) -> float:
-    return float(np.sqrt(np.mean(np.square(list(predict(fitted_model(result), heldout).rms.values())))))
+    return float(np.sqrt(np.mean(np.square(list(predict(fitted_model(result), heldout).rms_kept.values())))))
 
 
 def code() -> str:

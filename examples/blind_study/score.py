@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .effects import INSTRUMENT
+from .foreign import honest
 from .oracle import TEXTBOOK, form_of
 from .others import coordinates
 
@@ -91,6 +92,8 @@ def score(
             and first["effect"] == "unknown"
             and bool(set(first["where"]["coordinate"].split(", ")) & coordinates(answer["effects"][0]))
         )
+    if answer["stratum"] == "foreign":
+        row["honest"] = honest(answer["effects"][0], first, row["heldout"])
     if answer["stratum"] == "instrument":
         row["told"] = bool(findings) and all(_of_instrument(f) for f in findings)
     return row

@@ -25,7 +25,7 @@ from symfive.convert import data_folder
 from symfive.executors import executor, finished
 
 from . import stages
-from .cases import STRATA, case_ids
+from .cases import STRATA, case_ids, foreign_ids
 from .controls import controls
 from .rivals import lines
 from .score import Row, score
@@ -45,6 +45,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=1, metavar="W", help="processes of one thread each; 0: none")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead, as tcp://host:8786")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--foreign", type=int, default=0, metavar="N", help="also so many cases of the frozen stratum")
     parser.add_argument(
         "--only", action="append", choices=tuple(STRATA), metavar="STRATUM", help="this stratum (repeat)"
     )
@@ -63,7 +64,7 @@ def chosen(options: argparse.Namespace) -> list[str]:
     if options.case:
         return list(options.case)
     ids = case_ids(options.cases)
-    return [i for i in ids if not options.only or i.rsplit("-", 1)[0] in options.only]
+    return [i for i in ids if not options.only or i.rsplit("-", 1)[0] in options.only] + foreign_ids(options.foreign)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from .figures import Line, calibration, confusion, oracle_power, severity, table, wilson
+from .figures import BEYOND, Line, calibration, confusion, oracle_power, severity, table, wilson
 from .score import SEEN, Row, as_well
 
 logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
@@ -87,11 +87,11 @@ def shortcomings(row: Row) -> list[str]:
         )
     if stratum == "pairs" and not row["all_named"]:
         out.append("not both named")
-    if stratum == "outside" and not row["honest"]:
+    if stratum in BEYOND and not row["honest"]:
         out.append("not an unknown over the right coordinate")
     if stratum == "instrument" and not row["told"]:
         out.append("not told from the machine")
-    if row["invented"] and stratum != "outside" and (row["named"] or stratum == "pairs"):
+    if row["invented"] and stratum not in BEYOND and (row["named"] or stratum == "pairs"):
         out.append("further effect invented")
     if stratum == "alias" and row["named"] and not row["class_complete"]:
         out.append("class not complete")

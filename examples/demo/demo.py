@@ -206,8 +206,8 @@ def main(arguments: list[str] | None = None) -> int:
         drive = real_drive()
         print("\n".join(lines_of_drive(drive)))
         save_figures(drive, folder / "drive")
-    except InputError as absent:
-        print(f"  NOT RUN: {absent}")
+    except InputError:
+        print("  Skipped (optional): real recordings are not on this computer.")
 
     print(f"Done in {time.perf_counter() - begin:.0f} s. Pictures and data: {folder.resolve()}")
     return 0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.nc import Post, program
+from symfive.nc import Post, program, top_of
 from symfive.procedures import Nominal
 
 from .configuration import TCP_OFF, tcp_on
@@ -33,9 +33,11 @@ INSIDE = 0.9
 
 
 def programme(machine: Machine, run: Run, post: Post) -> str:
-    """The run as a LinuxCNC programme under tool-centre point control. Ways that an operator would drive by hand on a real
-    table are driven by the programme: nothing stands on this one."""
-    own = replace(post, tool_centre_on=tcp_on(-run.tool_ball[2]), tool_centre_off=TCP_OFF, dwell_s=DWELL_S, by_hand={})
+    """The run as a LinuxCNC programme under tool-centre point control. The control's machine coordinates are those of the
+    machine file."""
+    own = replace(
+        post, tool_centre_on=tcp_on(-run.tool_ball[2]), tool_centre_off=TCP_OFF, dwell_s=DWELL_S, machine_top=top_of(machine)
+    )  # fmt: skip
     return program(machine, run, "linuxcnc", own)
 
 
@@ -119,7 +121,8 @@ def _drawn_setup(machine: Machine, like: Run, rng: np.random.Generator) -> tuple
     heights = space.ball_height or (like.table_ball[2], like.table_ball[2])
     lengths = space.tool_length or (-like.tool_ball[2], -like.tool_ball[2])
     angle, radius = rng.uniform(0.0, 2.0 * np.pi), INSIDE * (space.table_radius or 0.0) * np.sqrt(rng.uniform())
-    nest = (radius * float(np.cos(angle)), radius * float(np.sin(angle)), float(rng.uniform(*heights)))
+    x, y = machine.table_centre
+    nest = (x + radius * float(np.cos(angle)), y + radius * float(np.sin(angle)), float(rng.uniform(*heights)))
     return nest, (0.0, 0.0, -float(rng.uniform(*lengths)))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from symfive.identify import Identification
 
-from .study import Study, coordinate, counted_by, rms_of, telling_column
+from .study import Study, coordinate, rms_of, telling_column
 from .words import shown_unit
 
 __all__ = ["drawing", "save"]
@@ -74,7 +74,7 @@ def _residuals(ax: Axes, study: Study, fit: Identification, colour: str, what: s
             values.append(fit.residuals[run.id][:, column])
             outliers.append(left_out[run.id][:, column])
     x, y, out = np.concatenate(places), np.concatenate(values), np.concatenate(outliers)
-    rms = float(np.sqrt(np.mean(y[~out] ** 2)))
+    rms = float(np.sqrt(np.mean(y**2)))
     label = f"{what}: {rms:.3g} {_unit(study)} rms here"
     few = len(x) <= MANY
     aside = (-1.0 if fit is study.found.before else 1.0) * SIDE * float(np.ptp(x)) if few else 0.0
@@ -110,8 +110,7 @@ def _mean_line(ax: Axes, x: Array, y: Array, bins: int, colour: str) -> None:
 
 def _held_out(ax: Axes, study: Study) -> None:
     unit = shown_unit(study.recording.unit)
-    fits, counted = (study.found.before, study.found.after), counted_by(study.found)
-    before, after = (rms_of(fit, study.recording.unit, counted) for fit in fits)
+    before, after = (rms_of(fit, study.recording.unit) for fit in (study.found.before, study.found.after))
     rows = [("all that was fitted", before, after)]
     rows += [(part.label, part.before, part.after) for part in study.held_out]
     y = np.arange(len(rows))[::-1].astype(float)

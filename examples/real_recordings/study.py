@@ -22,7 +22,6 @@ __all__ = [
     "HeldOut",
     "Study",
     "coordinate",
-    "counted_by",
     "held_out_rms",
     "lacking",
     "named",
@@ -32,7 +31,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-Counted = Mapping[str, NDArray[np.bool_]]
 TOLERANCE = 1e-2
 """σ: a refit whose steps are smaller than this has settled."""
 WORSE = 1.005
@@ -97,16 +95,9 @@ def study(
 
 
 def _held_out(found: Diagnosis, part: Part, unit: str) -> HeldOut:
-    counted = counted_by(found)
-    without = {f.effect.key: held_out_rms(lacking(found.after, f.effect), part, unit, counted) for f in found.findings}
-    before, after = (held_out_rms(fit, part, unit, counted) for fit in (found.before, found.after))
+    without = {f.effect.key: held_out_rms(lacking(found.after, f.effect), part, unit) for f in found.findings}
+    before, after = (held_out_rms(fit, part, unit) for fit in (found.before, found.after))
     return HeldOut(part.label, before, after, without)
-
-
-def counted_by(found: Diagnosis) -> Counted:
-    """Run → readings (N, ny) that are an outlier neither of the fit before nor of that after; the two are compared on them."""
-    before, after = found.before.problem().left_out, found.after.problem().left_out
-    return {id: ~(before[id] | after[id]) for id in before}
 
 
 def _other(found: Diagnosis, unseen: Campaign) -> HeldOut:
@@ -133,15 +124,14 @@ def lacking(fit: Identification, effect: Effect) -> Identification:
     return replace(fit, model=model, values=model.vector(start))
 
 
-def held_out_rms(fit: Identification, part: Part, unit: str, counted: Counted | None = None) -> float:
+def held_out_rms(fit: Identification, part: Part, unit: str) -> float:
     """Root mean square, in `unit`, of the readings that `part` does not learn from, with the parameters of those it does.
 
     The noise is that of the whole fit. A run of which nothing is learnt has its own zeros and set-up fitted, nothing else:
-    so the machine is predicted, not where the instrument stood. `counted` (by default all but the fit's outliers) count.
+    so the machine is predicted, not where the instrument stood. All of these readings count, outliers too.
     """
     learnt = {run.id: part.learn(run) for run in fit.model.campaign.runs}
     problem = fit.problem()
-    counted = counted or {id: ~rows for id, rows in problem.left_out.items()}
     problem.left_out = {id: problem.left_out[id] | ~rows[:, None] for id, rows in learnt.items()}
     values, _ = gauss_newton(problem, fit.values, TOLERANCE)
     strange = {id for id, rows in learnt.items() if not rows.any()}
@@ -150,15 +140,15 @@ def held_out_rms(fit: Identification, part: Part, unit: str, counted: Counted | 
         setting_up = fit.problem()
         setting_up.free = own
         values, _ = gauss_newton(setting_up, values, TOLERANCE)
-    return _rms(fit, values, {id: counted[id] & ~rows[:, None] for id, rows in learnt.items()}, unit)
+    return _rms(fit, values, {id: ~rows for id, rows in learnt.items()}, unit)
 
 
-def rms_of(fit: Identification, unit: str, counted: Counted | None = None) -> float:
-    """Root mean square of all that was fitted and counts, in `unit`."""
-    return _rms(fit, fit.values, counted or {id: ~rows for id, rows in fit.problem().left_out.items()}, unit)
+def rms_of(fit: Identification, unit: str) -> float:
+    """Root mean square of all readings, in `unit`; NaN where none has it."""
+    return fit.rms.get(unit, float("nan"))
 
 
-def _rms(fit: Identification, values: Array, counts: Counted, unit: str) -> float:
+def _rms(fit: Identification, values: Array, rows: Mapping[str, NDArray[np.bool_]], unit: str) -> float:
     squares, number = 0.0, 0
     problem = fit.problem()
     for run in fit.model.campaign.runs:
@@ -167,8 +157,8 @@ def _rms(fit: Identification, values: Array, counts: Counted, unit: str) -> floa
         for _, part in problem.parts(run):
             fitted = range(*part.indices(len(columns)))
             for k in (k for k in fitted if columns[k].unit == unit):
-                squares += float(np.sum(residual[counts[run.id][:, k], k] ** 2))
-                number += int(counts[run.id][:, k].sum())
+                squares += float(np.sum(residual[rows[run.id], k] ** 2))
+                number += int(rows[run.id].sum())
     return float(np.sqrt(squares / number)) if number else float("nan")
 
 

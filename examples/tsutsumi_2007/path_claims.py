@@ -162,24 +162,26 @@ def _lag_law() -> list[Claim]:
 
 
 def _whose_lag() -> list[Claim]:
-    """Which axis makes the peak: a first-order loop on one, the same delay and nothing else on the other."""
+    """Which axis makes the peak: a first-order loop on one, the same delay and nothing else on the other. A loop on one axis and
+    none on the other would measure their difference in delay, which two equal loops do not have; the rows say so."""
     found = []
     for x_t, by_x in ((45.0, 15.4), (55.0, -18.8)):
         circle, gain = Circle(x_t), PAPER.c.position_gain
         of_x, of_c = (one_axis_lags(circle, gain, axis) for axis in "XC")
         shoulder = of_c.largest(165.0, 195.0)
         at = of_c.deg[np.argmin(np.abs(of_c.um - shoulder))]
-        peak = of_x.at(180.0)
+        peak, place = of_x.at(180.0), f"X_T/r = {circle.u:g}"
         found += [
             Claim(
-                id="P3-14", statement=f"peak at 180° if X alone lags, X_T/r = {circle.u:g}", where="section 2.2",
-                paper=f"restored: {by_x:g}", ours=peak, low=by_x - 0.2, high=by_x + 0.2, unit="µm",
-                note="X is slow enough, the paper says, not to cause a delay",
+                id="P3-14", statement=f"peak at 180° of a first-order loop of X, C delayed as long and unchanged else, {place}",
+                where="section 2.2", paper=f"restored: {by_x:g}", ours=peak, low=by_x - 0.2, high=by_x + 0.2, unit="µm",
+                note="a delay that both axes share leaves the path as it is; X is slow enough, the paper says, not to cause one",
             ),
             Claim(
-                id="P3-14", statement=f"peak at 180° if C alone lags, over that of X, X_T/r = {circle.u:g}", where="section 4.4",
-                paper="it is C's delay", ours=of_c.at(180.0) / peak, low=0.5, high=np.inf, refuted=True,
-                note=f"C's lag makes shoulders beside it, {shoulder:.1f} µm at {at:.0f}°, and nothing at 180°",
+                id="P3-14", statement=f"the same of a loop of C, X delayed as long and unchanged else, over that of X, {place}",
+                where="section 4.4", paper="it is C's delay", ours=of_c.at(180.0) / peak, low=0.5, high=np.inf, refuted=True,
+                note=f"wrong of what a loop does beyond its delay: C's makes shoulders, {shoulder:.1f} µm at {at:.0f}°, and "
+                "nothing at 180°; a delay of C that X does not share does make a peak (last row of P3-14)",
             ),
         ]  # fmt: skip
     return found

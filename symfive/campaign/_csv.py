@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from symfive.campaign._lines import lines_of
 from symfive.errors import InputError
 from symfive.files import shown, write_text
 from symfive.machine import Axis, Machine
+from symfive.separated import SIGNS, Marks, cells_of, sign_of
 
 __all__ = ["read_columns", "write_columns"]
 
@@ -27,14 +27,17 @@ def read_columns(
 ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
     """Time, commands and readings of a CSV. `readings` are the columns that the run's instruments write.
 
-    Either all reading columns are there or none (a plan). Columns of files above `BLOCK_BYTES` lie on disk. Raises
-    `InputError` with line and column.
+    Semicolons or tabs may separate the columns instead of commas; a comma in a cell is then a decimal comma.
+    Either all reading columns are there or none (a plan). Columns of files above `BLOCK_BYTES` lie on disk.
+
+    Raises `InputError` with line and column.
     """
     blocks = lines_of(path)
     _, lines = next(blocks, (1, []))
     if not lines:
         raise InputError("the file is empty", path=path, line=1, remedy="write a header row and at least one row")
-    header = [name.strip() for name in lines[0].split(",")]
+    sign = sign_of(lines[0])
+    header, marks = cells_of(lines[0], sign), Marks(sign)
     commands = {axis.column: axis.name for axis in machine.axes.values()}
     measured = _check_header(path, header, tuple(commands), readings)
     clock = _Clock(path, header.index("t_s"))
@@ -42,7 +45,7 @@ def read_columns(
     def tables() -> Iterator[Array]:
         for first, rows in itertools.chain([(2, lines[1:])], blocks):
             if rows:
-                table = _numbers(path, rows, header, first)
+                table = _numbers(path, rows, header, first, sign, marks)
                 clock.check(table, first)
                 for name, axis in commands.items():
                     _check_travel(path, table, header.index(name), machine.axes[axis], first)
@@ -100,10 +103,6 @@ def _check_header(
 
 def _unknown_column(path: Path, header: list[str], i: int, expected: tuple[str, ...]) -> InputError:
     name = header[i]
-    other = next((sign for sign in (";", "\t") if sign in name), None)
-    if other is not None:
-        sign = {";": "semicolons", "\t": "tabs"}[other]
-        raise InputError(f"the columns are separated by {sign}", path=path, line=1, remedy="separate them by commas")
     stem = name.rsplit("_", 1)[0]
     twin = next((e for e in expected if e.rsplit("_", 1)[0] == stem), None)
     if twin is not None:
@@ -122,51 +121,42 @@ def _unknown_column(path: Path, header: list[str], i: int, expected: tuple[str, 
     return InputError(problem, path=path, line=1, column=i + 1, remedy=f"the file may hold {', '.join(expected)}")
 
 
-def _numbers(path: Path, lines: list[str], header: list[str], first: int) -> Array:
+def _numbers(path: Path, lines: list[str], header: list[str], first: int, sign: str, marks: Marks) -> Array:
     """A block of rows (N, columns); `first` is the number of its first line."""
-    width = len(header)
-    try:
-        table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2, dtype=float)
-        if table.shape == (len(lines), width) and np.isfinite(table).all():
-            return np.asarray(table)
-    except ValueError:
-        pass
+    width, plain = len(header), marks.plain(lines, first)
+    if plain is not None:
+        try:
+            table = np.loadtxt(plain, delimiter=sign, comments=None, ndmin=2, dtype=float)
+            if table.shape == (len(lines), width) and np.isfinite(table).all():
+                return np.asarray(table)
+        except ValueError:
+            pass
     rows = []
     for number, line in enumerate(lines, start=first):
-        cells = line.split(",")
+        cells = cells_of(line, sign)
         if not line.strip():
             raise InputError("the row is empty", path=path, line=number, remedy="remove it")
         if len(cells) != width:
-            raise InputError(
-                f"the row has {len(cells)} cells, the header {width}",
-                path=path,
-                line=number,
-                remedy="the file may be truncated",
-            )
-        rows.append([_number(path, cell, number, i, header[i]) for i, cell in enumerate(cells)])
+            problem = f"the row has {len(cells)} cells, the header {width}"
+            raise InputError(problem, path=path, line=number, remedy=_remedy(line, len(cells), width, sign))
+        row = []
+        for i, cell in enumerate(cells):
+            try:
+                row.append(marks.number(cell, number, header[i]))
+            except InputError as error:
+                raise error.at(path, column=i + 1) from None
+        rows.append(row)
     return np.array(rows)
 
 
-def _number(path: Path, cell: str, line: int, i: int, name: str) -> float:
-    text = cell.strip()
-    try:
-        if not text.isascii() or "_" in text:
-            raise ValueError
-        value = float(text)
-    except ValueError:
-        raise InputError(
-            f"{shown(text)} in column {name} is not a number",
-            path=path,
-            line=line,
-            column=i + 1,
-            remedy="write a number",
-        ) from None
-    if not math.isfinite(value):
-        raise InputError(
-            f"{shown(text)} in column {name} is not a finite number", path=path, line=line, column=i + 1,
-            remedy="remove the row or write the reading",
-        )  # fmt: skip
-    return value
+def _remedy(line: str, cells: int, width: int, sign: str) -> str:
+    """What may be wrong with a row of another number of cells."""
+    other = sign_of(line)
+    if other != sign and len(cells_of(line, other)) == width:
+        return f"separate its cells by {SIGNS[sign]} as the header's are"
+    if sign == "," and cells > width:
+        return "with decimal commas separate the columns by semicolons, the header's too"
+    return "the file may be truncated"
 
 
 def _check_travel(path: Path, table: Array, i: int, axis: Axis, first: int) -> None:
@@ -204,7 +194,7 @@ class _Clock:
             row = int(np.argmax(steps))
             if steps[row] > self._longest:
                 self._longest, self._longest_line = float(steps[row]), line + row
-            self._usual = self._usual or float(np.median(steps))
+            self._usual = self._usual or float(np.sort(steps)[steps.size // 2])
         if not self._rows:
             self._begin = float(time[0])
         self._last = float(time[-1])

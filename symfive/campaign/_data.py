@@ -18,6 +18,8 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine import Machine
 from symfive.machine._checks import finite, freeze, is_number, numbers, one_of
+from symfive.numbers import plain_number
+from symfive.screen import OnScreen, listed, plural
 
 __all__ = ["FIRST_LINE", "Campaign", "Run", "SetupSigma"]
 
@@ -41,13 +43,15 @@ def _frozen_array(values: Any) -> Array:
 def _inside(owner: str, name: object) -> str:
     """The name of a file that stays below the campaign's folder."""
     if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 200:
-        raise InputError(f"{owner}: file {shown(name)} is not a file name", remedy='write file = "….csv"')
+        problem = f"{owner}: file {shown(name)} is not a file name"
+        raise InputError(problem, remedy='write file = "….csv"', keys=("file",))
     parts = PureWindowsPath(name)  # knows both kinds of separators
     if parts.anchor or ".." in parts.parts:
         problem = f"{owner}: file {shown(name)} lies outside the campaign"
-        raise InputError(problem, remedy="put the CSV into the campaign's folder")
+        raise InputError(problem, remedy="put the CSV into the campaign's folder", keys=("file",))
     if not parts.parts or _place(name) in _RESERVED:
-        raise InputError(f"{owner}: file {shown(name)} is not a CSV", remedy='write file = "….csv"')
+        problem = f"{owner}: file {shown(name)} is not a CSV"
+        raise InputError(problem, remedy='write file = "….csv"', keys=("file",))
     return name
 
 
@@ -72,15 +76,16 @@ class SetupSigma:
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= value < 1e9:
                 problem = f"setup_sigma_um: {name} = {shown(value)} is not a standard deviation"
-                raise InputError(problem, remedy="write µm (plate: µrad), at least 0")
+                raise InputError(problem, remedy="write µm (plate: µrad), at least 0", keys=(name,))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Run(OnScreen):
     """One test: what stood where, what was commanded and, once measured, what was read. Equal only to itself.
 
     `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
-    empty in a plan; all three stay on disk where they are given as `numpy.memmap`. `table_ball` and `tool_ball` mm in
+    empty in a plan; all three stay on disk where they are given as `numpy.memmap`. `clock` is `recorded`, or `none` where it
+    was not: then `time` only orders the rows of a static run, and nothing is said over time. `table_ball` and `tool_ball` mm in
     the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one
     reading, one number or one per instrument.
     """
@@ -98,6 +103,7 @@ class Run:
     u: Vector | None = None
     v: Vector | None = None
     start_s: float = 0.0
+    clock: str = "recorded"
     noise_um: float | Mapping[str, float] = 0.3
     setup_sigma_um: SetupSigma = field(default_factory=SetupSigma)
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -105,7 +111,8 @@ class Run:
     def __post_init__(self) -> None:
         put = object.__setattr__
         if not isinstance(self.id, str) or not _ID.match(self.id) or ".." in self.id or len(self.id) > 100:
-            raise InputError(f"run id {shown(self.id)} is not a plain name", remedy="use letters, digits, - and _")
+            problem = f"run id {shown(self.id)} is not a plain name"
+            raise InputError(problem, remedy="use letters, digits, - and _", keys=("id",))
         owner = f"run {self.id}"
         put(self, "file", _inside(owner, self.file or f"{self.id}.csv"))
         put(self, "time", _frozen_array(self.time))
@@ -113,10 +120,14 @@ class Run:
         put(self, "readings", freeze({k: _frozen_array(v) for k, v in self.readings.items()}))
         put(self, "options", freeze(self.options))
         one_of(owner, "sampling", self.sampling, ("static", "dynamic"))
+        one_of(owner, "clock", self.clock, ("recorded", "none"))
+        if self.dynamic and not self.has_clock:
+            problem = f'{owner}: clock = "none" in a recording at a constant rate'
+            raise InputError(problem, remedy='remove it, or write sampling = "static" where the axes rest at each row')
         names = [name for name in self.instrument if isinstance(name, str)]
         if not names or len(set(names)) != len(self.instrument):
             problem = f"{owner}: instrument {shown(list(self.instrument))} is not a list of different names"
-            raise InputError(problem, remedy='write instrument = "ball_bar"')
+            raise InputError(problem, remedy='write instrument = "ball_bar"', keys=("instrument",))
         check_options(owner, self.options)
         if self.time.size == 0 or self.time.ndim != 1:
             raise InputError(f"{owner} has no rows", remedy="record at least one row or remove the run")
@@ -135,20 +146,28 @@ class Run:
                 continue
             numbers(owner, name, vector, 3, example=f"{name} = [x, y, z]")
             if abs(np.hypot(np.hypot(vector[0], vector[1]), vector[2]) - 1.0) > 1e-3:
-                raise InputError(
-                    f"{owner}: {name} = {list(vector)} is not a unit vector", remedy="give it the length 1"
-                )
+                problem = f"{owner}: {name} = {list(vector)} is not a unit vector"
+                raise InputError(problem, remedy="give it the length 1", keys=(name,))
         if self.length is not None and not (is_number(self.length) and 0.0 < self.length < 1e6):
-            raise InputError(f"{owner}: length = {shown(self.length)} is not a length", remedy="write mm above 0")
+            problem = f"{owner}: length = {shown(self.length)} is not a length"
+            raise InputError(problem, remedy="write mm above 0", keys=("length",))
         finite(owner, start_s=self.start_s)
         many = isinstance(self.noise_um, Mapping)
         for noise in self.noise_um.values() if isinstance(self.noise_um, Mapping) else (self.noise_um,):
             if not is_number(noise) or not 0.0 < noise < 1e12:
                 problem = f"{owner}: noise_um = {shown(noise)} is not a standard deviation"
-                raise InputError(problem, remedy="write µm (1σ) above 0")
+                raise InputError(problem, remedy="write µm (1σ) above 0", keys=("noise_um",))
         if many and not set(self.noise_um) <= set(self.instrument):  # type: ignore[arg-type]
             problem = f"{owner}: noise_um speaks of an instrument that the run lacks"
-            raise InputError(problem, remedy=f"use {', '.join(map(str, self.instrument))}")
+            raise InputError(problem, remedy=f"use {', '.join(map(str, self.instrument))}", keys=("noise_um",))
+
+    def __str__(self) -> str:
+        state = "measured" if self.measured else "a plan, no readings yet"
+        instruments = " and ".join(name.replace("_", " ") for name in self.instrument)
+        noises = tuple(dict.fromkeys(plain_number(self.noise(name)) for name in self.instrument))
+        noise = f"noise {' and '.join(noises)} µm" + (" (or its reading's unit)" if len(noises) > 1 else "")
+        clock = "" if self.has_clock else ", clock not recorded"
+        return f"run {self.id}: {plural(self.rows, 'row')}, {instruments}, {self.sampling}{clock}, {noise}, {state}"
 
     @property
     def rows(self) -> int:
@@ -165,6 +184,11 @@ class Run:
         """Whether it is a recording at a constant rate (and not axes at rest at each row)."""
         return self.sampling == "dynamic"
 
+    @property
+    def has_clock(self) -> bool:
+        """Whether it was recorded when each row was read, and not only in what order."""
+        return self.clock != "none"
+
     def noise(self, instrument: str) -> float:
         """1σ of the instrument's white noise in µm (or the unit of its columns)."""
         if isinstance(self.noise_um, (int, float)):
@@ -179,7 +203,9 @@ class Run:
     @cached_property
     def interval(self) -> float:
         """The row interval, s (1 for a single row). Missing rows do not count nor, in a recording, that its stamps are a little
-        off; of a long run, over its first rows."""
+        off; of a long run, over its first rows. Without a clock it is 1 row."""
+        if not self.has_clock:
+            return 1.0
         time = np.asarray(self.time[:LONG])
         if len(time) < 2:
             return 1.0
@@ -188,8 +214,8 @@ class Run:
 
     @property
     def duration(self) -> float:
-        """Time from the first row to the last, s."""
-        return float(self.time[-1] - self.time[0])
+        """Time from the first row to the last, s; without a clock, in rows."""
+        return float(self.time[-1] - self.time[0]) if self.has_clock else self.rows - 1.0
 
     def fastest(self, way: Array) -> float:
         """The highest speed along a way (N,) that something goes in its rows, per minute."""
@@ -197,10 +223,24 @@ class Run:
 
     def repeated_by(self, other: Run) -> bool:
         """Whether the other run was made in the same way: the readings differ by noise and by what changes in time."""
-        alike = ("instrument", "sampling", "table_ball", "tool_ball", "length", "u", "v", "noise_um", "rows", "options")
+        alike = (
+            "instrument",
+            "sampling",
+            "clock",
+            "table_ball",
+            "tool_ball",
+            "length",
+            "u",
+            "v",
+            "noise_um",
+            "rows",
+            "options",
+        )
         if any(getattr(self, name) != getattr(other, name) for name in alike):
             return False
-        if not np.allclose(self.time - self.time[0], other.time - other.time[0], rtol=1e-6, atol=1e-6):
+        if self.has_clock and not np.allclose(
+            self.time - self.time[0], other.time - other.time[0], rtol=1e-6, atol=1e-6
+        ):
             return False
         return all(
             np.allclose(v, other.commands[n], atol=1e-6) for n, v in self.commands.items() if n in other.commands
@@ -233,8 +273,8 @@ def _steps(time: Array) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(whole).astype(np.int64)])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Campaign:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Campaign(OnScreen):
     """A machine and its runs. A campaign without readings is a measurement plan.
 
     `notes` are remarks of the reader (unknown keys kept, rows that are odd but legal); `comments` those of
@@ -253,23 +293,35 @@ class Campaign:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", freeze(self.extra))
-        if not isinstance(self.name, str):
-            raise InputError(f"name = {shown(self.name)} is not text", remedy='write name = "…"')
+        if not isinstance(self.name, str) or not self.name.isprintable():
+            problem = f"name = {shown(self.name)} is not one line of printed text"
+            raise InputError(problem, remedy='write name = "…"', keys=("name",))
         if not self.runs:
-            raise InputError("the campaign has no runs", remedy="add a [[run]] block")
+            raise InputError("the campaign has no runs", remedy="add a [[run]] block", keys=("run",))
         ids: set[str] = set()
         files: set[str] = set()
-        for run in self.runs:
+        for number, run in enumerate(self.runs):
             if run.id in ids:
-                raise InputError(f'two runs have the id "{run.id}"', remedy="give every run its own id")
+                problem = f'two runs have the id "{run.id}"'
+                raise InputError(problem, remedy="give every run its own id", keys=("run", number, "id"))
             if _place(run.file) in files:
-                raise InputError(f'two runs have the file "{run.file}"', remedy="give every run its own CSV")
+                problem = f'two runs have the file "{run.file}"'
+                raise InputError(problem, remedy="give every run its own CSV", keys=("run", number, "file"))
             ids.add(run.id)
             files.add(_place(run.file))
             if set(run.commands) != set(self.machine.axis_names):
                 odd = sorted(set(run.commands) ^ set(self.machine.axis_names))
                 problem = f"run {run.id}: the commands and the machine's axes differ in {', '.join(odd)}"
-                raise InputError(problem, remedy=f"command each of {', '.join(self.machine.axis_names)}")
+                raise InputError(
+                    problem, remedy=f"command each of {', '.join(self.machine.axis_names)}", keys=("run", number)
+                )
+
+    def __str__(self) -> str:
+        count = sum(run.measured for run in self.runs)
+        state = "measured" if self.measured else f"{count} of them measured" if count else "a plan, no readings yet"
+        machine = f"machine {self.machine.name}: {self.machine.structure.code}"
+        head = f"campaign {self.name}: {plural(len(self.runs), 'run')}, {plural(self.rows, 'row')}, {state}"
+        return "\n".join([head, machine, *listed([str(run) for run in self.runs], "campaign.runs")])
 
     @property
     def measured(self) -> bool:

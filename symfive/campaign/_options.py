@@ -73,4 +73,5 @@ def check_options(owner: str, options: Mapping[str, Any]) -> None:
     """Raise `InputError` for an option of the wrong form."""
     for key, value in options.items():
         if key in OPTIONS and not OPTIONS[key][0](value):
-            raise InputError(f"{owner}: {key} = {shown(value)} does not fit", remedy=f"write {key} = {OPTIONS[key][1]}")
+            problem = f"{owner}: {key} = {shown(value)} does not fit"
+            raise InputError(problem, remedy=f"write {key} = {OPTIONS[key][1]}", keys=(key,))

@@ -13,7 +13,7 @@ import numpy as np
 from symfive.campaign._csv import read_columns, write_columns
 from symfive.campaign._data import Campaign, Run, SetupSigma
 from symfive.campaign._options import OPTIONS
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import output_folder, shown, write_text
 from symfive.instruments import instruments_of
 from symfive.machine import Machine, machine_problems, read_machine, refuse_slips, unknown_keys, write_machine
@@ -49,10 +49,8 @@ def read_campaign(path: Path | str) -> Campaign:
             comments=file.comments, notes=tuple(notes), extra=extra, path=folder, text=file.text,
         )  # fmt: skip
 
-    try:
+    with file.placing():
         build(tuple(replace(draft, commands=dict.fromkeys(machine.axis_names, np.zeros(1))) for draft in drafts))
-    except InputError as error:
-        raise error.at(file.path, file.line("run" if "run" in error.problem else "name")) from None
     return build(tuple(_with_columns(folder, draft, machine) for draft in drafts))
 
 
@@ -134,20 +132,22 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
     refuse_slips(file, (*place, "setup_sigma_um"), sigma, known)
     more = {key: value for key, value in sigma.items() if key not in known}
     try:
-        draft = Run(
-            instrument=tuple(names) if isinstance(names, list) else (names,),
-            setup_sigma_um=SetupSigma(**{key: value for key, value in sigma.items() if key in known}, extra=more),
-            time=np.zeros(1), commands={},
-            options={key: value for key, value in table.items() if key not in _FIELDS},
-            **{key: _tuple(value) for key, value in table.items() if key in _FIELDS},
-        )  # fmt: skip
-        for instrument in instruments_of(draft):
-            instrument.check(draft, machine)
-            instrument.columns(draft, machine)
-            instrument.parameters(draft, machine)
-            instrument.constants(draft, machine)
-    except InputError as error:
-        raise error.at(file.path, file.line(*place, _culprit(error, block))) from None
+        with file.placing(*place):
+            with inside("setup_sigma_um"):
+                spread = SetupSigma(**{key: value for key, value in sigma.items() if key in known}, extra=more)
+            draft = Run(
+                instrument=tuple(names) if isinstance(names, list) else (names,), setup_sigma_um=spread,
+                time=np.zeros(1), commands={},
+                options={key: value for key, value in table.items() if key not in _FIELDS},
+                **{key: _tuple(value) for key, value in table.items() if key in _FIELDS},
+            )  # fmt: skip
+            for instrument in instruments_of(draft):
+                instrument.check(draft, machine)
+                instrument.columns(draft, machine)
+                instrument.parameters(draft, machine)
+                instrument.constants(draft, machine)
+    except InputError:
+        raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         problem = f"run {shown(table['id'])} is not of the right form ({error})"
         raise file.error(problem, *place, remedy="compare it with the conventions, section 5") from None
@@ -158,11 +158,6 @@ def _with_columns(folder: Path, draft: Run, machine: Machine) -> Run:
     columns = tuple(c.name for instrument in instruments_of(draft) for c in instrument.columns(draft, machine))
     time, commands, readings = read_columns(folder / draft.file, machine, columns, dynamic=draft.dynamic)
     return replace(draft, time=time, commands=commands, readings=readings)
-
-
-def _culprit(error: InputError, table: Mapping[str, Any]) -> str:
-    words = error.problem.replace(":", " ").split()
-    return next((key for key in table if key in words), "id")
 
 
 def _tuple(value: Any) -> Any:
@@ -182,6 +177,8 @@ def _run_table(run: Run) -> dict[str, Any]:
     table: dict[str, Any] = {"id": run.id, "file": run.file, "instrument": instrument, "sampling": run.sampling}
     if run.start_s:
         table["start_s"] = run.start_s
+    if not run.has_clock:
+        table["clock"] = run.clock
     table["table_ball"] = list(run.table_ball)
     table["tool_ball"] = list(run.tool_ball)
     for key in ("length", "u", "v"):

@@ -11,14 +11,11 @@ import typer
 
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
-    from symfive.machine import Machine
 
 __all__ = [
-    "CampaignPath", "Dialects", "Json", "OutputPath", "Progress", "Quiet", "app", "dialects_of", "joined", "machine_of", "read",
+    "CampaignPath", "Dialects", "Json", "OutputPath", "Progress", "Quiet", "app", "dialects_of", "joined", "read",
     "tell",
 ]  # fmt: skip
-
-TABLES = (".csv", ".tsv", ".txt")
 
 app = typer.Typer(
     name="symfive",
@@ -71,13 +68,6 @@ class Progress:
             typer.echo(f"{elapsed:5.1f} s  {message}", err=True)
 
 
-def machine_of(name: str) -> Machine:
-    """A machine file, or a preset by its name."""
-    from symfive.machine import preset, presets, read_machine
-
-    return read_machine(name) if Path(name).suffix == ".toml" or name not in presets() else preset(name)
-
-
 def dialects_of(names: list[str] | None) -> tuple[str, ...]:
     """The dialects asked for. Raises `InputError` for an unknown one, before any work is done."""
     from symfive.nc import dialect_of
@@ -87,15 +77,10 @@ def dialects_of(names: list[str] | None) -> tuple[str, ...]:
 
 def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
     """A campaign, its notes told; `measured`: raises `InputError` where a run has no readings."""
-    from symfive.campaign import read_campaign
     from symfive.errors import InputError
+    from symfive.given import campaign_given
 
-    if not path.suffix and not path.exists():
-        raise InputError("there is no such folder", path=path, remedy="check the name; a campaign is a folder")
-    if path.suffix.lower() in TABLES and path.is_file():
-        remedy = "give the campaign's folder or its campaign.toml"
-        raise InputError("this is a table of readings, not a campaign", path=path, remedy=remedy)
-    campaign = read_campaign(path)
+    campaign = campaign_given(path)
     if not quiet:
         for note in campaign.notes:
             typer.echo(f"note: {note}", err=True)

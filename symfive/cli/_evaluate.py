@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,9 +20,6 @@ from symfive.cli._common import (
     read,
     tell,
 )
-
-if TYPE_CHECKING:
-    from symfive.campaign import Run
 
 __all__ = ["diagnose", "fleet", "identify", "predict"]
 
@@ -72,25 +69,16 @@ def predict(
     from symfive.campaign import write_campaign_files
     from symfive.files import output_folder, write_json
     from symfive.identify import predict as predict_campaign
-    from symfive.instruments import instruments_of
     from symfive.model import read_model
-    from symfive.numbers import plain_number, unit_words
-
-    def unit_of(run: Run) -> str:
-        units = {c.unit for i in instruments_of(run) for c in i.columns(run, result.campaign.machine)}
-        return unit_words(units.pop()) if len(units) == 1 else "(in its readings' units)"
 
     result = predict_campaign(read_model(model), read(campaign, quiet))
     with output_folder(output) as folder:
         write_campaign_files(result.campaign, folder)
         setup = {run: dict(values) for run, values in result.setup.items()}
-        summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "setup": setup}
+        summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "rms_kept": dict(result.rms_kept),
+                   "rms_by_column": {run: dict(each) for run, each in result.rms_by_column.items()}, "setup": setup}  # fmt: skip
         write_json(folder / "prediction.json", summary)
-    lines = [
-        f"{run}: rms of measured minus predicted {plain_number(rms)} {unit_of(result.campaign.run(run))}"
-        for run, rms in result.rms.items()
-    ]
-    tell(summary, "\n".join(lines) or "no run has readings: nothing to compare with", as_json)
+    tell(summary, "\n".join(result.lines), as_json)
 
 
 @app.command(epilog="Example: symfive diagnose measured/ -o diagnosis/")

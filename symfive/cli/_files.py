@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from symfive.cli._common import OutputPath, Quiet, app, machine_of
+from symfive.cli._common import OutputPath, Quiet, app
 
 if TYPE_CHECKING:
     from symfive.errors import InputError
@@ -58,6 +58,9 @@ def import_polar(
     fitted: Annotated[
         bool, typer.Option("--fitted", help="The software took each circle's own mean radius and centre off.")
     ] = False,
+    angle_error: Annotated[
+        float, typer.Option(help="How well the angle is known, degree: readings so near a reversal are left out.")
+    ] = 0.5,
     quiet: Quiet = False,
 ) -> None:
     """A campaign from what a ball bar's software exports: deviation over angle, the positions reconstructed."""
@@ -66,10 +69,11 @@ def import_polar(
     from symfive.campaign import write_campaign_files
     from symfive.errors import InputError
     from symfive.files import output_folder
+    from symfive.given import machine_given
     from symfive.importers import FITTED, polar_doubts, polar_run, read_polar
     from symfive.procedures import campaign_of
 
-    data = machine_of(machine)
+    data = machine_given(machine)
     place = _place(centre)
     names = [name.strip() for name in columns.split(",")]
     senses: list[str | None] = list(direction) if direction else [None] * len(files)
@@ -88,11 +92,15 @@ def import_polar(
             runs.append(
                 polar_run(
                     data, angle, deviation, centre=place, radius=radius, feed=feed, id=path.stem, plane=plane,
-                    noise_um=noise_um, setup_sigma_um=FITTED if fitted else None,
+                    noise_um=noise_um, setup_sigma_um=FITTED if fitted else None, angle_error=angle_error,
                 )
             )  # fmt: skip
         except InputError as error:
             raise error.at(path) from None
+        left_out = len(angle) - runs[-1].rows
+        if left_out:
+            about = f"{left_out} of {len(angle)} readings next to a reversal left out"
+            notes.append(f"{path.name}: {about}, where the angle, known to {angle_error:g}° at best, decides")
     campaign = campaign_of(data, runs, output.name)
     with output_folder(output) as folder:
         write_campaign_files(campaign, folder)

@@ -16,7 +16,6 @@ from symfive.cli._common import (
     Quiet,
     app,
     dialects_of,
-    machine_of,
     read,
     tell,
 )
@@ -32,12 +31,16 @@ __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 def check(
     path: Annotated[Path, typer.Argument(help="A machine file, or a campaign's folder.", show_default=False)],
     as_json: Json = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print the problems only.")] = False,
 ) -> None:
     """What the files declare and every problem found in them; exit code 1 if there is one."""
     from symfive.check import check as check_files
 
     result = check_files(path)
-    tell(result.to_data(), str(result), as_json)
+    if as_json or not quiet:
+        tell(result.to_data(), str(result), as_json)
+    elif not result.right:
+        typer.echo("\n".join(map(str, result.problems)))
     if not result.right:
         raise typer.Exit(1)
 
@@ -81,6 +84,9 @@ def plan(
     reversed_axes: Annotated[
         str, typer.Option("--reversed", help="Rotary axes that turn against ISO 841, as B,C.")
     ] = "",
+    machine_top: Annotated[
+        float, typer.Option(help="Where the tool's axis is at its top, mm in machine coordinates.")
+    ] = 0.0,
     starts: Annotated[int, typer.Option(help="Starts of the search.")] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
     workers: Annotated[
@@ -94,12 +100,16 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.design import plan_circles
     from symfive.executors import executor
+    from symfive.given import machine_given
     from symfive.nc import Post
 
     dialects = dialects_of(nc)
-    data = machine_of(machine)
+    data = machine_given(machine)
     post = Post(
-        tool_centre_on=tool_centre_on, tool_centre_off=tool_centre_off, reversed_axes=_rotary(data, reversed_axes)
+        tool_centre_on=tool_centre_on,
+        tool_centre_off=tool_centre_off,
+        reversed_axes=_rotary(data, reversed_axes),
+        machine_top=machine_top,
     )
     names = tuple(name.strip() for name in wanted.split(",") if name.strip())
     if circles is not None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from symfive.codegen._sources import Sources, filled
-from symfive.compiled._vector import HELPERS, Rows, indented, plain_lines
+from symfive.compiled._vector import HELPERS, LANES, Rows, indented, plain_lines
 
 __all__ = ["Batch"]
 
@@ -59,7 +59,8 @@ class Batch:
 
     def header(self) -> str:
         """The header of the batch functions."""
-        return filled("batch.h", **self.names)
+        chosen = LANES.replace("LANES", f"{self.sources.prefix.upper()}_LANES")
+        return filled("batch.h", lanes=chosen, **self.names)
 
     def source(self) -> str:
         """The source of the batch functions."""
@@ -72,6 +73,7 @@ class Batch:
         return filled(
             "batch.c",
             helpers=HELPERS,
+            lanes=LANES,
             prepare=indented(lines),
             point_body=indented(points),
             jacobian_body=indented(every),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,7 @@ from symfive.codegen._subject import Subject
 from symfive.errors import InputError
 from symfive.kinematics import Pose, axis_pose
 
-__all__ = ["AxisLine", "axis_lines", "table_axes"]
+__all__ = ["AxisLine", "axis_lines", "lines_by_parameters", "table_axes"]
 
 Array = NDArray[np.float64]
 
@@ -42,8 +43,30 @@ def table_axes(subject: Subject, purpose: str) -> tuple[str, str]:
 
 def axis_lines(subject: Subject) -> dict[str, tuple[AxisLine, AxisLine]]:
     """Every rotary axis: its line by design and by the parameters' values."""
+    axes = subject.machine.axes
+    lines = {name: _numbers(line) for name, line in _lines(subject, ca.SX(ca.DM(list(subject.values)))).items()}
+    return {
+        name: (
+            AxisLine(name, np.asarray(axes[name].origin), np.asarray(axes[name].direction)),
+            AxisLine(name, lines[name][:3], lines[name][3:]),
+        )
+        for name in subject.axes
+        if name in lines
+    }
+
+
+def lines_by_parameters(subject: Subject, names: Sequence[str]) -> Array:
+    """Derivatives of the points (mm) and directions of these axes (6 rows each) by the parameters in their own units."""
+    p = ca.SX.sym("p", len(subject.parameters))
+    lines = _lines(subject, p)
+    slope = ca.jacobian(ca.vertcat(*(lines[name] for name in names)), p)
+    return np.asarray(ca.Function("slope", [p], [ca.densify(slope)])(ca.DM(list(subject.values))).full())
+
+
+def _lines(subject: Subject, p: Any) -> dict[str, Any]:
+    """Point and direction (6) of every rotary axis."""
     machine = subject.machine
-    row = subject.row(ca.SX.zeros(len(subject.axes)), ca.SX(ca.DM(list(subject.values))))
+    row = subject.row(ca.SX.zeros(len(subject.axes)), p)
     found = {}
     for side in (tuple(reversed(machine.structure.workpiece)), machine.structure.tool):
         real = Pose.identity()
@@ -51,11 +74,9 @@ def axis_lines(subject: Subject) -> dict[str, tuple[AxisLine, AxisLine]]:
             axis = machine.axes[name]
             pose = real @ axis_pose(axis, machine.structure.carries(name), row.axis[name], row.location, row.motion)
             if axis.rotary:
-                design = AxisLine(name, np.asarray(axis.origin), np.asarray(axis.direction))
-                point = _numbers(pose.apply(ca.DM(axis.origin)))
-                found[name] = design, AxisLine(name, point, _numbers(pose.rotation @ ca.DM(axis.direction)))
+                found[name] = ca.vertcat(pose.apply(ca.DM(axis.origin)), pose.rotation @ ca.DM(axis.direction))
             real = pose
-    return {name: found[name] for name in subject.axes if name in found}
+    return found
 
 
 def _numbers(expression: Any) -> Array:

@@ -7,6 +7,7 @@ import json
 
 from symfive.codegen._batch import Batch
 from symfive.codegen._sources import Sources, filled
+from symfive.drawing import PAGE_STYLE
 
 __all__ = ["loader", "page"]
 
@@ -51,7 +52,7 @@ def page(sources: Sources) -> str:
     left_out = "".join(f"<li>{html.escape(key)}: {html.escape(why)}</li>" for key, why in subject.left_out)
     escaped = {key: html.escape(str(value)) for key, value in sources.names.items()}
     return filled(
-        "page.html", function_rows="\n".join(functions), axis_rows="\n".join(axes),
+        "page.html", style=PAGE_STYLE, function_rows="\n".join(functions), axis_rows="\n".join(axes),
         parameter_rows="\n".join(parameters) or _row("", "none", "", ""),
         left_out=f"<h2>Left out</h2><ul>{left_out}</ul>" if left_out else "", **escaped,
     )  # fmt: skip

@@ -159,20 +159,19 @@ class Sources:
             parts += [filled("orient.c", **self._turning_values(), **self.names),
                       filled("compensate_direction.c", **self._turning_values(), **self.names)]  # fmt: skip
         functions = "\n".join(parts)
-        used = [name for name in CALLS if f"{self.prefix.upper()}_{name.upper()}(" in functions]
+        used = [name for name in CALLS if name == "fabs" or f"{self.prefix.upper()}_{name.upper()}(" in functions]
         return filled(
             "kinematics.c", functions=functions.rstrip("\n"), **self.names,
-            float_macros=self._macros(used, "f", "1.0e-3", "1.0e-6", "1.0e-6"),
-            double_macros=self._macros(used, "", "1.0e-6", "1.0e-12", "1.0e-12"),
+            float_macros=self._macros(used, "f", "1.0e-5", "1.0e-6", "1.0e-3"),
+            double_macros=self._macros(used, "", "1.0e-12", "1.0e-12", "1.0e-6"),
         )  # fmt: skip
 
-    def _macros(self, used: list[str], ending: str, step: str, turn: str, slack: str) -> str:
+    def _macros(self, used: list[str], ending: str, turn: str, slack: str, narrowest: str) -> str:
         macro, real = self.prefix.upper(), f"{self.prefix}_real"
         lines = [f"#define {macro}_{name.upper()} {name}{ending}" for name in used]
-        if self.solved:
-            lines.append(f"#define {macro}_LAST_STEP (({real}){step})")
         if self.turning:
-            lines += [f"#define {macro}_LAST_TURN (({real}){turn})", f"#define {macro}_SLACK (({real}){slack})"]
+            lines += [f"#define {macro}_LAST_TURN (({real}){turn})", f"#define {macro}_SLACK (({real}){slack})",
+                      f"#define {macro}_NARROWEST (({real}){narrowest})"]  # fmt: skip
         return "\n".join(lines)
 
     def _function(self, name: str, body: Body) -> str:
@@ -186,12 +185,18 @@ class Sources:
             arguments.append(f"const {real} p[{macro}_P_SIZE]")
             given.append("p")
         arguments += [f"{real} {array}[{sizes[array]}]" for array in FUNCTIONS[name]]
-        title = f"static void {name}(" if name in _LOCAL else f"void {self.prefix}_{name}("
+        local = name in _LOCAL
+        title = f"static void {name}(" if local else f"int {self.prefix}_{name}("
         whole = title + ", ".join(arguments).replace(" * ", "~*~") + ")"
         head = textwrap.fill(whole, 116, subsequent_indent=" " * len(title), break_long_words=False).replace("~", " ")
-        unused = [f"(void){array};" for array in given if array not in body.reads]
-        lines = [f"    {line}" if line else "" for line in _declared_first(body.lines, unused)]
-        return "\n".join([head, "{", *lines, "}", ""])
+        if local:
+            lines = _declared_first(body.lines, [f"(void){array};" for array in given if array not in body.reads])
+        else:
+            check = ["", "if (sound_parameters(p) == 0) {", "    given = 0;", "}"] if "p" in given else []
+            results = [f"(sound({sizes[array]}, {array}, ({real}){macro}_LARGEST) != 0)" for array in FUNCTIONS[name]]
+            lines = ["int given = sound_pose(q, tool);", *check, "", *body.lines, "",
+                     f"return ((given != 0) && {' && '.join(results)}) ? {macro}_OK : {macro}_INVALID;"]  # fmt: skip
+        return "\n".join([head, "{", *(f"    {line}" if line else "" for line in lines), "}", ""])
 
     def _turning_values(self) -> dict[str, object]:
         real = f"{self.prefix}_real"

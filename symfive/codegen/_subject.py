@@ -11,12 +11,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
 from symfive.effects import Effect, baseline_effects
-from symfive.errors import InputError
-from symfive.machine import Machine, machine_to_data, preset, presets, read_machine
-from symfive.model import FittedModel, effect_to_data, read_model
+from symfive.given import machine_or_model_given
+from symfive.machine import Machine, machine_to_data
+from symfive.model import FittedModel, effect_to_data
 from symfive.model._assembly import apply_errors, machine_parameters
 from symfive.model._row import Row
 from symfive.motion import Position
@@ -31,7 +32,8 @@ class Subject:
 
     `parameters` with names and units as in `model.json`, `values` one per parameter (fitted, or the prior mean),
     `effects` those that depend on the position alone, `left_out` the others with the reason, `fitted` whether the
-    values come from an identification, `digest` a SHA-256 of all of it.
+    values come from an identification, `covariance` (k, k) of the values in their own units (None where nothing was
+    measured), `digest` a SHA-256 of all but the covariance.
     """
 
     machine: Machine
@@ -40,6 +42,7 @@ class Subject:
     effects: tuple[Effect, ...]
     left_out: tuple[tuple[str, str], ...]
     fitted: bool
+    covariance: NDArray[np.float64] | None
     digest: str
 
     @property
@@ -54,7 +57,7 @@ class Subject:
 
 def subject_of(source: Machine | FittedModel | Path | str) -> Subject:
     """The subject of a machine, a fitted model, the file of either, or the name of a preset. Raises `InputError`."""
-    found = source if isinstance(source, Machine | FittedModel) else _read(source)
+    found = machine_or_model_given(source)
     machine = found if isinstance(found, Machine) else found.machine
     also = () if isinstance(found, Machine) else found.effects
     effects: list[Effect] = []
@@ -78,26 +81,24 @@ def subject_of(source: Machine | FittedModel | Path | str) -> Subject:
     text = json.dumps(content, sort_keys=True, default=_plain)
     return Subject(
         machine=machine, parameters=tuple(parameters), values=values, effects=tuple(effects), left_out=tuple(left_out),
-        fitted=not isinstance(found, Machine), digest=hashlib.sha256(text.encode()).hexdigest(),
+        fitted=not isinstance(found, Machine),
+        covariance=None if isinstance(found, Machine) else _covariance(found, parameters),
+        digest=hashlib.sha256(text.encode()).hexdigest(),
     )  # fmt: skip
+
+
+def _covariance(model: FittedModel, parameters: Sequence[Parameter]) -> NDArray[np.float64]:
+    """That of the parameters (k, k); what the model does not know has its prior variance."""
+    places = {name: i for i, name in enumerate(model.names)}
+    known = [i for i, p in enumerate(parameters) if p.name in places]
+    found = np.diag([p.sigma**2 for p in parameters])
+    rows = [places[parameters[i].name] for i in known]
+    found[np.ix_(known, known)] = model.covariance[np.ix_(rows, rows)]
+    return found
 
 
 def _plain(value: Any) -> Any:
     return dict(value) if isinstance(value, Mapping) else str(value)
-
-
-def _read(source: Path | str) -> Machine | FittedModel:
-    path = Path(source)
-    if str(source) in presets() and not path.exists():
-        return preset(str(source))
-    if path.suffix == ".toml":
-        return read_machine(path)
-    if path.suffix == ".json" or path.is_dir():
-        return read_model(path)
-    raise InputError(
-        "this is neither a machine nor a model", path=path,
-        remedy=f"name a machine.toml, a model.json, or one of {', '.join(presets())}",
-    )  # fmt: skip
 
 
 def _two_rows(machine: Machine) -> Campaign:

@@ -21,12 +21,14 @@ RADIUS, HEIGHTS, TOOL = 100.0, (0.0, 150.0), 150.0
 
 @dataclass(frozen=True)
 class Poses:
-    """`q` (N, axes) mm and rad, `tool` (3) mm, the tool's point in the workpiece by design and by the model (N, 3) mm."""
+    """`q` (N, axes) mm and rad, `tool` (3) mm, the tool's point in the workpiece by design and by the model (N, 3) mm, its
+    derivatives by the parameters in their own units (N, 3, k)."""
 
     q: Array
     tool: Array
     nominal: Array
     real: Array
+    real_by_p: Array
 
 
 def workspace_poses(subject: Subject, steps: int = 7) -> Poses:
@@ -38,7 +40,8 @@ def workspace_poses(subject: Subject, steps: int = 7) -> Poses:
         (0.0, 0.0),
         *((r * np.cos(a), r * np.sin(a)) for r in (radius, 0.5 * radius) for a in (0.5, 2.1, 3.7, 5.2)),
     ]
-    targets = np.array([(x, y, z) for z in space.ball_height or HEIGHTS for x, y in spots])
+    centre = machine.table_centre
+    targets = np.array([(centre[0] + x, centre[1] + y, z) for z in space.ball_height or HEIGHTS for x, y in spots])
     ranges = []
     for name in subject.axes:
         axis = machine.axes[name]
@@ -50,13 +53,14 @@ def workspace_poses(subject: Subject, steps: int = 7) -> Poses:
     q = np.repeat(positions, len(targets), axis=0)
     wanted = np.tile(targets, (len(positions), 1))
     chain = chain_of(subject)
-    outputs = [ca.densify(x) for x in (chain.nominal_position, chain.nominal_position_by_q, chain.position)]
+    wanted_of = (chain.nominal_position, chain.nominal_position_by_q, chain.position, chain.position_by_p)
+    outputs = [ca.densify(x) for x in wanted_of]
     function = ca.Function("poses", [chain.q, chain.tool, chain.p], outputs)
     places = [subject.axes.index(name) for name in solved_axes(machine)]
-    ball, slope, _ = _many(function, q, tool, subject)
+    ball, slope, *_ = _many(function, q, tool, subject)
     q[:, places] += np.linalg.solve(slope[:, :, places], (wanted - ball[:, :, 0])[:, :, None])[:, :, 0]
-    nominal, _, real = _many(function, q, tool, subject)
-    return Poses(q, tool, nominal[:, :, 0], real[:, :, 0])
+    nominal, _, real, by_p = _many(function, q, tool, subject)
+    return Poses(q, tool, nominal[:, :, 0], real[:, :, 0], by_p)
 
 
 def _many(function: ca.Function, q: Array, tool: Array, subject: Subject) -> list[Array]:

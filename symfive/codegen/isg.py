@@ -8,11 +8,12 @@ Lengths in mm, angles and rotary positions in rad and degree as the comments in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from symfive.codegen._entry import COVERAGE
 from symfive.codegen._subject import Subject
 from symfive.errors import InputError
 from symfive.files import read_text
@@ -37,6 +38,10 @@ def isg_files(subject: Subject, prefix: str) -> dict[str, str]:
     if locations:
         lines += [" ".join(_short(term.name) for term in locations)]
         lines += [" ".join(FORMAT.format(values[term.name]) for term in locations)]
+    spread = _expanded(subject, locations)
+    if spread:
+        lines.append(f"// U (k = 2) of these, from the fit alone: {' '.join(f'{u:.2g}' for u in spread.values())}")
+    within = [name for name, u in spread.items() if abs(values[name]) < u]
     blocks, left_out = [], [f"{key}: {reason}" for key, reason in subject.left_out]
     left_out += [
         f"{effect.key}: an effect of its own, which the format has no column for" for effect in subject.effects
@@ -50,7 +55,16 @@ def isg_files(subject: Subject, prefix: str) -> dict[str, str]:
     ]
     for block in blocks:
         lines += ["#", *block]
-    return {f"{prefix}.isg.csv": "\n".join(lines) + "\n", f"{prefix}.isg.txt": _note(machine, left_out)}
+    return {f"{prefix}.isg.csv": "\n".join(lines) + "\n", f"{prefix}.isg.txt": _note(machine, left_out, within)}
+
+
+def _expanded(subject: Subject, locations: Sequence[ErrorTerm]) -> dict[str, float]:
+    """Expanded uncertainty of location errors, mm and rad; empty where nothing was measured."""
+    if subject.covariance is None:
+        return {}
+    names = {term.name for term in locations}
+    spread = zip(subject.parameters, np.sqrt(np.diag(subject.covariance)), strict=True)
+    return {p.name: COVERAGE * p.scale * float(std) for p, std in spread if p.name in names}
 
 
 def _short(name: str) -> str:
@@ -69,7 +83,7 @@ def _table(machine: Machine, axis: str, terms: list[ErrorTerm], values: Mapping[
     return [" ".join([axis, *(term.name for term in terms)]), *rows]
 
 
-def _note(machine: Machine, left_out: list[str]) -> str:
+def _note(machine: Machine, left_out: list[str], within: list[str]) -> str:
     structure = machine.structure
     lines = [
         "Draft, to be verified on the control before use.", "",
@@ -82,6 +96,7 @@ def _note(machine: Machine, left_out: list[str]) -> str:
         "positive command moves the tool relative to the workpiece (ISO 841). For the workpiece axes the control may count the",
         "other way: set `workpiece_axes` and `negate` in its list so that one known error moves the tool the right way, and",
         "check that with a dial gauge for one axis of each side.", "",
+        *([f"Smaller than their uncertainty U (k = 2), not to be entered: {', '.join(within)}", ""] if within else []),
         "Not in the file:", *(f"  {entry}" for entry in left_out or ["nothing was left out"]),
     ]  # fmt: skip
     return "\n".join(lines) + "\n"

@@ -76,7 +76,7 @@ def _assignments(subject: Subject, letters: list[str], macro: str) -> dict[str, 
     own = [f"joints[{letters.index(c)}]" if c in letters else "0.0" for c in WORLD]
     lines = {
         "from_joints": [f"q[{place[c]}] = joints[{j}]{factor(c)};" for j, c in enumerate(letters)],
-        "to_world": [f"world[{i}] = {own[i]};" for i, c in enumerate(WORLD) if c not in "XYZ"],
+        "to_world": [f"    world[{i}] = {own[i]};" for i, c in enumerate(WORLD) if c not in "XYZ"],
         "from_world": [f"q[{place[c]}] = world[{WORLD.index(c)}]{factor(c)};" for c in letters],
         "to_joints": [f"    joints[{j}] = {f'q[{place[c]}]' if c in 'XYZ' else f'world[{WORLD.index(c)}]'};"
                       for j, c in enumerate(letters)],

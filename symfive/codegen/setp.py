@@ -11,35 +11,72 @@ together with the work offset, which the operator sets anyway. Only the sum of z
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.codegen._entry import COVERAGE, Change, digits_of
 from symfive.codegen._lines import table_axes
 from symfive.codegen._subject import Subject
 from symfive.codegen._workspace import Poses, workspace_poses
 from symfive.compiled._scalar import number
 from symfive.errors import InputError
 
-__all__ = ["fit_trunnion", "setp_files"]
+__all__ = ["TrunnionFit", "entered_fit", "fit_trunnion", "setp_files"]
 
 Array = NDArray[np.float64]
+
+
+RESOLUTION = 1e-4
+"""mm to which the pins are written; LinuxCNC itself takes any number."""
+
+
+@dataclass(frozen=True)
+class TrunnionFit:
+    """The four numbers (x-rot-point, y-rot-point, lateral offset, z-offset) by `design` and `fitted` (4) mm; `uncertainty` (4)
+    the expanded one (k = 2) of the change, None where nothing was measured; rms of the deviation over the workspace `before`
+    and `after`, µm, the work offset set anew each time."""
+
+    design: Array
+    fitted: Array
+    uncertainty: Array | None
+    before: float
+    after: float
+
+    @property
+    def changes(self) -> list[Change]:
+        """Each number with its uncertainty."""
+        spread = [None] * 4 if self.uncertainty is None else [float(u) for u in self.uncertainty]
+        numbers = zip(self.design, self.fitted, spread, strict=True)
+        return [Change(float(old), float(new), RESOLUTION, u) for old, new, u in numbers]
 
 
 def setp_files(subject: Subject, prefix: str) -> dict[str, str]:
     """The HAL file. Raises `InputError` for machines that are not trunnions of the form XYZAC or XYZBC."""
     tilt = _tilt(subject)
     module = f"xyz{tilt.lower()}c-trt-kins"
-    design, fitted, before, after = fit_trunnion(subject, workspace_poses(subject))
+    fit, changes = entered_fit(subject, workspace_poses(subject))
     lateral = "x-offset" if tilt == "B" else "y-offset"
     pins = ("x-rot-point", "y-rot-point", lateral, "z-offset")
+    known = "not known: nothing was measured, the design values stand."
+    if subject.covariance is not None:
+        known = "U is the expanded one (k = 2) of the change, from the fit alone. What is within it is not"
     lines = [
         f"# {module}: values from the identified model, made by symfive. Draft: check the round trip before you cut.",
         f"# machine     {subject.machine.name}, {subject.machine.structure.code}",
         f"# model       sha256 {subject.digest}",
         f"# It holds    4 numbers: where C lies along x and y, and where {tilt} lies across itself.",
         "# It cannot   hold tilts of the rotary axes, squareness of X Y Z, error motions, gravity sag.",
-        f"# Residual    {before:.2f} um rms over the workspace as designed, {after:.2f} um rms with these values",
+        f"# Residual    {fit.before:.2f} um rms over the workspace as designed, {fit.after:.2f} um rms with these values",
         "#             (the work offset set anew each time); the target linuxcnc leaves none of it.",
+        f"# Uncertainty {known}",
+        *(
+            ["#             entered: the design value stands, and the others are fitted without it."]
+            if subject.fitted
+            else []
+        ),
         "# Signs       the values do not depend on conventional-directions, but the machine file does: it is ISO 841, which is",
         f"#             conventional-directions 1. Where that is 0 or missing, {tilt} and C turn the other way.",
         "# Beware      xyzbc-trt-kins of the development branch from June 2025 to September 2026 has a wrong inverse where",
@@ -47,10 +84,33 @@ def setp_files(subject: Subject, prefix: str) -> dict[str, str]:
         "# z-offset    is written for z-rot-point 0; keep another z-rot-point and subtract it from z-offset.",
         f"setp {module}.z-rot-point 0.0",
     ]
-    for pin, old, new in zip(pins, design, fitted, strict=True):
-        lines.append(f"# {pin}: designed {old:.6f}, changed by {1e3 * (new - old):+.2f} um")
-        lines.append(f"setp {module}.{pin} {number(round(float(new), 6))}")
+    for pin, change in zip(pins, changes, strict=True):
+        value = round(change.new, change.decimals) if change.entered else round(change.old, 6)
+        lines += [f"# {pin}: {_said(change)}", f"setp {module}.{pin} {number(value + 0.0)}"]
     return {f"{prefix}-{module}.hal": "\n".join(lines) + "\n"}
+
+
+def _said(change: Change) -> str:
+    words = f"designed {change.old:.4f} mm"
+    if change.uncertainty is None:
+        return f"{words}, not measured"
+    moved, digits = 1e3 * change.difference, digits_of(1e3 * change.uncertainty) if change.uncertainty else 1
+    spread = f"{round(moved, digits) + 0.0:+.{digits}f} um, U {1e3 * change.uncertainty:.{digits}f} um"
+    return f"{words}, changed by {spread}" if change.entered else f"{words}, change {spread}: {change.reason}"
+
+
+def entered_fit(subject: Subject, poses: Poses) -> tuple[TrunnionFit, list[Change]]:
+    """The fit of the numbers that are entered, and all four changes: of those that are not, as they came out when they were
+    dropped."""
+    free: tuple[int, ...] = (0, 1, 2, 3)
+    said: dict[int, Change] = {}
+    while True:
+        fit = fit_trunnion(subject, poses, free)
+        said |= {i: fit.changes[i] for i in free}
+        kept = tuple(i for i in free if said[i].entered)
+        if kept == free:
+            return fit, [said[i] for i in range(4)]
+        free = kept
 
 
 def _tilt(subject: Subject) -> str:
@@ -69,8 +129,8 @@ def _tilt(subject: Subject) -> str:
     return first
 
 
-def fit_trunnion(subject: Subject, poses: Poses) -> tuple[Array, Array, float, float]:
-    """The four numbers by design and fitted (mm), and the rms of the remaining deviation before and after (µm)."""
+def fit_trunnion(subject: Subject, poses: Poses, free: Sequence[int] = (0, 1, 2, 3)) -> TrunnionFit:
+    """The numbers that are `free` fitted to the deviation over the poses, the others as designed."""
     tilt = _tilt(subject)
     machine = subject.machine
     place = {name: i for i, name in enumerate(subject.axes)}
@@ -81,13 +141,26 @@ def fit_trunnion(subject: Subject, poses: Poses) -> tuple[Array, Array, float, f
     both = turn_c @ turn_t
     identity = np.broadcast_to(np.eye(3), both.shape)
     by_rot, by_d = identity - both, turn_c - both
-    columns = np.concatenate([by_rot[:, :, :2], by_d[:, :, [lateral]], by_d[:, :, [2]], identity], axis=2)
+    numbers = np.concatenate([by_rot[:, :, :2], by_d[:, :, [lateral]], by_d[:, :, [2]]], axis=2)
+    matrix = np.concatenate([numbers[:, :, list(free)], identity], axis=2).reshape(-1, len(free) + 3)
     deviation = poses.real - poses.nominal
-    matrix, right = columns.reshape(-1, 7), deviation.reshape(-1)
-    change = np.linalg.lstsq(matrix, right, rcond=1e-9)[0]
-    left = (right - matrix @ change).reshape(deviation.shape)
+    solve = np.linalg.pinv(matrix, rcond=1e-9)
+    found = solve @ deviation.reshape(-1)
+    left = (deviation.reshape(-1) - matrix @ found).reshape(deviation.shape)
+    change = np.zeros(4)
+    change[list(free)] = found[: len(free)]
     offset = deviation - deviation.mean(axis=0)
-    return design, design + change[:4], _rms(offset), _rms(left)
+    return TrunnionFit(design, design + change, _expanded(subject, poses, solve, free), _rms(offset), _rms(left))
+
+
+def _expanded(subject: Subject, poses: Poses, solve: Array, free: Sequence[int]) -> Array | None:
+    """Expanded uncertainty of the free numbers (4), mm; 0 of the others."""
+    if subject.covariance is None:
+        return None
+    by_p = (solve @ poses.real_by_p.reshape(solve.shape[1], -1))[: len(free)]
+    found = np.zeros(4)
+    found[list(free)] = COVERAGE * np.sqrt(np.einsum("ik,kl,il->i", by_p, subject.covariance, by_p))
+    return found
 
 
 def _about(axis: int, angle: Array) -> Array:

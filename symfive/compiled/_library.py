@@ -61,6 +61,7 @@ def _generator() -> str:
         "_source.py",
         "_library.py",
         "templates/rows.c",
+        "templates/lanes.c",
         "templates/helpers.c",
     )
     text = "".join((room / name).read_text(encoding="utf-8") for name in names)

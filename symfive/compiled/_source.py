@@ -9,7 +9,7 @@ from string import Template
 from typing import Any
 
 from symfive.compiled._graph import exact_graph
-from symfive.compiled._vector import HELPERS, Rows, indented, plain_lines
+from symfive.compiled._vector import HELPERS, LANES, Rows, indented, plain_lines
 
 __all__ = ["Source", "source_of"]
 
@@ -53,7 +53,7 @@ def source_of(function: Any, held: Collection[int]) -> Source:
             first += function.nnz_in(i)
     text = (files("symfive.compiled") / "templates" / "rows.c").read_text(encoding="utf-8")
     filled = Template(text).substitute(
-        helpers=HELPERS, constants=max(1, len(rows.constants)), inputs=max(1, first), outputs=max(1, place),
+        helpers=HELPERS, lanes=LANES, constants=max(1, len(rows.constants)), inputs=max(1, first), outputs=max(1, place),
         load=indented([line for line in load if any(line.split()[3] in other for other in (*prepare.lines, *gather))]),
         prepare=indented(plain_lines(prepare)), fixed=indented(rows.statements(fixed, own_sine=False)),
         offsets=indented(offsets), body=indented(rows.statements(

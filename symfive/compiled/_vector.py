@@ -11,10 +11,12 @@ from importlib.resources import files
 from symfive.compiled._graph import Graph, Node
 from symfive.compiled._scalar import CALLS, ONE, TWO, Body, number, scalar_body
 
-__all__ = ["HELPERS", "Rows", "indented", "plain_lines"]
+__all__ = ["HELPERS", "LANES", "Rows", "indented", "plain_lines"]
 
 HELPERS = (files("symfive.compiled") / "templates" / "helpers.c").read_text(encoding="utf-8").rstrip("\n")
 """C of the vector types and of what the statements call."""
+LANES = (files("symfive.compiled") / "templates" / "lanes.c").read_text(encoding="utf-8").rstrip("\n")
+"""C that defines LANES: the doubles in a register of the instruction set that is compiled for, so that no vector is emulated."""
 
 INLINE = 60
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}

@@ -79,8 +79,9 @@ def convert(name: str, data: Path | str | None = None) -> Campaign:
             campaign = CONVERTERS[name](folder)
     except InputError as error:
         raise InputError(
-            error.problem, path=error.path or folder, line=error.line, remedy=error.remedy or remedy
-        ) from None
+            error.problem, path=error.path or folder, line=error.line, column=error.column, remedy=error.remedy or remedy,
+            keys=error.keys,
+        ) from None  # fmt: skip
     except (ArithmeticError, LookupError, RuntimeWarning, TypeError, ValueError) as error:
         raise InputError(f"the recording cannot be converted ({error})", path=folder, remedy=remedy) from None
     for run in campaign.runs:

@@ -33,8 +33,8 @@ def iso230_axis(path: Path) -> str:
 
 
 def iso230_run(path: Path, id: str, axis: str, axes: tuple[str, ...], noise_um: float) -> Run:
-    """One file as a static run of a laser, rows in measured order (up and down, cycle by cycle), one a
-    second.
+    """One file as a static run of a laser, rows in measured order (up and down, cycle by cycle); when they were
+    read is not recorded.
 
     At the ends of the range the same target stands twice, reached from either side, since the axis overruns
     it before it turns (ISO 230-2). The overrun has no reading and so no row: instead the second of the two
@@ -63,6 +63,7 @@ def iso230_run(path: Path, id: str, axis: str, axes: tuple[str, ...], noise_um: 
         instrument=("laser",),
         sampling="static",
         time=np.arange(float(len(rows))),
+        clock="none",
         commands={**idle, axis: command},
         readings={f"{axis}_dev_um": 1e3 * (reading / ratio - command)},
         noise_um=noise_um,

@@ -31,18 +31,18 @@ def emps(folder: Path) -> Campaign:
     The motion is taken from the encoder. Position and force pass the same zero-phase low-pass at twice the
     bandwidth kp/2π of the position loop, which bounds what the reference can excite, and of its rows only as
     many are kept as that frequency needs (`RATE` times it); the first and last `ENDS_S` go, where the filter
-    has no neighbours. Where the file holds `pulses_N`, that force acts beside the controller's and is added.
+    has no neighbours. `vir` is the voltage that the drive got: where the file holds `pulses_N`, the force pulses of the
+    test, they are in it already.
     """
     machine = Machine(
         name="EMPS ball-screw axis",
         structure=Structure.parse("w b X t"),
         axes={"X": make_axis("X", travel=(-50.0, 350.0))},
     )
-    runs, notes = zip(*(_run(path) for path in files(folder, "DATA_EMPS*.mat")), strict=True)
-    return Campaign(machine=machine, runs=runs, name="emps", notes=tuple(n for note in notes for n in note))
+    return Campaign(machine=machine, runs=tuple(_run(path) for path in files(folder, "DATA_EMPS*.mat")), name="emps")
 
 
-def _run(path: Path) -> tuple[Run, tuple[str, ...]]:
+def _run(path: Path) -> Run:
     try:
         data: dict[str, Any] = loadmat(path)
     except (ValueError, NotImplementedError, OSError, TypeError) as error:
@@ -54,16 +54,11 @@ def _run(path: Path) -> tuple[Run, tuple[str, ...]]:
     if not len(time) == len(command) == len(measured) == len(voltage) > 1000 or np.any(np.diff(time) <= 0.0):
         raise InputError("t, qg, qm and vir are not four columns of one recording in order of time", path=path)
     gain, position_gain = (float(array(data[key])[0]) for key in KEYS[4:])
-    notes: tuple[str, ...] = ()
-    force = gain * voltage
-    if "pulses_N" in data:
-        force = force + array(data["pulses_N"])
-        notes = (f"{path.name}: pulses_N is added to the controller's force",)
     cut_off = round(2.0 * position_gain / (2.0 * math.pi), 1)
     interval = float(np.median(np.diff(time)))
     end = round(ENDS_S / interval)
     rows = slice(end, len(time) - end, max(1, int(1.0 / (RATE * cut_off * interval))))
-    run = Run(
+    return Run(
         id=positive_name(path.stem),
         instrument=("encoder", "drive_force"),
         sampling="dynamic",
@@ -71,9 +66,8 @@ def _run(path: Path) -> tuple[Run, tuple[str, ...]]:
         commands={"X": 1e3 * command[rows]},
         readings={
             "X_act_mm": 1e3 * low_pass(measured, cut_off, interval)[rows],
-            "X_force_N": low_pass(force, cut_off, interval)[rows],
+            "X_force_N": low_pass(gain * voltage, cut_off, interval)[rows],
         },
         noise_um={"encoder": 1e-4, "drive_force": 0.3},
         options={"axis": "X", "encoder_axes": ["X"], "motion_from": "encoder", "low_pass_hz": cut_off},
     )
-    return run, notes

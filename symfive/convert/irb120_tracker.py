@@ -31,7 +31,6 @@ AXES = {  # direction, a point on the axis in mm, all axes at zero
 NOISE_MM = 0.02
 READ_BACK_DEG = 1e-3
 FAR_MM = 5.0  # no base reflector moves that far: the beam was on something else
-SECONDS = 1.0  # between poses: not recorded
 LINEAR_UM, ANGULAR_URAD = 2000.0, 5000.0
 
 
@@ -40,8 +39,8 @@ def irb120_tracker(folder: Path) -> Campaign:
     `read-back`.
 
     Commands are the commanded angles (`generated_joints`); the run `read-back` holds the angles that the
-    control read back (`measured_joints`) with instrument `encoder`. Rows are one second apart since times
-    were not recorded. Where the tracker lost a reflector it wrote zeros or, on the base, another place; those
+    control read back (`measured_joints`) with instrument `encoder`. When the poses were taken is not
+    recorded: `t_s` counts them. Where the tracker lost a reflector it wrote zeros or, on the base, another place; those
     rows are left out, as the notes say. Reflector positions on the tool and the placement are starting values
     of a linear least-squares fit with the nominal chain.
     """
@@ -83,7 +82,8 @@ def irb120_tracker(folder: Path) -> Campaign:
                 id=name,
                 instrument=("tracker",),
                 sampling="static",
-                time=SECONDS * np.flatnonzero(seen).astype(float),
+                time=np.flatnonzero(seen).astype(float),
+                clock="none",
                 commands={axis: joints[seen, i] for i, axis in enumerate(AXES)},
                 readings={f"{c}_mm": readings[seen, i] for i, c in enumerate("xyz")},
                 tool_ball=point if on_tool else (0.0, 0.0, 0.0),
@@ -98,7 +98,8 @@ def irb120_tracker(folder: Path) -> Campaign:
             id="read-back",
             instrument=("encoder",),
             sampling="static",
-            time=SECONDS * np.arange(float(len(joints))),
+            time=np.arange(float(len(joints))),
+            clock="none",
             commands={axis: joints[:, i] for i, axis in enumerate(AXES)},
             readings={f"{axis}_act_deg": actual[:, i] for i, axis in enumerate(AXES)},
             noise_um=READ_BACK_DEG,

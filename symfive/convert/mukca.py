@@ -29,7 +29,6 @@ TOOL_BALL = rounded(_PLACE + _TURN @ np.array(_BALL))
 """The ball in the tool frame (which is the machine frame at zero), mm."""
 
 NOISE_UM = 100.0  # repeatability of the arm by its data sheet
-SECONDS = 1.0  # between configurations: not recorded
 LINEAR_UM, ANGULAR_URAD = 1000.0, 20000.0
 
 
@@ -62,7 +61,8 @@ def _run(path: Path) -> Run:
         id=positive_name(f"{path.parent.name}-{path.stem}"),
         instrument=("r_test",),
         sampling="static",
-        time=SECONDS * np.arange(float(n)),
+        time=np.arange(float(n)),
+        clock="none",
         commands={name: angles[:, i] for i, name in enumerate(AXES)},
         readings={f"d{c}_um": np.zeros(n) for c in "xyz"},
         table_ball=(x, y, z),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,12 +17,14 @@ from symfive.design._information import inverse
 from symfive.design._space import Space, make_space
 from symfive.effects import Effect
 from symfive.errors import InputError
+from symfive.given import campaign_given
 from symfive.inference import Confounding, confounded_combinations, data_rank
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
+from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
 __all__ = ["Assessment", "assess", "machine_information", "workspace_places"]
@@ -30,8 +34,8 @@ LEVER_MM = 100.0
 WORTHLESS = 1e-4
 
 
-@dataclass(frozen=True)
-class Assessment:
+@dataclass(frozen=True, repr=False)
+class Assessment(OnScreen):
     """What is to be expected of a campaign, before it is measured.
 
     `parameters` all of them, `covariance` (k, k) in the files' units with priors, `rank` combinations that the readings
@@ -62,13 +66,8 @@ class Assessment:
         return {"schema": "symfive.assessment/1", **assessment_data(self)}
 
     def __str__(self) -> str:
-        sigma = self.sigma
         lines = [f"{len(self.parameters)} parameters, {self.rank} of their combinations are determined by the readings"]
-        shown = [p for p in self.parameters if p.kind != "setup"]
-        lines += [
-            f"  {p.name:24} {plain_number(sigma[p.name], p.unit):>10} {unit_words(p.unit):5} (prior {p.sigma:g})"
-            for p in shown
-        ]
+        lines += listed(self._expected_in_words(), "assessment.sigma")
         if self.tool_centre_um is not None:
             mean, worst = self.tool_centre_um
             lines.append(
@@ -81,7 +80,22 @@ class Assessment:
         )
         lines += self._runs_in_words()
         machine = {p.name for p in self.parameters if p.kind != "setup"}
-        return "\n".join([*lines, *(c.words for c in self.confounded if machine & set(c.names))])
+        apart = [c.words for c in self.confounded if machine & set(c.names)]
+        return "\n".join([*lines, *listed(apart, "assessment.confounded")])
+
+    def _expected_in_words(self) -> list[str]:
+        """Expected and prior 1σ, the terms of one error motion on one line."""
+        sigma, lines = self.sigma, []
+        shown = (p for p in self.parameters if p.kind != "setup")
+        for name, group in groupby(shown, lambda p: p.name.partition(".")[0] if p.kind == "error_motion" else p.name):
+            terms = list(group)
+            spread = [sigma[p.name] for p in terms]
+            said = [plain_number(value, terms[0].unit) for value in (min(spread), max(spread))]
+            subject = name if len(terms) == 1 else f"{name} ({len(terms)} terms)"
+            lines.append(
+                f"  {subject:24} {' … '.join(dict.fromkeys(said)):>14} {unit_words(terms[0].unit):5} (prior {terms[0].sigma:g})"
+            )
+        return lines
 
     def _runs_in_words(self) -> list[str]:
         """Runs in the order of what each adds, and which rows add nothing."""
@@ -89,11 +103,12 @@ class Assessment:
             return []
         idle = {run: [i + FIRST_LINE for r, i in self.nothing() if r == run] for run in self.worth}
         ordered = sorted(self.run_worth, key=lambda run: -self.run_worth[run])
-        return [
+        worth = [
             f"  run {run}: without it 1σ grows by {plain_number(100.0 * math.expm1(0.5 * self.run_worth[run]), '%')} %"
             + (f"; lines {_spans(idle[run])} tell next to nothing" if idle[run] else "")
             for run in ordered
         ]
+        return listed(worth, "assessment.run_worth", 10)
 
     def most(self) -> tuple[str, int]:
         """The run and row (from 0) that tell most."""
@@ -122,14 +137,18 @@ def _spans(lines: list[int]) -> str:
 
 
 @one_thread
-def assess(campaign: Campaign, *, effects: Iterable[Effect] = (), given: Campaign | None = None) -> Assessment:
-    """Assess a plan or a campaign (its readings do not matter). `given`: one that was measured before, on this machine."""
+def assess(
+    campaign: Campaign | Path | str, *, effects: Iterable[Effect] = (), given: Campaign | Path | str | None = None
+) -> Assessment:
+    """Assess a plan or a campaign (its readings do not matter), or the one in a folder. `given`: one that was measured
+    before, on this machine."""
+    campaign = campaign_given(campaign)
     model = Model(campaign, effects)
     matrix, rows = _data_information(model)
     machine = np.array([p.kind != "setup" for p in model.parameters])
     if given is not None:
         names = [p.name for p in model.parameters if p.kind != "setup"]
-        matrix[np.ix_(machine, machine)] += machine_information(given, names)
+        matrix[np.ix_(machine, machine)] += machine_information(campaign_given(given), names)
     precision = np.diag(model.prior_sigma**-2.0)
     covariance = inverse(matrix + precision)
     chosen = np.flatnonzero(machine)

@@ -1,14 +1,16 @@
 """What may not meet: table, post, bar, tool and spindle nose as simple bodies, in the workpiece frame.
 
     table   the half space z ≤ 0 of the workpiece frame; out of the nest, where the plane says nothing, a cylinder under it that
-            is `TABLE_EDGE` mm wider than where a ball can stand
+            is `TABLE_EDGE` mm wider than where a ball can stand, about the table's centre
     post    a cylinder from the table to `POST_TOP` mm below the table ball or nest
-    bar     a line from the table ball to the tool ball
+    ball    the table ball (half an inch); with the tool ball in its nest the tool does not count against it
+    bar     a line from the table ball to the tool ball, kept off the post by its least elevation
     tool    a cylinder about the tool's axis from the tool ball to the spindle nose
     nose    a cylinder about the tool's axis that begins `above_ball` over the tool ball and is `NOSE_LENGTH` long
 
 Radii of post and tool are 0 where the machine file does not say (`post_radius`, `tool_radius` in [workspace]). Each clearance is
-in mm and ≥ 0 where the bodies keep apart. Against the post tool and nose are tested at `POST_POINTS` points of its axis.
+in mm and ≥ 0 where the bodies keep apart. While a plan is sought tool and nose are tested at `POST_POINTS` points of the post's
+axis; along its ways the nearest point is found (`Clearances`).
 """
 
 from __future__ import annotations
@@ -24,14 +26,21 @@ from symfive.campaign import Run
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine, Workspace
 
-__all__ = ["NOSE_LENGTH", "Clearances", "angle_clearance", "nose_may_reach_post", "nose_over_table", "post_clearance"]
+__all__ = [
+    "LEAST_ELEVATION", "NOSE_LENGTH", "Clearances", "angle_clearance", "nose_may_reach_post", "nose_over_table",
+    "post_clearance",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 NOSE_LENGTH = 300.0
 """mm of the spindle nose and housing above its lower end that are kept off everything."""
 TABLE_EDGE = 50.0
 POST_TOP = 15.0
-POST_POINTS = 9
+POST_POINTS, NARROWED, NEAR_MM = 17, 7, 6.0
+"""Points of the post, rounds by which the nearest is found, and below which distance it is sought."""
+BALL_RADIUS = 6.35
+LEAST_ELEVATION = -45.0
+"""Degree: a bar may lean below the table ball this far before it meets the post and the cup (ISO 230-4 magnetic cups)."""
 SMOOTH = 1e-6
 
 
@@ -61,36 +70,55 @@ def nose_may_reach_post(workspace: Workspace) -> bool:
 
 def post_clearance(workspace: Workspace, table_ball: Any, place: Any, axis: Any) -> Any:
     """Distance of tool and nose from the post under the table ball."""
-    radius, above = _nose(workspace)
-    tool, post = workspace.tool_radius or 0.0, workspace.post_radius or 0.0
     nearest: Any = math.inf
     for share in np.linspace(0.0, 1.0, POST_POINTS):
-        height = (1.0 - share) * ca.fmax(table_ball[2] - POST_TOP, 0.0)
-        offset = ca.vertcat(table_ball[0], table_ball[1], height) - place
-        along = ca.dot(offset, axis)
-        away = ca.sqrt(ca.sumsqr(offset - along * axis) + SMOOTH)
-        nose = _outside(away - radius, ca.fabs(along - above - NOSE_LENGTH / 2.0) - NOSE_LENGTH / 2.0)
-        stem = _outside(away - tool, ca.fabs(along - above / 2.0) - above / 2.0)
-        nearest = ca.fmin(nearest, ca.fmin(nose, stem))
-    return nearest - post
+        nearest = ca.fmin(nearest, _at_post(workspace, table_ball, place, axis, share))
+    return nearest
 
 
-def off_the_table(workspace: Workspace, point: Any, radius: float) -> Any:
+def _at_post(workspace: Workspace, table_ball: Any, place: Any, axis: Any, share: Any) -> Any:
+    """Distance of tool and nose from the post at one point of its axis, `share` of the way down."""
+    radius, above = _nose(workspace)
+    tool, post = workspace.tool_radius or 0.0, workspace.post_radius or 0.0
+    height = (1.0 - share) * ca.fmax(table_ball[2] - POST_TOP, 0.0)
+    offset = ca.vertcat(table_ball[0], table_ball[1], height) - place
+    along = ca.dot(offset, axis)
+    away = ca.sqrt(ca.sumsqr(offset - along * axis) + SMOOTH)
+    nose = _outside(away - radius, ca.fabs(along - above - NOSE_LENGTH / 2.0) - NOSE_LENGTH / 2.0)
+    stem = _outside(away - tool, ca.fabs(along - above / 2.0) - above / 2.0)
+    return ca.fmin(nose, stem) - post
+
+
+def off_the_table(machine: Machine, point: Any, radius: float) -> Any:
     """Distance of a sphere from the table as a cylinder of unknown depth."""
-    wide = (workspace.table_radius or math.inf) + TABLE_EDGE
+    wide = (machine.workspace.table_radius or math.inf) + TABLE_EDGE
     if math.isinf(wide):
         return point[2] - radius
-    away = ca.sqrt(point[0] ** 2 + point[1] ** 2 + SMOOTH)
+    x, y = machine.table_centre
+    away = ca.sqrt((point[0] - x) ** 2 + (point[1] - y) ** 2 + SMOOTH)
     return _outside(away - wide, point[2]) - radius
 
 
-def _nose_beside_table(workspace: Workspace, place: Any, axis: Any) -> Any:
-    """The nose as spheres along its axis, so wide that they hold it, against the table as a cylinder."""
+def _table_ball(workspace: Workspace, table_ball: Any, place: Any, axis: Any) -> list[Any]:
+    """Distances of the nose and, with the tool ball out of its nest, of the tool from the table ball."""
     radius, above = _nose(workspace)
+    tool = workspace.tool_radius or 0.0
+    offset = table_ball - place
+    along = ca.dot(offset, axis)
+    away = ca.sqrt(ca.sumsqr(offset - along * axis) + SMOOTH)
+    nose = _outside(away - radius, ca.fabs(along - above - NOSE_LENGTH / 2.0) - NOSE_LENGTH / 2.0)
+    stem = _outside(away - tool, ca.fabs(along - above / 2.0) - above / 2.0)
+    out = ca.sumsqr(offset) > (2.0 * BALL_RADIUS) ** 2
+    return [nose - BALL_RADIUS, ca.if_else(out, stem - BALL_RADIUS, above)]
+
+
+def _nose_beside_table(machine: Machine, place: Any, axis: Any) -> Any:
+    """The nose as spheres along its axis, so wide that they hold it, against the table as a cylinder."""
+    radius, above = _nose(machine.workspace)
     heights, apart = np.linspace(above, above + NOSE_LENGTH, 16, retstep=True)
     nearest: Any = math.inf
     for height in heights:
-        nearest = ca.fmin(nearest, off_the_table(workspace, place + height * axis, math.hypot(radius, 0.5 * apart)))
+        nearest = ca.fmin(nearest, off_the_table(machine, place + height * axis, math.hypot(radius, 0.5 * apart)))
     return nearest
 
 
@@ -115,16 +143,22 @@ class Clearances:
         workpiece, spindle = chain_poses(machine, position, {}, {})
         axis = workpiece.rotation.T @ spindle.rotation[:, 2]
         table_ball = ca.DM(run.table_ball)
-        found, names = [off_the_table(workspace, place, 0.0)], ["tool ball and table"]
+        found, names = [off_the_table(machine, place, 0.0)], ["tool ball and table"]
         if workspace.spindle_nose is not None:
             over = ca.mmin(ca.vertcat(*nose_over_table(workspace, place, axis)))
-            found += [ca.fmax(over, _nose_beside_table(workspace, place, axis))]
-            found += [post_clearance(workspace, table_ball, place, axis)]
+            found += [ca.fmax(over, _nose_beside_table(machine, place, axis))]
+            share, self._post_mm = ca.SX.sym("share"), max(run.table_ball[2] - POST_TOP, 0.0)
+            at_post = _at_post(workspace, table_ball, place, axis, share)
+            self._at_post: Any = ca.Function("at_post", [q, share], [at_post])
+            found += [ca.SX(0.0)]
             names += ["spindle nose and table", "tool and post"]
             if bar:
                 length = ca.norm_2(table_ball - place)
                 found.append(angle_clearance(workspace, axis, (table_ball - place) / length, length) * length)
-                names.append("spindle nose and bar")
+                found.append(place[2] - table_ball[2] - math.sin(math.radians(LEAST_ELEVATION)) * length)
+                names += ["spindle nose and bar", "bar and post"]
+            found += _table_ball(workspace, table_ball, place, axis)
+            names += ["spindle nose and table ball", "tool and table ball"]
         for i, name in enumerate(machine.axis_names):
             low, high = machine.axes[name].travel
             found += [q[i] - low, high - q[i]]
@@ -136,9 +170,32 @@ class Clearances:
     def __call__(self, commands: Array, *, bar: bool = True) -> Array:
         """(N, m) at commands (N, axes) in mm and degree; without its bar a ball bar's nose meets none."""
         values = np.asarray(self._function.map(len(commands))(commands.T)).T.copy()
+        if "tool and post" in self.names:
+            values[:, self.names.index("tool and post")] = self._nearest_post(commands)
         if not bar:
-            values[:, [name == "spindle nose and bar" for name in self.names]] = np.inf
+            values[:, [name in ("spindle nose and bar", "bar and post") for name in self.names]] = np.inf
         return values
+
+    def _nearest_post(self, commands: Array) -> Array:
+        """The least distance along the post (N,): of the points of a grid the nearest, then closer and closer about it. The
+        distance from a convex body is convex along a line; that from the union of tool and nose has no narrower minimum."""
+        grid = np.linspace(0.0, 1.0, 9)
+        best, share = self._best_at_post(commands, np.broadcast_to(grid[:, None], (9, len(commands))))
+        half = 1.0 / 8.0
+        near = np.flatnonzero(best - half * self._post_mm < NEAR_MM)
+        for _ in range(NARROWED if near.size else 0):
+            tries = np.clip(share[near] + half * np.linspace(-1.0, 1.0, 9)[:, None], 0.0, 1.0)
+            found, share[near] = self._best_at_post(commands[near], tries)
+            best[near] = np.minimum(best[near], found)
+            half *= 0.3
+        return best
+
+    def _best_at_post(self, commands: Array, shares: Array) -> tuple[Array, Array]:
+        """Of some shares (k, N) of the way down the post the least distance (N,), and where it is."""
+        k, n = shares.shape
+        found = np.asarray(self._at_post.map(k * n)(np.tile(commands, (k, 1)).T, shares.reshape(1, -1))).reshape(k, n)
+        row = np.argmin(found, axis=0)
+        return found[row, np.arange(n)], shares[row, np.arange(n)].copy()
 
     def places(self, commands: Array) -> Array:
         """The tool ball in the workpiece frame (N, 3)."""

@@ -22,7 +22,7 @@ from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._refine import Rows
 from symfive.design._relaxed import Relaxed, best_told, relax
-from symfive.design._search import COARSE, MARGIN_MM, Search
+from symfive.design._search import COARSE, Search
 from symfive.design._space import Space
 
 __all__ = ["Certificate", "certify", "generate"]
@@ -107,8 +107,8 @@ def certify(space: Space, task: Task, rows: Rows, value: float | None = None, ga
     if proved is not None:
         bound = _bound(task, found.relaxed, rows.groups, points, proved)
         rigour = (
-            "branch and bound over all rotary positions with Bernstein's inequality; limits tested at cell centres "
-            f"with {MARGIN_MM:g} mm of margin; double precision"
+            "branch and bound over all rotary positions with Bernstein's inequality; a cell counts unless a limit excludes all "
+            "of it; double precision"
         )
     efficiency = min(1.0, math.exp(bound - value))
     return Certificate(efficiency, value, bound, min(value, found.reached), rigour, found.rounds, points)

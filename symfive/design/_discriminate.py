@@ -20,8 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.errors import InputError
+from symfive.errors import EvaluationError, InputError
+from symfive.inference import halved
 from symfive.model import Model
+from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
 __all__ = ["APART", "PAUSE_S", "Candidate", "Discrimination", "Separation", "discriminate", "in_addition", "in_common"]
@@ -48,8 +50,8 @@ class Separation:
     minutes: float
 
 
-@dataclass(frozen=True)
-class Discrimination:
+@dataclass(frozen=True, repr=False)
+class Discrimination(OnScreen):
     """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
     the `table` of all candidates, best first. Of several rivals `each` with its separation by the best test; `separation` and
     `before` are the smallest of those that it tells apart. `also`: rivals that it tells from each other, where that took
@@ -66,6 +68,9 @@ class Discrimination:
     def useful(self) -> bool:
         """Whether the best candidate tells anything at all."""
         return self.separation > USELESS * max(self.before, 1e-9)
+
+    def __str__(self) -> str:
+        return f"{self.says}\n{self.test}"
 
     @property
     def says(self) -> str:
@@ -225,15 +230,18 @@ def _separation(
 
 def _left(true: Model, truth: Array, rival: Model, ids: Sequence[str]) -> float:
     """T: what the rival cannot explain of the true model's readings (Gauss–Newton with the priors)."""
-    wanted = {id: true.predict_run(id, truth) / true.noise(id) for id in ids}
+    _, wanted = halved(lambda at: {id: true.predict_run(id, at) / true.noise(id) for id in ids}, truth, true.start)
     precision = rival.prior_sigma**-2.0
     values = rival.start
     best = math.inf
     for _ in range(ITERATIONS):
         gram, gradient, square = np.diag(precision), -precision * (values - rival.prior_mean), 0.0
         square = float(np.sum(precision * (values - rival.prior_mean) ** 2))
-        for id in ids:
-            line = rival.linearise(id, values)
+        try:
+            lines = {id: rival.linearise(id, values) for id in ids}
+        except EvaluationError:
+            break  # a step too far: the best so far counts
+        for id, line in lines.items():
             noise = rival.noise(id)
             residual = (wanted[id] - line.prediction / noise).ravel()
             slopes = (line.jacobian / noise[:, None]).reshape(len(residual), -1)

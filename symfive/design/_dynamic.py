@@ -29,6 +29,7 @@ from symfive.design._write import SCHEMA, assessment_data, write_circles
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.files import output_folder
+from symfive.given import machine_given
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.nc import Post
@@ -37,6 +38,7 @@ from symfive.procedures import campaign_of, circle_frame
 from symfive.procedures._path import senses
 from symfive.procedures._planar_circle import PLANES
 from symfive.procedures._setting import heights
+from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
 __all__ = ["Circle", "CirclePlan", "best_ratio", "circle_information", "plan_circles"]
@@ -53,8 +55,8 @@ BACK = (1.0, 0.99, 0.97, 0.9, 0.7, 0.4)
 LEAST_GAIN = 1e-6
 
 
-@dataclass(frozen=True)
-class CirclePlan:
+@dataclass(frozen=True, repr=False)
+class CirclePlan(OnScreen):
     """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' `parameters` (file units), all
     circles that were `considered`, ψ of the best of these (`grid_value`) and of the refined ones (`value`), `notes` in plain
     words: circles that are repeats, parameters that none of them sees."""
@@ -91,8 +93,9 @@ class CirclePlan:
         circles = "circle" if count == 1 else "circles"
         lines = [f"{count} {circles} of {len(self.considered)} considered, {self.minutes:.1f} min of recording"]
         lines += [f"  {circle_words(circle)}" for circle in self.circles]
-        lines += sigma_words(self.parameters, self.sigma)
-        return "\n".join([*lines, gain_words(self.grid_value, self.value), *self.notes])
+        lines += listed(sigma_words(self.parameters, self.sigma), "plan.sigma")
+        notes = listed(self.notes, "plan.notes", 10)
+        return "\n".join([*lines, gain_words(self.grid_value, self.value), *notes])
 
     @property
     def minutes(self) -> float:
@@ -102,7 +105,7 @@ class CirclePlan:
 
 @one_thread
 def plan_circles(
-    machine: Machine, effects: Sequence[Effect], *, family: str = "synchronous", count: int = 2,
+    machine: Machine | Path | str, effects: Sequence[Effect], *, family: str = "synchronous", count: int = 2,
     radii: Sequence[float] = (50.0,), ratios: Sequence[float] = RATIOS, feeds: Sequence[float] = (500.0, 1000.0),
     centres: Sequence[Sequence[float]] = (), planes: Sequence[str] = ("XY",), directions: Sequence[str] = ("both",),
     for_: Iterable[str] = (), criterion: str = "D", robust: str = "nominal", draws: int = DRAWS,
@@ -119,6 +122,7 @@ def plan_circles(
     follow, and those whose ball would stand beside the table (`table_radius`), are left out. Raises `InputError` where none
     is left or a name is unknown.
     """
+    machine = machine_given(machine)
     _check(family, robust, count, planes, directions, free)
     shapes = _shapes(machine, family, radii, ratios, feeds, centres, planes, directions)
     extra = 0 if robust == "nominal" else draws
@@ -180,7 +184,7 @@ def _shapes(
             values={"radius": radius, "feed": feed, "x": centre[0], "y": centre[1], "z": centre[2]},
         )
         for centre, plane, radius, feed, direction in itertools.product(
-            centres or ((0.0, 0.0, level),), planes, radii, feeds, directions
+            centres or ((*machine.table_centre, level),), planes, radii, feeds, directions
         )
     ]  # fmt: skip
 
@@ -236,8 +240,8 @@ def _chosen(goal: Goal, circles: Sequence[Circle], count: int) -> list[Circle]:
 
 def _bounds(machine: Machine, shapes: Sequence[CircleShape], free: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Ranges of the lists; height and centre may go wherever a ball may stand."""
-    reach = machine.workspace.table_radius or 0.0
-    room = {"height": heights(machine), "z": heights(machine), "x": (-reach, reach), "y": (-reach, reach)}
+    reach, (x, y) = machine.workspace.table_radius or 0.0, machine.table_centre
+    room = {"height": heights(machine), "z": heights(machine), "x": (x - reach, x + reach), "y": (y - reach, y + reach)}
     return {
         name: room.get(name, (min(s.values[name] for s in shapes), max(s.values[name] for s in shapes)))
         for name in free

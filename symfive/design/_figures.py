@@ -47,7 +47,7 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
     panels = figure.subplots(1, 3 if rotary else 2)
     colours = matplotlib.colormaps[COLOURS](np.linspace(0.0, 0.92, run.rows))
     for panel, (i, j) in zip(panels[:2], ((0, 1), (0, 2)), strict=True):
-        _table(panel, machine.workspace.table_radius or 100.0, j == 1)
+        _table(panel, machine, j == 1)
         if j == 2:
             panel.plot([run.table_ball[0]] * 2, [0.0, run.table_ball[2]], color="0.6", linewidth=3.0, zorder=0)
         for ball, axis, colour in zip(balls, axes_of_tool, colours, strict=True):
@@ -80,12 +80,13 @@ def _key(figure: Figure, bar: bool) -> None:
     figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), fontsize=8, frameon=False)
 
 
-def _table(panel: Any, radius: float, above: bool) -> None:
+def _table(panel: Any, machine: Machine, above: bool) -> None:
+    radius, (x, y) = machine.workspace.table_radius or 100.0, machine.table_centre
     angle = np.linspace(0.0, 2.0 * np.pi, 121)
     if above:
-        panel.plot(radius * np.cos(angle), radius * np.sin(angle), color="0.6", linewidth=1.0)
+        panel.plot(x + radius * np.cos(angle), y + radius * np.sin(angle), color="0.6", linewidth=1.0)
     else:
-        panel.plot([-radius, radius], [0.0, 0.0], color="0.6", linewidth=2.0)
+        panel.plot([x - radius, x + radius], [0.0, 0.0], color="0.6", linewidth=2.0)
 
 
 def _rotary_path(panel: Any, machine: Machine, run: Run, rotary: list[str], colours: Array) -> None:

@@ -14,15 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.machine import Axis, Machine
+from symfive.nc import CAUTION
 
-__all__ = ["kept_apart", "move_times", "out_and_back", "round_trip", "there_and_back", "timetable"]
+__all__ = ["kept_apart", "move_times", "out_and_back", "round_trip", "there_and_back"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-DWELL_S = 3.0
-"""Rest at a pose before it is read: vibration decays, the instrument averages."""
-CAUTION = 0.5
-"""Share of an axis' greatest feed and acceleration that is used between poses."""
 
 
 def _axis_time(way: Array, axis: Axis) -> Array:
@@ -38,7 +35,7 @@ def _axis_time(way: Array, axis: Axis) -> Array:
 
 
 def move_times(machine: Machine, commands: dict[str, Array]) -> Array:
-    """Time between any two poses (n, n), s: the slowest axis'."""
+    """About the time between any two poses (n, n), s, for the order: the slowest axis', straight from one to the other."""
     times = np.zeros((len(next(iter(commands.values()))),) * 2)
     for name, axis in machine.axes.items():
         times = np.maximum(times, _axis_time(np.abs(commands[name][:, None] - commands[name][None, :]), axis))
@@ -107,12 +104,3 @@ def kept_apart(order: Indices, pose: Indices, times: Array) -> Indices:
         place = min(gaps)[1]
         found = [*rest[:place], moved, *rest[place:]]
     return np.array(found)
-
-
-def timetable(machine: Machine, commands: dict[str, Array], seconds_per_pose: float) -> Array:
-    """When each pose is read (n,), s: from the start, moving and resting, at least `seconds_per_pose` each."""
-    n = len(next(iter(commands.values())))
-    moves = np.zeros(max(n - 1, 0))
-    for name, axis in machine.axes.items():
-        moves = np.maximum(moves, _axis_time(np.abs(np.diff(commands[name])), axis))
-    return np.concatenate([[0.0], np.cumsum(np.maximum(np.ceil((moves + DWELL_S) * 10.0) / 10.0, seconds_per_pose))])

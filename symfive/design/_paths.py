@@ -84,10 +84,11 @@ def circle_runs(machine: Machine, shape: CircleShape, *, noise_um: float, rate_h
 
 
 def _check_on_table(machine: Machine, run: Run) -> None:
-    edge, (x, y, _) = machine.workspace.table_radius, run.table_ball
-    if edge is not None and math.hypot(x, y) > edge + SLACK_MM:
+    edge, (x, y, _), centre = machine.workspace.table_radius, run.table_ball, machine.table_centre
+    if edge is not None and math.dist((x, y), centre) > edge + SLACK_MM:
         problem = f"run {run.id}: the table ball at x = {x:.5g}, y = {y:.5g} mm would stand beside the table"
-        remedy = f"keep it within table_radius = {edge:g} mm: smaller ratio X_T/r, shorter bar or other centre"
+        about = f"table_radius = {edge:g} mm about ({centre[0]:g}, {centre[1]:g})"
+        remedy = f"keep it within {about}: smaller ratio X_T/r, shorter bar or other centre"
         raise InputError(problem, remedy=remedy)
 
 
@@ -217,5 +218,5 @@ def _limits(machine: Machine, commands: Any, part: Any, rate: Any) -> Any:
 
 def _on_table(machine: Machine, ball: Any) -> Any:
     """The table ball stands on the table."""
-    radius = machine.workspace.table_radius
-    return ca.SX(0, 1) if radius is None else 1.0 - (ball[0] ** 2 + ball[1] ** 2) / radius**2
+    radius, (x, y) = machine.workspace.table_radius, machine.table_centre
+    return ca.SX(0, 1) if radius is None else 1.0 - ((ball[0] - x) ** 2 + (ball[1] - y) ** 2) / radius**2

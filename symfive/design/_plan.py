@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import FIRST_LINE, Campaign, Run, SetupSigma
+from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.design._anywhere import bound_anywhere
 from symfive.design._assess import Assessment, assess
 from symfive.design._budget import affordable, most_per_minute, shortened
@@ -21,17 +21,20 @@ from symfive.design._certificate import Certificate, certify
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._optimise import optimise, value_of
+from symfive.design._reach import with_ways_out
 from symfive.design._refine import Rows
 from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior, robust_exchange, survive_a_lost_pose
 from symfive.design._rounding import not_rounded, one_tool, rounded
-from symfive.design._schedule import Schedule, scheduled
+from symfive.design._schedule import Schedule, retimed, scheduled
 from symfive.design._space import Space, make_space
 from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.files import output_folder
+from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import LETTERS, Post
+from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
 __all__ = ["Plan", "plan"]
@@ -42,16 +45,16 @@ REPORTED_DRAWS, DRAWS = 2, 6
 """Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(OnScreen):
     """A measurement plan.
 
     `campaign` without readings; `criterion` and the parameters `interest` it is for; `certificate` of the poses before the
     return poses were added; `assessment` of the whole; `starts` ψ of every start; `minutes` it takes; `unsafe` run → rows
     before which the spindle is drawn back; `lost` the efficiency left if the most important pose is lost;
     `over_prior` mean and worst efficiency when the machine's errors are drawn from the priors; `information_per_minute`
-    nats of ψ a minute; `drift` efficiency left when a linear drift is a nuisance; `post` the retract with which every way of
-    the programs is clear, and `blocked` run → ways that are not even so, (row, what meets); `notes` in plain words.
+    nats of ψ a minute; `drift` efficiency left when a linear drift is a nuisance; `post` the ways of the programs, every one of
+    them clear; `notes` in plain words.
     """
 
     machine: Machine
@@ -69,7 +72,6 @@ class Plan:
     information_per_minute: float
     drift: float
     post: Post = field(default_factory=Post)
-    blocked: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def write(self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None) -> None:
@@ -88,7 +90,8 @@ class Plan:
         head = (
             f"{self.instrument} plan, {self.certificate.points} poses, {self.minutes:.0f} min: {self.certificate.says}"
         )
-        return "\n".join([head, *runs, str(self.assessment), *self.notes])
+        notes = listed(self.notes, "plan.notes", 10)
+        return "\n".join([head, *listed(runs, "plan.campaign.runs", 10), str(self.assessment), *notes])
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
@@ -104,15 +107,17 @@ def _different(run: Run) -> int:
 
 @one_thread
 def plan(
-    machine: Machine, *, instrument: str = "r_test", criterion: str = "D", points: int = 40, for_: Iterable[str] = (),
-    given: Campaign | None = None, setups: int | None = None, lengths: Sequence[float] = (),
-    minutes: float | None = None, per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
+    machine: Machine | Path | str, *, instrument: str = "r_test", criterion: str = "D", points: int = 40,
+    for_: Iterable[str] = (), given: Campaign | Path | str | None = None, setups: int | None = None,
+    lengths: Sequence[float] = (), minutes: float | None = None,
+    per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
     setup_sigma: SetupSigma | None = None, survive: bool = False, robust: str = "nominal", starts: int = 6,
     anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
+    `machine` a machine, the path of its file, or the name of a preset;
     `instrument` `r_test` or `ball_bar`; `criterion` D, A, E, G or V (`I`); `for_` names of the parameters that count (by
     default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
@@ -125,7 +130,8 @@ def plan(
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
     """
-    machine = with_bars(machine, lengths)
+    machine = with_bars(machine_given(machine), lengths)
+    given = None if given is None else campaign_given(given)
     check_counts(
         machine, {"points": points, "setups": setups, "repeats": repeats, "returns": returns, "starts": starts}
     )
@@ -147,7 +153,7 @@ def plan(
 
     def best_of(count: int, at_most: int) -> tuple[Rows, tuple[float, ...]]:
         design, psi = optimise(space, task, count, at_most, starts=starts, seed=seed, pool=pool, progress=progress)
-        return one_tool(space, task, rounded(space, design)), psi
+        return with_ways_out(space, task, one_tool(space, task, rounded(space, design))), psi
 
     def fitted(design: Rows) -> Rows:
         if minutes is None:
@@ -171,14 +177,37 @@ def plan(
     if survive:
         progress("making it survive the loss of a pose")
         rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
-    progress("order of poses")
-    schedule = lay(fitted(rows))
+    progress("ways between the poses")
+    schedule, post = _with_ways(lay, fitted(with_ways_out(space, task, rows)))
+    while minutes is not None and schedule.seconds > 60.0 * minutes:
+        over = schedule.seconds - 60.0 * minutes
+        estimate = lay(schedule.rows)
+        fewer = shortened(space, task, schedule.rows, estimate, estimate.seconds - over, lay).rows
+        schedule, post = _with_ways(lay, fewer)
     progress("certificate")
     certificate = _certified(space, task, schedule.rows, runs, anywhere)
-    progress("ways between the poses")
     return _finished(
-        space, task, schedule, certificate, values, given, criterion, wanted, over_prior(drawn, task, schedule.rows)
+        space,
+        task,
+        schedule,
+        post,
+        certificate,
+        values,
+        given,
+        criterion,
+        wanted,
+        over_prior(drawn, task, schedule.rows),
     )
+
+
+def _with_ways(lay: Callable[[Rows], Schedule], design: Rows) -> tuple[Schedule, Post]:
+    """The order of the poses, the ways of its programs, and its times on these."""
+    schedule = lay(design)
+    machine = schedule.campaign.machine
+    if any(name not in LETTERS for name in machine.axis_names):
+        return schedule, Post(unsafe=schedule.unsafe)
+    post = cleared(machine, schedule.campaign.runs, schedule.unsafe)
+    return retimed(schedule, post), post
 
 
 def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool) -> Certificate:
@@ -197,25 +226,36 @@ def _grid_in(space: Space, rows: Rows) -> Candidates:
 
 
 def _finished(
-    space: Space, task: Task, schedule: Schedule, certificate: Certificate, values: tuple[float, ...],
+    space: Space, task: Task, schedule: Schedule, post: Post, certificate: Certificate, values: tuple[float, ...],
     given: Campaign | None, criterion: str, wanted: tuple[str, ...], drawn: tuple[float, float],
 ) -> Plan:  # fmt: skip
     rows, machine = schedule.rows, space.machine
     value = value_of(space, task, rows)
+    expected = assess(schedule.campaign, given=given)
     left, _ = lost_pose(task, space.kernel.rows(rows.z, rows.k), rows.group, rows.groups)
     before = task.value_of_marginal(task.prior)
-    post = Post(unsafe=schedule.unsafe)
-    blocked: dict[str, list[tuple[int, str]]] = {}
-    if all(name in LETTERS for name in machine.axis_names):
-        post, blocked = cleared(machine, schedule.campaign.runs, schedule.unsafe)
     return Plan(
         machine=machine, instrument=space.instrument, criterion=criterion, interest=wanted, campaign=schedule.campaign,
-        certificate=certificate, assessment=assess(schedule.campaign, given=given), starts=values,
+        certificate=certificate, assessment=expected, starts=values,
         minutes=schedule.seconds / 60.0, unsafe=schedule.unsafe, lost=math.exp(value - left),
         over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
-        blocked=blocked, notes=(*_rounding_notes(space, schedule), *_notes(schedule, post, blocked, values)),
+        notes=(
+            *_shortage(len(rows.z), space.instrument, expected), *_rounding_notes(space, schedule), *_notes(schedule, values),
+        ),
     )  # fmt: skip
+
+
+def _shortage(points: int, instrument: str, assessment: Assessment) -> list[str]:
+    """Why a plan with fewer readings than unknowns stays far from its bound."""
+    readings, unknowns = points * (3 if instrument == "r_test" else 1), len(assessment.parameters)
+    if readings >= unknowns:
+        return []
+    return [
+        f"{readings} readings for {unknowns} unknowns of machine and set-up: they determine {assessment.rank} combinations, the "
+        f"others stay as the priors say; the bound shares readings out among more poses than {points}, which lowers the "
+        "certificate; more poses raise it"
+    ]
 
 
 def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:
@@ -230,25 +270,11 @@ def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:
     return notes
 
 
-def _notes(
-    schedule: Schedule, post: Post, blocked: Mapping[str, Sequence[tuple[int, str]]], values: tuple[float, ...]
-) -> tuple[str, ...]:
+def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
     notes = [
         f"run {run}: the way to {len(rows)} of its poses leads out of the nest and around"
         for run, rows in schedule.unsafe.items()
     ]
-    for run, rows in post.by_hand.items():
-        notes += [f"run {run}: drive by hand to line {row + FIRST_LINE}, no clear way was found" for row in rows]
-    for run, moves in blocked.items():
-        lines: dict[str, list[int]] = {}
-        for row, what in sorted(set(moves)):
-            lines.setdefault(what, []).append(row + FIRST_LINE)
-        meets = "; ".join(f"{what} on the way to line {', '.join(map(str, where))}" for what, where in lines.items())
-        notes.append(f"run {run}: not clear: {meets}")
-    if any(blocked.values()):
-        notes.append(
-            "what clears such ways: a longer tool, a slimmer post or tool ([workspace] post_radius, tool_radius)"
-        )
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
     if len(values) > 1 and max(values) - min(values) > 0.05:

@@ -76,10 +76,6 @@ def _before(run: Run, row: int, post: Post, same: Sequence[int]) -> str:
         said.append(
             "take the bar off, mount it again" if bar else "out of the nest, seat it again: leave the nest as it is"
         )
-    if row in post.by_hand.get(run.id, ()):
-        said.append("drive there by hand")
-    if row in post.blocked.get(run.id, ()):
-        said.append("the way is not clear: take care")
     if row > same[0]:
         said.append(f"again pose {same[0] + 1}, reading {same.index(row) + 1} of {len(same)}")
     elif len(same) > 1:

@@ -17,7 +17,7 @@ from symfive.design._optimise import value_of
 from symfive.design._refine import Rows
 from symfive.design._space import UNIT_MM, Space
 
-__all__ = ["not_rounded", "one_tool", "rounded"]
+__all__ = ["not_rounded", "on_grid", "one_tool", "rounded"]
 
 Array = NDArray[np.float64]
 ANGLE, PLACE = np.radians(0.01), 1.0 / UNIT_MM
@@ -53,11 +53,9 @@ def _setups_near(space: Space, z: Array) -> list[Array]:
         _levels(v, a, b)
         for v, a, b in zip(wanted, (-np.inf, -np.inf, *low[2:]), (np.inf, np.inf, *high[2:]), strict=True)
     ]
-    places = [np.array(place) for place in itertools.product(*levels) if np.hypot(place[0], place[1]) <= high[0] + 1e-9]
-    places.sort(key=lambda place: float(np.linalg.norm(place - wanted)))
-    return [
-        np.array([min(np.hypot(p[0], p[1]), high[0]), np.arctan2(p[1], p[0]), p[2], p[3]]) for p in places[:NEAREST]
-    ]
+    places = sorted(itertools.product(*levels), key=lambda place: float(np.linalg.norm(np.array(place) - wanted)))
+    polar = [(*space.polar(UNIT_MM * p[0], UNIT_MM * p[1]), p[2], p[3]) for p in places]
+    return [np.array([min(p[0], high[0]), *p[1:]]) for p in polar if p[0] <= high[0] + 1e-9][:NEAREST]
 
 
 def _levels(value: float, low: float, high: float) -> list[float]:
@@ -80,7 +78,7 @@ def _poses_in(space: Space, z: Array, k: Array, setup: Array) -> tuple[Array, ND
             if not left.size:
                 return found, fits
             trial = own[left]
-            trial[:, :poses] = _on_grid(space, own[left, :poses], np.array(step))
+            trial[:, :poses] = on_grid(space, own[left, :poses], np.array(step))
             good = space.feasible(trial, k[left])
             found[left[good]] = trial[good]
             fits[left[good]] = True
@@ -88,7 +86,7 @@ def _poses_in(space: Space, z: Array, k: Array, setup: Array) -> tuple[Array, ND
     return found, fits
 
 
-def _on_grid(space: Space, angles: Array, step: Array) -> Array:
+def on_grid(space: Space, angles: Array, step: Array | int = 0) -> Array:
     """Angles (n, poses) on the grid, moved by some steps, within their limits; those whose limits hold no level stay."""
     low = np.ceil(space.lower[: space.poses] / ANGLE - EPS)
     high = np.floor(space.upper[: space.poses] / ANGLE + EPS)
@@ -124,5 +122,5 @@ def not_rounded(space: Space, rows: Rows) -> tuple[tuple[int, ...], int]:
         if np.abs(np.array(near) - wanted).max() > EPS:
             setups.append(g + 1)
     angles = rows.z[:, : rows.poses]
-    off = np.abs(_on_grid(space, angles, np.zeros(rows.poses)) - angles) > EPS * ANGLE * 100.0
+    off = np.abs(on_grid(space, angles) - angles) > EPS * ANGLE * 100.0
     return tuple(setups), int(off.any(axis=1).sum())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +12,20 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign, Run
 from symfive.design._criteria import Volume
 from symfive.design._information import Task, inverse
-from symfive.design._order import kept_apart, move_times, out_and_back, round_trip, there_and_back, timetable
+from symfive.design._order import kept_apart, move_times, out_and_back, round_trip, there_and_back
 from symfive.design._refine import Rows
 from symfive.design._space import Space
+from symfive.machine import Machine
+from symfive.nc import Post, arrival_times, outside_s
 
-__all__ = ["SETUP_S", "Schedule", "scheduled"]
+__all__ = ["SETUP_S", "Schedule", "on_ways", "retimed", "scheduled"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 SETUP_S = 300.0
 """Time to place a nest or a ball and to mount the tool, before each run."""
 UNSAFE_S = 60.0
-"""What a move costs on which the spindle has to be drawn back (or the bar taken off)."""
+"""What a move on which the spindle has to be drawn back (or the bar taken off) costs while the order is sought."""
 DRIFT_UM_PER_H = 30.0
 BETWEEN = np.linspace(0.0, 1.0, 37)[1:-1]
 DENSELY = np.linspace(0.0, 1.0, 361)[1:-1]
@@ -62,40 +64,55 @@ def _laid_out(
         mine = np.flatnonzero(rows.group == g)
         commands = space.commands(rows.z[mine], rows.k[mine])
         times = move_times(space.machine, commands) + UNSAFE_S * _blocked(space, rows, mine)
-        commands = {name: np.round(values, 6) for name, values in commands.items()}
         _, pose = np.unique(np.stack(list(commands.values()), axis=1), axis=0, return_inverse=True)
         order = kept_apart(out_and_back(ordering(round_trip(times)), returns), pose.ravel(), times)
         order = np.repeat(order, repeats)
         commands = {name: values[order] for name, values in commands.items()}
         leaves = _leaves(space, rows, mine[order[:-1]], mine[order[1:]], DENSELY)
         rows_unsafe = tuple(int(i) + 1 for i in np.flatnonzero(leaves & (order[:-1] != order[1:])))
-        time = timetable(space.machine, commands, space.machine.workspace.seconds_per_pose)
-        time = time + np.concatenate(
-            [[0.0], np.cumsum([UNSAFE_S * (i + 1 in rows_unsafe) for i in range(len(order) - 1)])]
-        )
         name = f"{letter}-{g + 1}"
-        clock += SETUP_S
         first = mine[0]
-        runs.append(
-            Run(
-                id=name, instrument=(space.instrument,), sampling="static", time=time, commands=commands,
-                table_ball=_clean(space.table_ball(rows.z[first])), tool_ball=_clean(space.tool_ball(rows.z[first])),
-                length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None, start_s=clock,
-                noise_um=noise_um, setup_sigma_um=space.setup_sigma,
-            )
+        run = Run(
+            id=name, instrument=(space.instrument,), sampling="static", time=np.arange(len(order), dtype=float),
+            commands=commands, table_ball=space.table_ball(rows.z[first]),
+            tool_ball=space.tool_ball(rows.z[first]),
+            length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None,
+            noise_um=noise_um, setup_sigma_um=space.setup_sigma,
         )  # fmt: skip
         if rows_unsafe:
             unsafe[name] = rows_unsafe
-        instants.append(clock + time)
+        run, clock = _timed(space.machine, run, Post(unsafe=unsafe), clock)
+        runs.append(run)
+        instants.append(run.start_s + run.time)
         places.append(mine[order])
-        clock += float(time[-1])
     campaign = Campaign(machine=space.machine, runs=tuple(runs), name="plan")
     drift = _drift(space, rows, np.concatenate(places), np.concatenate(instants), repeats)
     return Schedule(campaign, clock, unsafe, drift, rows)
 
 
-def _clean(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    return tuple(round(v, 6) + 0.0 for v in vector)  # type: ignore[return-value]
+def retimed(schedule: Schedule, post: Post) -> Schedule:
+    """The schedule with the times that its programs need on the ways of `post`."""
+    campaign, seconds = on_ways(schedule.campaign, post)
+    return replace(
+        schedule, campaign=campaign, seconds=seconds, unsafe={run: tuple(rows) for run, rows in post.unsafe.items()}
+    )
+
+
+def on_ways(campaign: Campaign, post: Post) -> tuple[Campaign, float]:
+    """A campaign of static runs with the times that its programs need on the ways of `post`, and how long it takes, s."""
+    clock, runs = 0.0, []
+    for run in campaign.runs:
+        timed, clock = _timed(campaign.machine, run, post, clock)
+        runs.append(timed)
+    return replace(campaign, runs=tuple(runs)), clock
+
+
+def _timed(machine: Machine, run: Run, post: Post, clock: float) -> tuple[Run, float]:
+    """A run that is set up from `clock` on, at the times of its program, and when it is done, s."""
+    time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose)
+    around = math.ceil(outside_s(machine, run, post))
+    start = clock + SETUP_S + around
+    return replace(run, time=time, start_s=start), start + float(time[-1])
 
 
 def _blocked(space: Space, rows: Rows, mine: Indices) -> Array:

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from symfive.design._bodies import NOSE_LENGTH
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._relaxed import Relaxed, sensitivity
-from symfive.design._space import Space
+from symfive.design._space import UNIT_MM, Space
 
-__all__ = ["COARSE", "MARGIN_MM", "Search"]
+__all__ = ["COARSE", "Search"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -25,7 +26,6 @@ COARSE = 4096
 FROM_GRID, MOST_FRESH, NEAR = 96, 200, 3e-3
 HALVINGS, THINNED = 14, (3, 6)
 TORUS = 48
-MARGIN_MM = 2.0
 MOST_CELLS = 100_000
 
 
@@ -165,10 +165,19 @@ class Search:
         return worst
 
     def _near_limits(self, z: Array, k: Array, half: Array) -> NDArray[np.bool_]:
-        """Cells that may hold a reachable pose: limits at the centre, with the slope across the cell and a margin."""
+        """Cells that may hold a reachable pose: limits at the centre, with the slope across the cell and the most that they bend:
+        positions are trigonometric polynomials of degree one in either angle, none larger than the lever."""
         if not self.space.kernel.limit_count:
             return np.full(len(z), True)
         limits = self.space.kernel.limits(z, k)
         slopes = np.abs(self.space.kernel.limit_slopes(z, k)[:, :2])
         across = np.einsum("nkg,k->ng", slopes, half)
-        return np.asarray(np.all(limits + 2.0 * across + MARGIN_MM / 100.0 >= 0.0, axis=1))
+        bend = 0.5 * float(half.sum()) ** 2 * self._lever(z[0]) / UNIT_MM
+        return np.asarray(np.all(limits + across + bend >= 0.0, axis=1))
+
+    def _lever(self, z: Array) -> float:
+        """mm that no point of nest, tool and spindle nose lies farther from an axis than."""
+        machine = self.space.machine
+        reach = [np.linalg.norm(self.space.table_ball(z)), np.linalg.norm(self.space.tool_ball(z))]
+        reach += [2.0 * np.linalg.norm(axis.origin) for axis in machine.axes.values() if axis.rotary]
+        return float(sum(reach)) + sum((machine.workspace.spindle_nose or {}).values()) + NOSE_LENGTH

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 
 import numpy as np
@@ -13,11 +13,11 @@ from symfive.campaign import Campaign, Run
 from symfive.design._assess import Assessment
 from symfive.design._pose_table import mounted_before, pose_table
 from symfive.design._schedule import SETUP_S
-from symfive.drawing import SCRIPT, poses_figure
+from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
-from symfive.nc import Post, collision_warning
-from symfive.nc._warning import UNCHECKED
+from symfive.machine import Machine
+from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, upright_axis, which_point
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import Nominal
 from symfive.procedures._setting import PAUSE_S
@@ -30,17 +30,15 @@ STANDS = {"r_test": "nest", "ball_bar": "table ball", "grid_encoder": "middle of
 STILL = 1e-3
 """What moves by less, mm or degree, stands still; directions that differ by less are one."""
 STYLE = """
-body { font: 13px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; color: #1a1a1a }
-h1 { font-size: 1.3rem; margin-bottom: 0 } h2 { font-size: 1.05rem; margin: 1.2rem 0 .3rem }
-table { border-collapse: collapse } td, th { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top }
-th { font-weight: 600 } td.n { text-align: right; font-variant-numeric: tabular-nums } svg { max-width: 100%; height: auto }
-ol { margin: .2rem 0 } .quiet, figcaption { color: #555 } figure { margin: .6rem 0 }
-.warning { border: 2px solid #b00020; padding: .4rem .7rem; font-weight: 600 }
-.facts { margin: .5rem 0; display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1.1rem }
-.facts dt, caption { color: #555 } .facts dd { margin: 0 } caption { text-align: left }
-td.again { font-weight: 600 } .poses-list td, .poses-list th { border-bottom: 1px solid #ddd; padding-right: 1.1rem }
-@media print { .poses-list thead { display: table-header-group } .poses-list tr { break-inside: avoid }
-  body { margin: 0; max-width: none } h2 { break-after: avoid } section { break-inside: avoid } }
+body { font-size: 14px; line-height: 1.45; } main { max-width: 62rem; }
+h2 { margin: 1.4rem 0 .3rem; } ol { margin: .2rem 0; padding-left: 1.6rem; }
+section > svg { display: block; max-width: 100%; height: auto; background: #fdfefe; border-radius: .3rem; }
+.facts { margin: .5rem 0; display: grid; grid-template-columns: minmax(5rem, max-content) 1fr; gap: .1rem 1.1rem; }
+.facts dt { color: var(--faint); } .facts dd { margin: 0; overflow-wrap: anywhere; color: var(--ink); }
+td.again { font-weight: 600; }
+@media screen and (max-width: 62rem) { table { display: block; overflow-x: auto; } }
+@media screen and (prefers-color-scheme: dark) { section > svg { filter: invert(.9) hue-rotate(180deg); } }
+@media print { section { break-inside: avoid; } }
 """
 
 
@@ -66,8 +64,10 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
     title = f"Set-up sheet: {machine.name}"
     nominal, poses = Nominal(machine), poses_figure(campaign)
     parts = [
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
-        f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>",
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title>",
+        f"<style>{PAGE_STYLE}{STYLE}</style></head><body><main><h1>{escape(title)}</h1>",
         f'<p class="quiet">{escape(machine.structure.code)} · {escape(_facts(sheet))}</p>',
         *_unchecked(sheet),
         f"<p>{escape(sheet.worth)}.</p>" if sheet.worth else "",
@@ -78,7 +78,7 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
     ]
     if programs:
         parts.append(f"<h2>Programs</h2><p>{', '.join(f'<code>{escape(p)}</code>' for p in programs)}</p>")
-    parts.append(f"<script>{SCRIPT}</script></body></html>\n")
+    parts.append(f"<script>{SCRIPT}</script></main></body></html>\n")
     return "\n".join(part for part in parts if part)
 
 
@@ -105,7 +105,11 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run, picture: str) -> str:
     stands = next((STANDS[name] for name in run.instrument if name in STANDS), "")
     again = mounted_before(sheet.campaign.runs, run)
     stays = run.dynamic and again is not None
+    machine = nominal.machine
     steps = ["Work offset: the workpiece frame's origin, with all rotary axes at 0."]
+    programmed = set(machine.axis_names) <= set(LETTERS)
+    if programmed:
+        steps.append(f"In the program {escape(which_point(machine, run, sheet.post))}.")
     if again is not None:
         what = "all stays as it stands" if stays else "take off and mount again, its error is drawn anew"
         steps.append(f"The same mounting as for run {escape(again.id)}: {what}.")
@@ -117,12 +121,27 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run, picture: str) -> str:
     if run.length is not None and not stays:
         steps.append(f"Bar of {run.length:g} mm, calibrated length entered.")
     steps.append(f"Start the program of run {escape(run.id)}; it stops where the instrument is to be seated.")
+    if programmed:
+        steps += _moves(machine, sheet.post)
     places = _places(nominal, run, stands) if stands and not stays else ""
     drawing = picture[picture.index("<svg") :] if picture else ""
     table = _recording(nominal, run) if run.dynamic else pose_table(sheet.campaign, run, sheet.post)
     head = f"<h2>Run {escape(run.id)} · {run.rows} rows · {_minutes(sheet, run):.0f} min</h2>"
     listed = "".join(f"<li>{step}</li>" for step in steps)
     return f"<section>{head}<ol>{listed}</ol>{places}{drawing}{table}</section>"
+
+
+def _moves(machine: Machine, post: Post) -> list[str]:
+    """The first and the last moves of every program, in their order."""
+    up = escape(upright_axis(machine))
+    rotary = " and ".join(escape(name) for name in machine.axis_names if machine.axes[name].rotary)
+    turned, home = (f"{rotary}, then ", f", then {rotary} to 0") if rotary else ("", "")
+    top = f"machine coordinate {post.machine_top:g} (ISO: its reference point)"
+    return [
+        f"First moves, not tested: {up} alone to the top of its travel, {top}, then {turned}the plane, then {up} down; the "
+        "program stops before it creeps into the last place.",
+        f"Last moves: out along the way it came, no tool offset, {up} alone to the top{home}.",
+    ]
 
 
 def _places(nominal: Nominal, run: Run, stands: str) -> str:
@@ -138,7 +157,7 @@ def _places(nominal: Nominal, run: Run, stands: str) -> str:
     linear = ", ".join(f"{escape(name)} {_digits(q[0])}" for name, q in there if not axes[name].rotary)
     rotary = ", ".join(f"{escape(name)} {q[0]:g}°" for name, q in there if axes[name].rotary)
     said = (
-        f"<p>Machine position with the tool's end there: {linear} mm{f' ({rotary})' if rotary else ''}.</p>"
+        f"<p>With the tool's ball there, no tool offset, the control shows {linear} mm{f' ({rotary})' if rotary else ''}.</p>"
         if linear
         else ""
     )
@@ -292,7 +311,7 @@ def _expected(assessment: Assessment) -> str:
 
 def _unchecked(sheet: Sheet) -> list[str]:
     campaign = sheet.campaign
-    words = " ".join(collision_warning(campaign.machine, campaign.runs[0], replace(sheet.post, blocked={})))
+    words = " ".join(collision_warning(campaign.machine, sheet.post))
     return [f'<p class="warning">{escape(words)}</p>'] if words.startswith(UNCHECKED) else []
 
 
@@ -307,9 +326,8 @@ def _clearances(sheet: Sheet) -> str:
         f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}"
         for name, radius in (("post", workspace.post_radius), ("tool", workspace.tool_radius))
     )
-    kept = "keep apart, but for what stands below," if any(post.blocked.values()) else "keep apart"
+    untested = collision_warning(sheet.campaign.machine, post)[-1]
     return (
-        f"<h2>Clearances</h2><p>Spindle nose as a cylinder ({words}), {thick}, table and bar {kept} at every pose, on the ways "
-        f"between them, on approach and on retract ({post.retract_mm:g} mm). Clamps, cables and the nest's sensors are not "
-        f"known: run the program in air first. The way to the first pose is yours.</p>{notes}"
+        f"<h2>Clearances</h2><p>Spindle nose as a cylinder ({words}), {thick}, table and bar keep apart at every pose and on "
+        f"every move of the programs from above the first pose to above the last. {escape(untested)}</p>{notes}"
     )

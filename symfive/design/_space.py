@@ -25,7 +25,13 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.compiled import Mapped
-from symfive.design._bodies import angle_clearance, nose_may_reach_post, nose_over_table, post_clearance
+from symfive.design._bodies import (
+    LEAST_ELEVATION,
+    angle_clearance,
+    nose_may_reach_post,
+    nose_over_table,
+    post_clearance,
+)
 from symfive.design._kernel import Kernel
 from symfive.errors import InputError
 from symfive.kinematics import ball_in_workpiece, chain_poses
@@ -40,8 +46,9 @@ __all__ = ["SETUP_VARIABLES", "Space", "make_space"]
 Array = NDArray[np.float64]
 SETUP_VARIABLES = ("table_ball.radius", "table_ball.angle", "table_ball.height", "tool.length")
 UNIT_MM = 100.0
-LEAST_ELEVATION, MOST_ELEVATION = -45.0, 90.0
-"""Degree: a bar may lean below the table ball this far before it meets the post and the cup (ISO 230-4 magnetic cups)."""
+DIGITS = 6
+"""Digits behind the point to which positions are written, so that what is tested is what is driven."""
+MOST_ELEVATION = 90.0
 SIGMAS_IN_RANGE = 3.0
 
 
@@ -74,7 +81,7 @@ class Space:
     def commands(self, z: Array, k: Array) -> dict[str, Array]:
         """Commands of every axis, mm and degree."""
         values = self.axes(z, k)[0]
-        return {name: values[:, i] for i, name in enumerate(self.machine.axis_names)}
+        return {name: np.round(values[:, i], DIGITS) + 0.0 for i, name in enumerate(self.machine.axis_names)}
 
     def feasible(self, z: Array, k: Array, rows: Array | None = None) -> NDArray[np.bool_]:
         """Rows (n,) inside all limits, whose expected reading (3σ of the priors) stays within the sensor's range; `rows` their
@@ -92,14 +99,23 @@ class Space:
 
     def table_ball(self, z: Array) -> tuple[float, float, float]:
         """The table ball or nest, mm in the workpiece frame, of one row."""
-        radius, angle, height = z[self.poses : self.poses + 3]
-        return (
-            float(UNIT_MM * radius * np.cos(angle)), float(UNIT_MM * radius * np.sin(angle)), float(UNIT_MM * height)
-        )  # fmt: skip
+        (x, y), (radius, angle, height) = self.machine.table_centre, z[self.poses : self.poses + 3]
+        across, along = UNIT_MM * radius * np.cos(angle), UNIT_MM * radius * np.sin(angle)
+        return _written(x + across), _written(y + along), _written(UNIT_MM * height)
+
+    def polar(self, x: float, y: float) -> tuple[float, float]:
+        """Distance from the table's centre, in 100 mm, and polar angle about it of a place in the workpiece frame, mm."""
+        across, along = (v - c for v, c in zip((x, y), self.machine.table_centre, strict=True))
+        return math.hypot(across, along) / UNIT_MM, math.atan2(along, across)
 
     def tool_ball(self, z: Array) -> tuple[float, float, float]:
         """The tool ball, mm in the tool frame, of one row."""
-        return (0.0, 0.0, -float(UNIT_MM * z[self.poses + 3]))
+        return (0.0, 0.0, -_written(UNIT_MM * z[self.poses + 3]))
+
+
+def _written(value: float) -> float:
+    """mm as a campaign's files hold it."""
+    return round(float(value), DIGITS) + 0.0
 
 
 def make_space(
@@ -167,7 +183,8 @@ class _Geometry:
 
 def _geometry(machine: Machine, rotary: Sequence[str], instrument: str, z: Any, k: Any) -> _Geometry:
     radius, angle, height, tool = (z[z.numel() - 4 + i] for i in range(4))
-    table_ball = UNIT_MM * ca.vertcat(radius * ca.cos(angle), radius * ca.sin(angle), height)
+    centre = ca.vertcat(*machine.table_centre, 0.0)
+    table_ball = centre + UNIT_MM * ca.vertcat(radius * ca.cos(angle), radius * ca.sin(angle), height)
     tool_ball = ca.vertcat(0.0, 0.0, -UNIT_MM * tool)
     bar = ca.SX(3, 1)
     if instrument == "ball_bar":

@@ -12,7 +12,9 @@ import numpy as np
 from symfive.campaign import FIRST_LINE, Run, write_campaign_files
 from symfive.design._assess import Assessment, assess
 from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
+from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
+from symfive.design._ways import cleared
 from symfive.files import write_json, write_text
 from symfive.nc import DIALECTS, LETTERS, Post, write_programs
 
@@ -76,9 +78,6 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         "efficiency_without_the_most_important_pose": _number(plan.lost),
         "efficiency_over_the_prior": {"mean": _number(plan.over_prior[0]), "worst": _number(plan.over_prior[1])},
         "retract_mm": plan.post.retract_mm,
-        "driven_by_hand_to_rows": {
-            run: [i + FIRST_LINE for i in rows] for run, rows in plan.post.by_hand.items() if rows
-        },
         "spindle_drawn_back_before_rows": {run: [i + FIRST_LINE for i in rows] for run, rows in plan.unsafe.items()},
         "notes": list(plan.notes),
     }
@@ -91,24 +90,36 @@ def _number(value: float) -> float:
 
 def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
     """Everything into a folder that exists."""
-    chosen = plan.post
-    if post is not None:
-        own = post.retract_mm if post.retract_mm != Post().retract_mm else plan.post.retract_mm
-        chosen = replace(
-            plan.post, tool_centre_on=post.tool_centre_on, tool_centre_off=post.tool_centre_off, retract_mm=own,
-            reversed_axes=post.reversed_axes, dwell_s=post.dwell_s, tested=plan.post.tested and own == plan.post.retract_mm,
-        )  # fmt: skip
+    plan = plan if post is None else _driven(plan, post)
     counts = f"{plan.certificate.points} poses, {plan.campaign.rows} readings with return poses"
     facts = f"{counts} · about {plan.minutes:.0f} min with set-up"
-    notes = [note for note in plan.notes if note.startswith("run ")]
+    ways = [note for note in plan.notes if note.startswith("run ")]
+    others = [note for note in plan.notes if note not in ways]
+    worth = ". ".join([f"Certificate: {plan.certificate.says}", *(note[:1].upper() + note[1:] for note in others)])
     sheet = Sheet(
-        campaign=plan.campaign, post=chosen, facts=facts, worth=f"Certificate: {plan.certificate.says}",
-        assessment=plan.assessment, notes=notes,
+        campaign=plan.campaign, post=plan.post, facts=facts, worth=worth, assessment=plan.assessment, notes=ways,
     )  # fmt: skip
     _write_files(sheet, folder, nc)
     write_json(folder / "plan.json", plan_data(plan))
     write_text(folder / "figures" / "uncertainty.svg", svg(uncertainty_figure(plan)))
     write_text(folder / "figures" / "worth.svg", svg(worth_figure(plan)))
+
+
+def _driven(plan: Plan, post: Post) -> Plan:
+    """The plan with what the user decided about its programs: the same ways unless another retract is wished, its own times."""
+    own = replace(post, unsafe=plan.post.unsafe, ways=plan.post.ways, tested=plan.post.tested)
+    if post.retract_mm != plan.post.retract_mm:
+        own = cleared(plan.machine, plan.campaign.runs, plan.unsafe, own)
+    if not set(plan.machine.axis_names) <= set(LETTERS):
+        return replace(plan, post=own)
+    campaign, seconds = on_ways(plan.campaign, own)
+    return replace(
+        plan,
+        post=own,
+        unsafe={run: tuple(rows) for run, rows in own.unsafe.items()},
+        campaign=campaign,
+        minutes=seconds / 60.0,
+    )
 
 
 def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:

@@ -116,6 +116,8 @@ def _drafts(campaign: Campaign) -> Iterator[Effect]:
     moving = moving_axes(campaign)
     for axis in reversing_axes(campaign):
         yield make_effect("backlash", axis)
+        if _own_letter(campaign, axis) == "Z":  # gravity acts along it
+            yield make_effect("counterbalance", axis)
         yield make_effect("friction", axis)
         yield make_effect("reversal_spike", axis)
         for letter in LETTERS:

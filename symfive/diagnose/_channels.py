@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,10 +34,10 @@ def probes(campaign: Campaign) -> list[Effect]:
 
 
 class Channels:
-    """Per run: the channels' columns, and the residual whitened twice. `lacking`: what the library does without."""
+    """Per run: the channels' columns, and the residual whitened twice."""
 
-    def __init__(self, board: Board, lacking: Collection[str] = ()) -> None:
-        self.board, self.lacking = board, lacking
+    def __init__(self, board: Board) -> None:
+        self.board = board
         self.problem = board.result.problem()
         self.campaign = board.model.campaign
         self.axes = moving_axes(self.campaign)
@@ -103,14 +103,15 @@ class Channels:
         return self._course_scores([0, 1, 2], courses)
 
     def _course_scores(self, channels: Sequence[int], courses: Mapping[str, Array]) -> Array:
-        """Score of something that takes each of `courses` in all `channels`, each with its own factor, also of each part."""
+        """Score of something that takes each of `courses` in all `channels`, each with its own factor, also of each part; in runs
+        that these leave out it does not act."""
         parts = {id: course.reshape(*course.shape[:2], -1) for id, course in courses.items()}
         count, ways = next(iter(parts.values())).shape[1:]
         size, wide = len(self.board.result.model.parameters), len(channels) * ways
         base = self.board.base[:size]
         normal = self.board.gram[np.ix_(base, base)] + np.diag(self.board.prior[:size])
         cross, own, answer = np.zeros((size, count * wide)), np.zeros((count, wide, wide)), np.zeros(count * wide)
-        for run in self.campaign.runs:
+        for run in (self.campaign.run(id) for id in parts):
             tangents = self.board.tangents[run.id][:, :, channels]
             moved = np.einsum("ncd,nkm->nckdm", tangents, parts[run.id]).reshape(*tangents.shape[:2], -1)
             columns, (line, fitted) = self._flat(run, moved), self._fitted(run)

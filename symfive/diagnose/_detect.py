@@ -26,6 +26,8 @@ from symfive.diagnose._groups import partitions
 from symfive.diagnose._scores import log_tail
 from symfive.identify import Identification, identify
 from symfive.inference import whiten
+from symfive.numbers import with_std
+from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
 __all__ = ["Detection", "Disagreement", "Test", "detect"]
@@ -62,13 +64,12 @@ class Disagreement:
     @property
     def says(self) -> str:
         """The disagreement in one sentence."""
-        unit = self.unit.replace("um", "µm").replace("urad", "µrad")
-        seen = ", ".join(f"{v:.4g} ± {s:.2g} {unit} ({label})" for label, (v, s) in list(self.values.items())[:4])
+        seen = ", ".join(f"{with_std(v, s, self.unit)} ({label})" for label, (v, s) in list(self.values.items())[:4])
         return f"{self.parameter} is not the same between the groups by {self.between}: {seen}"
 
 
-@dataclass(frozen=True)
-class Detection:
+@dataclass(frozen=True, repr=False)
+class Detection(OnScreen):
     """What noise does not explain of one fit. `level` the rate at which clean campaigns may seem not to be."""
 
     fit: Identification
@@ -97,7 +98,8 @@ class Detection:
     def __str__(self) -> str:
         failed = self.level / max(len(self.tests), 1)
         words = [t.says if t.p_value < failed else "passes" for t in self.tests]
-        return "\n".join(f"{t.name:<24} p = {t.p_value:<9.3g} {w}" for t, w in zip(self.tests, words, strict=True))
+        tests = [f"{t.name:<24} p = {t.p_value:<9.3g} {w}" for t, w in zip(self.tests, words, strict=True)]
+        return "\n".join([self.says, *tests])
 
 
 @one_thread

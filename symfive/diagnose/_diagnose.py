@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import detect
-from symfive.diagnose._findings import doubted, findings_of
+from symfive.diagnose._findings import doubted, findings_of, withdrawn
 from symfive.diagnose._locate import locate
 from symfive.diagnose._prove import prove, with_next_test
 from symfive.diagnose._result import Diagnosis
 from symfive.diagnose._search import name_effects
+from symfive.given import campaign_given
 from symfive.threads import one_thread
 
 __all__ = ["diagnose"]
@@ -20,7 +22,7 @@ __all__ = ["diagnose"]
 
 @one_thread
 def diagnose(
-    campaign: Campaign,
+    campaign: Campaign | Path | str,
     *,
     false_alarms: float = 0.01,
     exclude: Sequence[str] = (),
@@ -28,12 +30,14 @@ def diagnose(
 ) -> Diagnosis:
     """Find, name and model the physics that the baseline leaves out.
 
+    `campaign` with readings, or the path of its folder;
     `false_alarms` is the rate at which a clean campaign may raise any finding, over the whole catalogue and the tests that
     need no name; `exclude` takes effects (by id) out of the catalogue, as a control. Raises `InputError` for a campaign
     without readings.
 
     The steps are usable alone: `detect`, `locate`, `name_effects`, `findings_of`, `prove`.
     """
+    campaign = campaign_given(campaign)
     level = 0.5 * false_alarms  # one half for what has a name or a coordinate, one for disagreement without one
     detection = detect(campaign, level=level, progress=progress)
     location = locate(detection, exclude=exclude, progress=progress)
@@ -53,4 +57,5 @@ def diagnose(
         before=naming.before,
         after=doubted(naming),
         false_alarms=false_alarms,
+        withdrawn=withdrawn(naming),
     )

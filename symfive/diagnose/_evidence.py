@@ -38,7 +38,7 @@ def weighed(problem: Problem, values: Array, sized: Groups = ()) -> tuple[float,
     """Log evidence of a fit and χ² of its readings.
 
     The evidence is the log marginal likelihood, up to what does not depend on the model, of a fit that may or may not need
-    the rest of its effects' own families: the mean of both.
+    the rest of its effects' own families: the mean of both, and of the plain fit alone where its effects have no family.
 
     Where the library's form is right the plain fit decides; where it is a little off, what counts is whether the family
     explains the readings, and a form that needs less of the rest is better. Each group of `sized` amplitudes has a prior
@@ -48,10 +48,11 @@ def weighed(problem: Problem, values: Array, sized: Groups = ()) -> tuple[float,
     shapes = remainder(problem.model, values, problem.model.effects)
     wide = Model(problem.model.campaign, [*problem.model.added, *shapes]) if shapes else problem.model
     both = _Linear.of(problem, wide, values)
-    plain = both.evidence(sized, [p.name for p in problem.model.parameters])
-    rests = [[p.name for p in shape.parameters(wide.campaign)] for shape in shapes]
-    evidence = (np.logaddexp(plain, both.evidence(sized, bounded=rests)) if shapes else plain) - np.log(2.0)
-    return float(evidence), both.information.square
+    evidence = both.evidence(sized, [p.name for p in problem.model.parameters])
+    if shapes:
+        rests = [[p.name for p in shape.parameters(wide.campaign)] for shape in shapes]
+        evidence = float(np.logaddexp(evidence, both.evidence(sized, bounded=rests)) - np.log(2.0))
+    return evidence, both.information.square
 
 
 def marginal(problem: Problem, wide: Model, values: Array) -> float:

@@ -10,19 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
+from symfive.diagnose._alike import alike
+from symfive.diagnose._determined import sigmas_from_nothing
 from symfive.diagnose._evidence import evidence_of
-from symfive.diagnose._locate import UNUSUAL
 from symfive.diagnose._places import axis_of, coordinate_of, direction_of, intervals_of, leaves
 from symfive.diagnose._refit import amplitudes, lacking
-from symfive.diagnose._result import Finding, RivalName, mean_square
+from symfive.diagnose._result import Finding, RivalName, mean_square, named
 from symfive.diagnose._search import Member, Naming
 from symfive.diagnose._words import sentence_of
 from symfive.effects import Effect
 from symfive.identify import Identification, identify
 from symfive.model import Model
+from symfive.numbers import in_words, name_words
 from symfive.threads import one_thread
 
-__all__ = ["amend", "doubted", "findings_of", "moved"]
+__all__ = ["amend", "doubted", "findings_of", "moved", "withdrawn"]
 
 Array = NDArray[np.float64]
 ALIAS_EVIDENCE = 3.0
@@ -32,8 +34,6 @@ lacks is often mimicked by what it has. Six of seven such names were mimicry in 
 than even odds are taken away, since two effects may well act at once."""
 MINORITY = 1.0
 """What explains less by its own form than by the rest of its family (rms) is not called by its name."""
-SAME = 4.0
-"""What leaves less than this more of χ², 2σ, fits as well."""
 
 
 @one_thread
@@ -75,6 +75,24 @@ def findings_of(naming: Naming) -> tuple[Finding, ...]:
     findings = [_finding(naming, member, *shares[member.effect.key]) for member in naming.members]
     added = {key: _added(naming.after, without, key) for key, (_, without) in shares.items()}
     return tuple(sorted(findings, key=lambda f: -added[f.effect.key]))
+
+
+def withdrawn(naming: Naming) -> tuple[str, ...]:
+    """What explained the readings but has no size in the final fit, each in a sentence."""
+    said = []
+    for effect, fit in naming.withdrawn:
+        held = effect.describe(fit.model.campaign, fit.named, _pairs(fit, effect))
+        numbers = [
+            f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}"
+            for name, q in held.items()
+            if isinstance(q.value, (int, float)) and isinstance(q.std, (int, float))
+        ]
+        name = named(effect.vocabulary, axis_of(effect))
+        said.append(
+            f"{name[:1].upper()}{name[1:]} would explain more, but the readings do not determine how large it is "
+            f"({', '.join(numbers)}): no finding."
+        )
+    return tuple(said)
 
 
 def _added(after: Identification, without: Identification, key: str) -> float:
@@ -141,6 +159,7 @@ def _finding(found: Naming, member: Member, share: float, without: Identificatio
         direction=direction_of(after.model.machine, effect, values), says="", log_p=member.log_p, visible=min(visible, 1.0),
         share=share, moved=shifted,
         contribution=contribution, alias=alias, shape_differs=shape, nearest=nearest,
+        sigmas=sigmas_from_nothing(after, effect),
     )  # fmt: skip
     return replace(draft, says=sentence_of(draft, after))
 
@@ -187,10 +206,8 @@ def _rivals(
     fit is worse, and the probability of the name.
 
     Probabilities from the log evidence of exact refits under the final noise, every name weighed by all its forms. Forms that
-    read alike are other forms of the same effect with nearly its evidence, and all with no more amplitudes that fit as well:
-    however improbable they are, these readings do not tell them apart; but for those that would have to be far larger than
-    anything that is looked for, as a carriage that turns by a quarter of a radian. `holds`: the probability that it is a name
-    of the library at all; the rest is `unknown`'s.
+    read alike are other forms of the same effect with nearly its evidence, and all that fit as well (`alike`). `holds`: the
+    probability that it is a name of the library at all; the rest is `unknown`'s.
     """
     own = next((t for t in member.trials if t.effect.key == effect.key), None)
     if own is None:
@@ -199,11 +216,7 @@ def _rivals(
     weights: dict[tuple[str, str | None], float] = {}
     alias, others = [], list[tuple[float, str]]()
     ours = (effect.vocabulary, axis_of(effect))
-
-    def freedom(of: Effect) -> int:
-        return sum(map(len, amplitudes(campaign, of)))
-
-    most = max(UNUSUAL[-1], own.effect.times_usual(campaign, own.values))
+    same = alike(campaign, member.trials, own)
     for trial in member.trials:  # the best of a name comes first
         gap = own.evidence - trial.evidence
         who = (trial.effect.vocabulary, axis_of(trial.effect))
@@ -212,12 +225,11 @@ def _rivals(
         best.setdefault(who, trial.effect)
         if trial.effect.key == effect.key:
             continue
-        alike = trial.misfit - own.misfit < SAME and freedom(trial.effect) <= freedom(effect)
-        likely = trial.effect.id != "unknown" and trial.effect.times_usual(campaign, trial.values) <= most
-        if likely and (alike or (who == ours and gap < ALIAS_EVIDENCE)):
+        fits = any(trial is t for t in same)
+        if fits or (who == ours and effect.id != "unknown" and gap < ALIAS_EVIDENCE):
             alias.append(trial.effect.key)
-            if alike and who != ours:
-                others.append((float(np.sqrt(max(trial.misfit - own.misfit, 0.0))), trial.effect.key))
+        if fits and who != ours:
+            others.append((float(np.sqrt(max(trial.misfit - own.misfit, 0.0))), trial.effect.key))
     total = sum(weights.values()) / holds
     shares = {who: weight / total for who, weight in weights.items()}
     confidence = shares.pop(ours)

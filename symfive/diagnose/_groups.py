@@ -80,6 +80,8 @@ def _height(run: Run, campaign: Campaign) -> str:
 
 
 def _half(run: Run, campaign: Campaign) -> str:
+    if not all(r.has_clock for r in campaign.runs):
+        return ""
     starts = sorted(r.start_s for r in campaign.runs)
     middle = 0.5 * (starts[(len(starts) - 1) // 2] + starts[len(starts) // 2])
     return "first half" if run.start_s <= middle else "second half"

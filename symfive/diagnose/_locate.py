@@ -23,9 +23,11 @@ from symfive.diagnose._scan import scan
 from symfive.diagnose._scores import Board, Score, Secant, score_catalogue
 from symfive.diagnose._unknown import unknowns
 from symfive.effects import Effect
+from symfive.errors import EvaluationError
 from symfive.identify import Identification
-from symfive.inference import whiten
+from symfive.inference import halved, whiten
 from symfive.model import Model
+from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
 __all__ = ["Location", "Observability", "Survey", "Suspect", "locate", "observability_words", "survey"]
@@ -87,8 +89,8 @@ class Suspect:
         return f"{self.link}{axis}, over {self.coordinate} (as {self.effect.key} it would take {self.drop:.3g} off χ²)"
 
 
-@dataclass(frozen=True)
-class Location:
+@dataclass(frozen=True, repr=False)
+class Location(OnScreen):
     """Where a fit may lack something. `suspects` best of every link and axis, most significant first; `columns` mean square
     of the whitened residual by instrument and column (1: noise): whether the mismatch shows in front of the encoder or behind."""
 
@@ -120,11 +122,11 @@ class Location:
         return first + (f"; it also shows at {', '.join(others)}." if others else ".")
 
     def __str__(self) -> str:
-        lines = [observability_words(self.observability, self.classes), self.says]
-        lines += [
+        suspects = [
             f"  {s.link:<22} {s.axis or '':<3} {s.coordinate:<22} {s.drop:10.4g}  {s.effect.key}" for s in self.suspects
         ]
-        return "\n".join(lines)
+        seen = observability_words(self.observability, self.classes).split("\n")
+        return "\n".join([self.says, *listed(suspects, "location.suspects"), *listed(seen, "location.observability")])
 
 
 @one_thread
@@ -154,10 +156,10 @@ def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: boo
     sizes = [_sizes(board, e) for e in plain]
     scores, unusual = [usual for usual, *_ in sizes], [score for _, *larger in sizes for score in larger]
     taken = {e.key for e in held}
-    scanned = scan(board, exclude) if scanning else []
+    scanned = scan(board) if scanning else []
     found = [f for f in scanned if f.effect.id not in exclude and f.effect.key not in taken]
     unique = {f.effect.key: f for f in reversed(found)}
-    nameless = list(unknowns(campaign, held, exclude))
+    nameless = list(unknowns(campaign, held))
     secants = _secants(result, scores)
     second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes, secants=secants)
     for f in unique.values():
@@ -192,9 +194,13 @@ def _secants(result: Identification, scores: Sequence[Score]) -> list[Secant]:
         for levels in effect.levels(fitted.campaign):
             model = Model(fitted.campaign, (*fitted.added, effect))
             at = model.vector({**values, **levels})
-            adds = {r.id: model.predict_run(r, at) - fitted.predict_run(r, result.values) for r in fitted.campaign.runs}
-            if all(np.isfinite(a).all() for a in adds.values()):
-                found.append(Secant(effect, levels, adds))
+            try:
+                adds = {
+                    r.id: model.predict_run(r, at) - fitted.predict_run(r, result.values) for r in fitted.campaign.runs
+                }
+            except EvaluationError:
+                continue
+            found.append(Secant(effect, levels, adds))
     return found
 
 
@@ -283,8 +289,9 @@ def _suspect(fit: Identification, link: str, axis: str | None, score: Score, loo
     if log_p < -1.0:
         model = Model(fit.model.campaign, [*fit.model.added, effect])
         fitted = fit.named
-        values = model.vector(fitted | start_of(model, score))
-        acts = {r.id: model.predict_run(r, values) - fit.model.predict_run(r, fit.values) for r in model.campaign.runs}
+        stepped = model.vector(fitted | start_of(model, score))
+        _, there = halved(model.predict, stepped, model.vector(fitted))
+        acts = {r.id: there[r.id] - fit.model.predict_run(r, fit.values) for r in model.campaign.runs}
         where = intervals_of(model.campaign, acts)
     direction = direction_of(fit.model.machine, effect, score.step)
     return Suspect(link, axis, coordinate_of(effect), effect, score.drop, log_p, where, direction)

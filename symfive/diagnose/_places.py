@@ -78,12 +78,10 @@ def coordinate_of(effect: Effect) -> str:
 def intervals_of(campaign: Campaign, contribution: Mapping[str, Array], limit: int = 40) -> tuple[Interval, ...]:
     """Stretches in which the effect exceeds half of its largest deviation from its own mean; where there are more than
     `limit`, those with the shortest pauses between them are one."""
-    away = {run: np.abs(c - np.median(c, axis=0)) for run, c in contribution.items() if np.isfinite(c).all()}
+    away = {run: np.abs(c - np.median(c, axis=0)) for run, c in contribution.items()}
     largest = max((float(a.max()) for a in away.values()), default=0.0)
     found: list[Interval] = []
     for run in campaign.runs:
-        if run.id not in away:  # at the size that its score suggests a drive would be unstable
-            continue
         strong = away[run.id].max(axis=1) > 0.5 * largest
         edges = np.flatnonzero(np.diff(np.concatenate([[False], strong, [False]]).astype(int)))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):

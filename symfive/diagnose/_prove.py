@@ -31,8 +31,9 @@ RIVALS = 3
 
 @one_thread
 def prove(before: Identification, after: Identification) -> Fit:
-    """Quality before and after, over all that was fitted and over what was left out of the fit in turn: runs (of a single run,
-    quarters), and where the runs differ in them, a whole feed and a whole place at a time."""
+    """Quality before and after, over all readings and over what was held out of the fit in turn: runs (of a single run,
+    quarters), and where the runs differ in them, a whole feed and a whole place at a time. Outliers, which either fit excludes,
+    count in every rms."""
     campaign = after.model.campaign
     ids = [run.id for run in campaign.runs]
     count = min(FOLDS, len(ids))
@@ -60,35 +61,33 @@ def _held_out(result: Identification, folds: Sequence[Sequence[str]]) -> float:
         effects = [e for e in result.model.added if any(e.applies(campaign.run(id)) for id in rest)]
         learnt = _part(result, rest, effects, {})
         known = {name: v for name, v in learnt[0].items() if not name.startswith("setup.")}
-        for residual, left_out in _part(result, fold, effects, known)[1]:
-            squares += float(np.sum(residual[~left_out] ** 2))
-            count += int(np.sum(~left_out))
+        for residual in _part(result, fold, effects, known)[1]:
+            squares += float(np.sum(residual**2))
+            count += residual.size
     return float(np.sqrt(squares / max(count, 1)))
 
 
 def _held_out_rows(result: Identification) -> float:
     """The same for a single run: rms over its quarters, each left out of the fit in turn."""
+    unit = result.file_unit
     (run,) = result.model.campaign.runs
     squares, count = 0.0, 0
     for rows in np.array_split(np.arange(run.rows), FOLDS):
         problem = result.problem()
-        kept = ~problem.left_out[run.id]
         problem.left_out[run.id][rows] = True
         values, _ = gauss_newton(problem, result.values, 1e-2)
-        fitted = [part for _, part in problem.parts(run)]
         residual = problem.model.readings(run) - problem.model.predict_run(run, values)
-        for part in fitted:
-            inside = kept[rows][:, part]
-            squares += float(np.sum(residual[rows][:, part][inside] ** 2))
-            count += int(inside.sum())
+        for part in (part for _, part in problem.parts(run) if problem.unit_of(run, part) == unit):
+            squares += float(np.sum(residual[rows][:, part] ** 2))
+            count += residual[rows][:, part].size
     return float(np.sqrt(squares / max(count, 1)))
 
 
 def _part(
     result: Identification, ids: Sequence[str], effects: Sequence[Effect], known: Mapping[str, float]
-) -> tuple[dict[str, float], list[tuple[Array, NDArray[np.bool_]]]]:
-    """Some of the runs fitted under the noise of the whole fit, what is `known` held: values by name, and per block the
-    residual and what is no reading to count."""
+) -> tuple[dict[str, float], list[Array]]:
+    """Some of the runs fitted under the noise of the whole fit, what is `known` held: values by name, and the residuals of all
+    readings that have the unit of the fit's rms."""
     part = result.model.campaign.select(*ids)
     model = Model(part, [e for e in effects if any(e.applies(run) for run in part.runs)])
     noises = {key: noise for key, noise in result.noises.items() if key[0] in ids}
@@ -99,7 +98,8 @@ def _part(
     values, _ = gauss_newton(problem, model.vector({n: v for n, v in start.items() if n in model.index}), 1e-2)
     blocks = problem.blocks(values)
     named = model.named(values)
-    return named, [(b.residual, b.left_out) for b in blocks.values()]
+    units = {(run.id, name): problem.unit_of(run, columns) for run in part.runs for name, columns in problem.parts(run)}
+    return named, [block.residual for key, block in blocks.items() if units[key] == result.file_unit]
 
 
 def with_next_test(found: Naming, finding: Finding) -> Finding:

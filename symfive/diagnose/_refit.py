@@ -15,14 +15,14 @@ from symfive.diagnose._remainder import remainder
 from symfive.diagnose._scores import Score
 from symfive.diagnose._variants import carried, narrower, shapes, variants
 from symfive.effects import Effect
-from symfive.errors import InputError
+from symfive.errors import EvaluationError, InputError
 from symfive.identify import Identification, identify
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 
 __all__ = [
-    "DECISIVE", "Forms", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted", "settled", "shaped",
-    "start_of", "tried", "widened", "with_families",
+    "DECISIVE", "Forms", "Together", "Trial", "amplitudes", "beforehand", "best_shape", "lacking", "newest", "refitted",
+    "settled", "shaped", "start_of", "tried", "tried_together", "widened", "with_families",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ START_STEPS = 3
 class Trial:
     """An exact refit with one more effect: its log evidence against the fit without it, under the same noise, its `size`, the
     mean square of its readings about their mean over that of the declared noise, and the `misfit` that is left: χ² of the
-    readings and of all priors but the effect's own."""
+    readings and of all priors but the effect's own. `prior` is the part of the evidence that stands before the readings."""
 
     effect: Effect
     evidence: float
@@ -49,10 +49,14 @@ class Trial:
     size: float
     looks: int = 1
     misfit: float = np.inf
+    prior: float = 0.0
 
 
-def tried(result: Identification, base: float, score: Score, forms: Forms) -> Trial | None:
-    """An exact refit with the effect, under the noise of the present fit, whose log evidence is `base`.
+def tried(
+    result: Identification, base: float, score: Score, forms: Forms, near: Mapping[str, float] | None = None
+) -> Trial | None:
+    """An exact refit with the effect, under the noise of the present fit, whose log evidence is `base`; begun `near` values that
+    are known, else at the present fit and the score's step.
 
     All names are equally probable beforehand; a name that could take several forms (components), or richer shapes than its plain
     one, shares that among them. The prior of an effect that is larger than usual is as wide as the effect: none is pulled back
@@ -60,28 +64,57 @@ def tried(result: Identification, base: float, score: Score, forms: Forms) -> Tr
     """
     campaign = result.model.campaign
     effect = score.effect
-    named = result.named
+    named = dict(near or result.named)
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # a trial may make a drive unstable
-            for widening in range(1 + WIDENINGS):
-                model = Model(campaign, (*result.model.added, effect))
-                problem = result.problem(model)
-                start = named if widening else named | start_of(model, score)
-                values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
-                named = model.named(values)
-                wider = _roomy(campaign, effect, named)
-                if wider.spread == effect.spread:
-                    break
-                effect = wider
-            evidence, left = weighed(problem, values, amplitudes(campaign, effect))
-            evidence -= base
-    except np.linalg.LinAlgError:
+        for widening in range(1 + WIDENINGS):
+            model = Model(campaign, (*result.model.added, effect))
+            problem = result.problem(model)
+            start = named if widening or near else named | start_of(model, score)
+            values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
+            named = model.named(values)
+            wider = _roomy(campaign, effect, named)
+            if wider.spread == effect.spread:
+                break
+            effect = wider
+        evidence, left = weighed(problem, values, amplitudes(campaign, effect))
+        evidence -= base
+        size = _size(result, problem.model, effect, values)
+    except (EvaluationError, np.linalg.LinAlgError):
         return None
     if not np.isfinite(evidence):
         return None
-    evidence += beforehand(campaign, effect, score.looks, named, forms)
-    size = _size(result, problem.model, effect, values)
-    return Trial(effect, evidence, named, size, score.looks, left + _pull(problem, effect, values))
+    prior = beforehand(campaign, effect, score.looks, named, forms)
+    return Trial(effect, evidence + prior, named, size, score.looks, left + _pull(problem, effect, values), prior)
+
+
+@dataclass(frozen=True)
+class Together:
+    """An exact refit with several effects more: their `scores`, the log evidence of all, the values."""
+
+    effects: tuple[Effect, ...]
+    scores: tuple[Score, ...]
+    evidence: float
+    values: Mapping[str, float]
+
+
+def tried_together(result: Identification, base: float, scores: Mapping[str, Score], forms: Forms) -> Together | None:
+    """An exact refit with one kind of effect on several axes, as `tried` makes it with one; None where there is but one axis."""
+    campaign = result.model.campaign
+    effects = tuple(score.effect for score in scores.values())
+    if len(effects) < 2:
+        return None
+    try:
+        model = Model(campaign, (*result.model.added, *effects))
+        problem, start = result.problem(model), result.named
+        for score in scores.values():
+            start = start | start_of(model, score)
+        values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
+        named = model.named(values)
+        evidence = evidence_of(problem, values, [group for e in effects for group in amplitudes(campaign, e)]) - base
+    except (EvaluationError, np.linalg.LinAlgError):
+        return None
+    evidence += sum(beforehand(campaign, s.effect, s.looks, named, forms) for s in scores.values())
+    return Together(effects, tuple(scores.values()), evidence, named) if np.isfinite(evidence) else None
 
 
 def beforehand(campaign: Campaign, effect: Effect, looks: int, values: Mapping[str, float], forms: Forms) -> float:
@@ -184,7 +217,7 @@ def _reshaped(result: Identification, plain: Identification) -> Identification:
             start = _best_start(problem, prepared, others | carried(effect, prepared, campaign, named))
             values, _ = gauss_newton(problem, model.vector(start), 1e-2, TRIAL_STEPS)
             evidence = evidence_of(problem, values)
-        except (ValueError, np.linalg.LinAlgError):
+        except (InputError, np.linalg.LinAlgError):
             continue
         simpler = len(prepared.parameters(campaign)) < len(effect.parameters(campaign))
         if evidence > best_evidence + (0.0 if simpler else DECISIVE):

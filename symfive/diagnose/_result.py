@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,7 +18,8 @@ from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity
 from symfive.identify import Identification
 from symfive.inference import Outlier
-from symfive.numbers import change, expected_ratio, percent, plain_number
+from symfive.numbers import change, expected_ratio, in_words, percent, plain_number
+from symfive.screen import OnScreen, listed
 
 __all__ = [
     "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "UNCONVERGED", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square", "named",
@@ -61,14 +61,15 @@ def named(effect: str, axis: str | None) -> str:
     return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
 
 
-@dataclass(frozen=True)
-class Finding:
+@dataclass(frozen=True, repr=False)
+class Finding(OnScreen):
     """One piece of physics that the baseline leaves out.
 
     `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
     `contribution` run → (N, ny) its readings, `moved` the machine's parameters that changed most when it joined: name →
     (before, after), file units. `nearest` an effect of another name that fits the readings as well, with the σ by which
-    it fits worse. `test` is what to record next where a rival stays, `next_test` the folder of its plan.
+    it fits worse; `sigmas` by which all its amplitudes together differ from nothing. `test` is what to record next where
+    a rival stays, `next_test` the folder of its plan.
     """
 
     effect: Effect
@@ -90,6 +91,7 @@ class Finding:
     alias: tuple[str, ...] = ()
     shape_differs: float = 0.0
     nearest: tuple[str, float] | None = None
+    sigmas: float = 0.0
     next_test: str | None = None
     test: Discrimination | None = None
 
@@ -103,6 +105,12 @@ class Finding:
         """The effect and its axis, as `Gravity sag of axis B`."""
         said = named(self.name, self.axis)
         return said[:1].upper() + said[1:]
+
+    def __str__(self) -> str:
+        said = {name: in_words(q.value, q.std, q.unit or "") for name, q in self.parameters.items()}
+        return "\n".join(
+            [self.title, *listed([f"  {name} {words}" for name, words in said.items()], "finding.parameters")]
+        )
 
     def to_data(self) -> dict[str, Any]:
         """One entry of `findings`."""
@@ -126,6 +134,7 @@ class Finding:
             "share": self.share,
             "visible": self.visible,
             "shape_differs": self.shape_differs,
+            "size_sigmas": self.sigmas,
             "log10_p": self.log_p / float(np.log(10.0)),
             "geometry_moved": {name: {"before": b, "after": a} for name, (b, a) in self.moved.items()},
             "says": self.says,
@@ -142,6 +151,12 @@ def _quantity(q: Quantity) -> Any:
     return {"value": value, "std": std, "unit": q.unit}
 
 
+def _excluded(fit: Identification) -> dict[str, Any]:
+    every = fit.problem().readings
+    return {"excluded": len(fit.outliers), "readings": every, "share": len(fit.outliers) / max(every, 1),
+            "rms_kept_um": fit.rms_kept.get(fit.file_unit, 0.0)}  # fmt: skip
+
+
 def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
     """Of the residuals, without these readings."""
     total, count = 0.0, 0
@@ -155,8 +170,8 @@ def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
 
 @dataclass(frozen=True)
 class Fit:
-    """Quality before and after, over kept readings; the held-out part by leaving out runs in turn, `heldout_by` a whole feed
-    or place at a time: what → (before, after), µm."""
+    """Quality before and after: rms over all readings, excluded outliers too; χ² over those that each fit kept; the held-out
+    part by leaving out runs in turn, `heldout_by` a whole feed or place at a time: what → (before, after), µm."""
 
     rms_before_um: float
     rms_after_um: float
@@ -191,8 +206,8 @@ class Fit:
         return tuple(said)
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(OnScreen):
     """Result of `diagnose`. `before` and `after` are the identifications without and with the findings, `detection` and
     `location` what was seen before any name, `remaining` the same tests on what is left."""
 
@@ -206,15 +221,18 @@ class Diagnosis:
     before: Identification
     after: Identification
     false_alarms: float = 0.01
+    withdrawn: tuple[str, ...] = ()
 
     @property
     def unnamed(self) -> tuple[str, ...]:
-        """What is left and has no name: what the tests that need none say of the fit with all findings."""
-        return tuple(
+        """What is left and has no name: what the tests that need none say of the fit with all findings, and names `withdrawn`
+        again, for which there is evidence but no size."""
+        tests = (
             t.says
             for t in self.remaining.tests
             if t.name in ("lack of fit", "agreement of groups") and 2.0 * t.p_value < self.remaining.level
         )
+        return (*tests, *self.withdrawn)
 
     @property
     def mismatch(self) -> bool:
@@ -245,6 +263,7 @@ class Diagnosis:
                     what: {"rms_before_um": b, "rms_after_um": a} for what, (b, a) in self.fit.heldout_by.items()
                 },
             },
+            "outliers": {"before": _excluded(self.before), "after": _excluded(self.after)},
             "tests": [
                 {"test": t.name, "statistic": t.statistic, "dof": t.dof, "p_value": t.p_value, "says": t.says}
                 for t in self.detection.tests
@@ -261,19 +280,22 @@ class Diagnosis:
     @property
     def letter(self) -> str:
         """The verdict in plain words, a sentence a finding."""
+        return self._warned(" ".join([self._letter(), *self.excluded]))
+
+    def _letter(self) -> str:
         if self.mismatch:
-            return self._warned(" ".join([*(f.says for f in self.findings), *self.doubts]))
+            return " ".join([*(f.says for f in self.findings), *self.doubts])
         left, ratio = plain_number(self.fit.rms_after_um, self.after.unit), plain_number(self.noise_ratio)
         text = (
             f"None of {len(self.observability)} effects that were looked for stands out of what the baseline leaves "
             f"({left} {self.after.unit} rms)."
         )
         if self.noise_ratio > EXPLAINED:
-            return self._warned(
+            return (
                 f"{text} That is {ratio} times the declared noise: coloured noise of the instrument, or something that "
                 "no effect of the catalogue describes and these recordings cannot place."
             )
-        return self._warned(f"{text} The baseline explains the readings down to the declared noise.")
+        return f"{text} The baseline explains the readings down to the declared noise."
 
     def _warned(self, said: str) -> str:
         """Behind a warning where the fit did not converge."""
@@ -302,6 +324,17 @@ class Diagnosis:
     def doubts(self) -> tuple[str, ...]:
         """What speaks against the findings, and what is left beside them."""
         return (*(self.fit.doubts(self.after.unit) if self.findings else ()), *self.unnamed)
+
+    @property
+    def excluded(self) -> tuple[str, ...]:
+        """What was excluded as outliers, before and after, in a sentence; none where nothing was."""
+        counts = len(self.before.outliers), len(self.after.outliers)
+        if not any(counts):
+            return ()
+        every, unit = self.after.problem().readings, self.after.file_unit
+        numbers = " → ".join(dict.fromkeys(f"{n} of {every} ({percent(n / every)})" for n in counts))
+        kept = change(self.before.rms_kept.get(unit, 0.0), self.after.rms_kept.get(unit, 0.0), unit)
+        return (f"Excluded outliers: {numbers} readings; without them rms {kept} {self.after.unit}.",)
 
     @property
     def verdict(self) -> str:
@@ -334,7 +367,8 @@ class Diagnosis:
     def _quality(self) -> list[str]:
         fit, unit = self.fit, self.after.unit
         noise = plain_number(self.noise_um, unit)
-        lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit}, noise {noise} {unit}"]
+        lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit} (all readings), noise {noise} {unit}"]
+        lines += [line for said in self.excluded for line in wrapped("", said)]
         if self.geometry_share > SHOWN_SHARE:
             lines.append(
                 f"geometry and set-up, identified anew: {percent(self.geometry_share)} of the deviation's mean square"
@@ -349,9 +383,6 @@ class Diagnosis:
                 "± is 1σ (k = 1), given the name and all others; confidence: among the library's names and `unknown`"
             )
         return lines
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 def wrapped(head: str, text: str) -> list[str]:

@@ -8,7 +8,7 @@ computed for a whole grid at once, and the peaks become exact candidates.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -30,10 +30,9 @@ PER_CYCLE = 4
 """Steps in which a frequency is looked for, per change of one cycle over the campaign."""
 
 
-def scan(board: Board, lacking: Collection[str] = ()) -> list[Finding]:
-    """Peaks of all families for the residual of the board's fit; where the library is `lacking` the name of a tone or of a
-    period, a cycle stands in its place."""
-    channels = Channels(board, lacking)
+def scan(board: Board) -> list[Finding]:
+    """Peaks of all families for the residual of the board's fit; beside a tone and a period a cycle without a name."""
+    channels = Channels(board)
     found: list[Finding] = []
     for family in (_periods, _tones, _cycles, _onsets, _shifts, _steps, resonances, bursts):
         for finding in family(channels):
@@ -93,7 +92,7 @@ def _periods(channels: Channels) -> Iterator[Finding]:
                 period = 1.0 / float(inverse[peak])
                 sigma = 0.5 * period**2 * float(inverse[1])
                 yield Finding(make_effect("transmission_error", axis, period=period, period_sigma=sigma), looks)
-                if rank == 0 and "transmission_error" in channels.lacking:
+                if rank == 0:
                     yield Finding(_cycle(period, 1.0 / float(inverse[1]), f"{FAST}{number}", axis, "axis"), looks)
 
 
@@ -123,8 +122,7 @@ def _tones(channels: Channels) -> Iterator[Finding]:
         exact, kept, tried = _in_phase(channels, runs, rough, 1.0 / longest)
         if kept > 0.5 * score[peak]:
             effect = make_effect("vibration", frequency_hz=exact, tag=tag)
-            if "vibration" in channels.lacking:
-                yield Finding(_cycle(1.0 / exact, _span(runs), f"{FAST}{number}"), int(seen.sum()) // 2 + tried)
+            yield Finding(_cycle(1.0 / exact, _span(runs), f"{FAST}{number}"), int(seen.sum()) // 2 + tried)
         else:  # the runs' clocks do not hang together: the run that swings most
             strongest = max(runs, key=lambda run: _in_phase(channels, [run], rough, 0.0)[1])
             effect = make_effect("vibration", frequency_hz=rough, run=strongest.id, tag=tag)
@@ -147,6 +145,11 @@ def _span(runs: Sequence[Run]) -> float:
     return max(run.start_s + float(run.time[-1]) for run in runs) - min(
         run.start_s + float(run.time[0]) for run in runs
     )
+
+
+def _timed(channels: Channels) -> list[Run]:
+    """The runs whose clock was recorded: all that can be said over time."""
+    return [run for run in channels.campaign.runs if run.has_clock]
 
 
 def _clocks(runs: Sequence[Run]) -> dict[str, Array]:
@@ -182,10 +185,13 @@ FEWEST, MOST_CYCLES = 2.5, 16
 def _cycles(channels: Channels) -> Iterator[Finding]:
     """A cycle that is too slow for a vibration, over the campaign's clock: a cooler, a pump, the light of day. It has no name,
     but it can be foretold."""
-    runs = channels.campaign.runs
+    runs = _timed(channels)
+    if not runs:
+        return
     span = _span(runs)
     longest = max((run.duration for run in runs if run.dynamic), default=0.0)
-    fastest = 4.0 / longest if longest > 0.0 else 0.25 * (channels.campaign.rows - 1) / max(span, 1e-9)
+    rows = sum(run.rows for run in runs)
+    fastest = 4.0 / longest if longest > 0.0 else 0.25 * (rows - 1) / max(span, 1e-9)
     count = int(FINE * (fastest * span - FEWEST))
     if span <= 0.0 or count < FINE:
         return
@@ -220,7 +226,9 @@ LASTS = (0.1, 0.3, 1.0)
 
 def _onsets(channels: Channels) -> Iterator[Finding]:
     """A thermal drift whose heat comes on at one instant of the campaign's clock; in a pause if it could as well be there."""
-    runs = channels.campaign.runs
+    runs = _timed(channels)
+    if not runs:
+        return
     clocks = _clocks(runs)
     rows = np.sort(np.concatenate(list(clocks.values())))
     span, end = float(np.ptp(rows)), float(rows[-1])
@@ -251,7 +259,7 @@ MOST_STEPS, NARROW = 100, 0.1
 def _shifts(channels: Channels) -> Iterator[Finding]:
     """Set-up shift: the tool against the ball by a constant from one instant of one run on, at once or creeping."""
     best: tuple[float, Finding] | None = None
-    for run in channels.campaign.runs:
+    for run in _timed(channels):
         if run.rows < 4 * _margin(run):
             continue
         score, at = _best_row(channels, run, PLACES, partial(_late, run))

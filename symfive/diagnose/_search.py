@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
+from symfive.diagnose._alike import SAME, levelled
 from symfive.diagnose._detect import Detection
+from symfive.diagnose._determined import log_chance_of_nothing
 from symfive.diagnose._evidence import evidence_of
 from symfive.diagnose._locate import Location, Survey, locate, survey
 from symfive.diagnose._places import axis_of, reshapes
@@ -25,10 +27,11 @@ from symfive.diagnose._refit import (
     settled,
     shaped,
     tried,
+    tried_together,
     with_families,
 )
 from symfive.diagnose._regroup import kin, merge, simplify, spell_out
-from symfive.diagnose._scores import Score
+from symfive.diagnose._scores import Score, log_tail
 from symfive.diagnose._slow import (
     changes_slowly,
     drift,
@@ -44,6 +47,8 @@ from symfive.diagnose._variants import simpler
 from symfive.effects import Effect
 from symfive.effects.unknown import Unknown
 from symfive.identify import Identification
+from symfive.model import Model
+from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
 __all__ = ["Member", "Naming", "name_effects"]
@@ -61,14 +66,16 @@ MATERIAL = 0.15
 changes the residual's rms by under 1 % (0.15²/2), even where no other parameter swallows it."""
 
 
-@dataclass(frozen=True)
-class Naming:
-    """What was named: the fit `before` and `after`, the `members` in the order found, where they were looked for."""
+@dataclass(frozen=True, repr=False)
+class Naming(OnScreen):
+    """What was named: the fit `before` and `after`, the `members` in the order found, where they were looked for; `withdrawn`
+    what had evidence but no size, each with the fit that held it."""
 
     before: Identification
     after: Identification
     members: tuple[Member, ...]
     location: Location = field(repr=False)
+    withdrawn: tuple[tuple[Effect, Identification], ...] = field(default=(), repr=False)
 
     def __str__(self) -> str:
         return "\n".join(
@@ -107,7 +114,10 @@ def name_effects(
         _forward(state)
     _prune(state, state.members)
     _drifting(state)
-    return Naming(before, settled(state.after), tuple(state.members), location)
+    state.after = settled(state.after)
+    _withdraw(state)
+    after = state.after if state.members or not state.withdrawn else before
+    return Naming(before, after, tuple(state.members), location, tuple(state.withdrawn))
 
 
 def _forward(state: State, seen: Survey | None = None) -> None:
@@ -122,6 +132,9 @@ def _forward(state: State, seen: Survey | None = None) -> None:
         state.progress(f"scoring the catalogue, {len(state.members)} effects found")
         seen = seen or survey(state.after, state.exclude)
         best = _best(state, seen, done)
+        if best is not None and _together(state, seen, done, best[0]):
+            seen = None
+            continue
         if best is not None and _is_shape_of_another(best[0].effect, state.members, state.after, best[0].values):
             state.useless.add(best[0].effect.key)  # nor would it be another's in fewer directions
             continue
@@ -149,6 +162,32 @@ def _forward(state: State, seen: Survey | None = None) -> None:
         state.progress(f"found {trial.effect.key}")
         _prune(state, state.members[:-1])
     state.after = with_families(state.after)
+
+
+def _together(state: State, seen: Survey, done: _Trials, single: Trial) -> bool:
+    """Let one kind of effect join on all axes at once where the readings ask for that rather than for the best `single` one:
+    parts of one kind wear on all axes, and found alone each leaves the others' share as noise. What is needless is dropped."""
+    if state.members:
+        return False
+    limit = float(np.log(state.level / seen.looks))
+    open_ = [s for s in seen.scores if state.open(s) and s.effect.axis is not None and s.effect.id != "unknown"]
+    kinds: dict[str, dict[str, Score]] = {s.effect.id: {} for s in open_ if s.log_p < limit}
+    for score in sorted(open_, key=lambda s: s.log_p):
+        if score.effect.id in kinds:
+            kinds[score.effect.id].setdefault(str(score.effect.axis), score)
+    tries = (tried_together(state.after, done.base or 0.0, scores, state.forms) for scores in kinds.values())
+    best = max((t for t in tries if t is not None), key=lambda t: t.evidence, default=None)
+    if best is None or best.evidence < single.evidence + DECISIVE:
+        return False
+    state.progress(f"found {', '.join(score.effect.key for score in best.scores)} together")
+    state.after = refitted(Model(state.campaign, (*state.after.model.added, *best.effects)), best.values, state.after)
+    for score in best.scores:  # each in the best of its shapes, beside the others
+        without = lacking(state.after, score.effect)
+        after = shaped(without, Trial(score.effect, 0.0, state.after.named, 0.0, score.looks))
+        state.joined(after, min(score.log_p, 0.0), score.looks)
+    state.together = len(state.members)
+    _prune(state, state.members)
+    return True
 
 
 @dataclass
@@ -186,7 +225,9 @@ def _behind_noise(state: State, first: Identification | None) -> tuple[Identific
     """A name, cycle or burst, with its log p, that goes before the `first` one found, if any: where the noise is large without
     a name, or still with it, the noise may have swallowed what the readings really hold."""
     named = first is not None and newest(first).id != "unknown"
-    if state.members or not large_noise(state.after) or (first is not None and named and not large_noise(first)):
+    if len(state.members) > state.together or not large_noise(state.after):
+        return None
+    if first is not None and named and not large_noise(first):
         return None
     seen = survey(whitened(state.after), state.exclude)
     still = [s for s in seen.scores if state.open(s)]
@@ -257,7 +298,9 @@ def _contest(state: State) -> bool:
         rivals = state.near({s.effect.key for s in scores}) | close | {s.effect.key: s for s in _best_of(scores)}
         base = evidence_of(without.problem(), without.values)
         found = [t for t in (tried(without, base, s, state.forms) for s in rivals.values()) if t is not None]
-        own = tried(without, base, _own_score(state.after, member), state.forms)
+        own = tried(
+            without, base, _own_score(state.after, member), state.forms, near=_known(without, state.after, member)
+        )
         if own is None:
             continue
         simple = _simpler_trials(state, without, base, member)
@@ -269,10 +312,11 @@ def _contest(state: State) -> bool:
         ]
         enough = [t for t in simple if t.misfit < own.misfit + 2.0 * DECISIVE]  # also without the rest of its family
         mine = max([*enough, own], key=lambda t: t.evidence + TIE * (t is own))
+        stays, (mine, *found) = mine is own, levelled(state.campaign, [mine, *found])
         trials = sorted([mine, *found], key=lambda t: -t.evidence)
         state.members[number] = replace(member, trials=tuple(trials))
         best = _most_probable(trials, mine)
-        if best is not own:
+        if not (stays and best is mine):
             state.after = shaped(without, best)
             state.members[number] = Member(newest(state.after), member.log_p, best.looks, tuple(trials))
             state.progress(f"{best.effect.key} takes the place of {member.effect.key}")
@@ -328,6 +372,13 @@ def _first(ranked: Sequence[Score]) -> Sequence[Score]:
     return ranked[: max(TRIALS, len(close))]
 
 
+def _known(without: Identification, after: Identification, member: Member) -> dict[str, float]:
+    """The final fit's values of all that is in the model with a member alone: where its own refit ends anyway."""
+    own = {p.name for p in member.effect.parameters(after.model.campaign)}
+    starts = {p.name for run in after.model.campaign.runs for p in member.effect.starts(run)}
+    return {n: v for n, v in after.named.items() if n in without.model.index or n in own | starts}
+
+
 def _own_score(result: Identification, member: Member) -> Score:
     """A member as a candidate again, starting from what the fit found for it."""
     step = {p.name: result[p.name] - p.mean for p in member.effect.parameters(result.model.campaign)}
@@ -372,6 +423,21 @@ def _prune(state: State, members: Sequence[Member]) -> None:
         if full - evidence_of(without.problem(), without.values) < 3.0:
             _leave(state, member, without)
             state.dropped.add(member.effect.key)
+
+
+def _withdraw(state: State) -> None:
+    """Take out what the final fit leaves no size (2σ from none), the least certain first: the refit without it stands."""
+    while state.members:
+        held = {e.key: e for e in state.after.model.added}
+        chances = [log_chance_of_nothing(state.after, held[m.effect.key]) for m in state.members]
+        worst = int(np.argmax(chances))
+        if chances[worst] < log_tail(SAME, 1.0):
+            return
+        member = state.members[worst]
+        state.withdrawn.append((held[member.effect.key], state.after))
+        _leave(state, member, lacking(state.after, member.effect))
+        state.after = settled(state.after)
+        state.progress(f"{member.effect.key} has no size")
 
 
 def _leave(state: State, member: Member, without: Identification) -> None:

@@ -30,8 +30,9 @@ class Member:
 
 @dataclass
 class State:
-    """The search while it runs: the fit `after` all members so far, the names `met` among the best on the way; `most` members may
-    be, and `nameless` of them without a name."""
+    """The search while it runs: the fit `after` all members so far, the names `met` among the best on the way, those `withdrawn`
+    again with the fits that held them; `most` members may be, and `nameless` of them without a name; the first `together` joined
+    at once."""
 
     after: Identification
     level: float
@@ -43,6 +44,8 @@ class State:
     useless: set[str] = field(default_factory=set)
     added: int = 0
     met: dict[str, Score] = field(default_factory=dict)
+    withdrawn: list[tuple[Effect, Identification]] = field(default_factory=list)
+    together: int = 0
     most: int = MAX_EFFECTS
     nameless: int = MAX_NAMELESS
 

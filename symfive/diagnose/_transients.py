@@ -77,6 +77,8 @@ def bursts(channels: Channels) -> Iterator[Finding]:
     for run in channels.campaign.runs:
         excess, unit = excesses[run.id]
         total += max(float(excess[-1]), 0.0)
+        if not run.has_clock:
+            continue
         length = SHORTEST
         while length <= run.rows // LONGEST:
             starts = np.arange(0, run.rows - length + 1, length // 4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
 
@@ -25,16 +25,15 @@ MOST_ROTARY = 3
 """Terms over two rotary axes together are looked for up to so many; an arm of seven has 21 pairs."""
 
 
-def unknowns(campaign: Campaign, held: tuple[Effect, ...], lacking: Collection[str] = ()) -> Iterator[Effect]:
-    """Terms over every axis that moves, its velocity, its way since it reversed, two rotary axes together, which of two linear
-    axes is the faster, and time; where the library is `lacking` the name (an id) for what does the same, over its acceleration
-    and the side it comes from too.
+def unknowns(campaign: Campaign, held: tuple[Effect, ...]) -> Iterator[Effect]:
+    """Terms over every axis that moves, its velocity, its acceleration, the side it comes from, its way since it reversed, two
+    rotary axes together, which of two linear axes is the faster, and time.
 
     They move the axis itself, the tool in the machine frame or in what a rotary axis carries, the readings, or the force of
     a drive.
     """
     taken = {effect.key for effect in held}
-    for options in _terms(campaign, lacking):
+    for options in _terms(campaign):
         try:
             effect = make_effect("unknown", **options).prepare(campaign)
         except InputError:
@@ -43,7 +42,7 @@ def unknowns(campaign: Campaign, held: tuple[Effect, ...], lacking: Collection[s
             yield effect
 
 
-def _terms(campaign: Campaign, lacking: Collection[str]) -> Iterator[dict[str, Any]]:
+def _terms(campaign: Campaign) -> Iterator[dict[str, Any]]:
     turning = reversing_axes(campaign)
     moving = moving_axes(campaign)
     dynamic = any(run.dynamic for run in campaign.runs)
@@ -57,14 +56,13 @@ def _terms(campaign: Campaign, lacking: Collection[str]) -> Iterator[dict[str, A
         if dynamic:
             yield _spline(f"{axis} velocity", "structure")
             yield _spline(f"{axis} velocity", "reading")
-        if dynamic and "inertial_compliance" in lacking:
             yield {"over": (f"{axis} acceleration",), "basis": "polynomial", "order": ACCELERATION_ORDER}
         for over in (axis, f"{axis} velocity"):
             yield _spline(over, "force")
         if dynamic and axis in turning:
             yield _spline(f"{axis} since reversal", "axis", SIDES)
         if axis in turning:
-            yield from _from_both_sides(campaign, axis, lacking)
+            yield from _from_both_sides(campaign, axis)
     rotary = [axis for axis in moving if campaign.machine.axes[axis].rotary]
     for pair in combinations(rotary, 2) if len(rotary) <= MOST_ROTARY else ():
         shapes = [_smooth(campaign, axis) for axis in pair]
@@ -80,24 +78,22 @@ def _terms(campaign: Campaign, lacking: Collection[str]) -> Iterator[dict[str, A
             yield _spline("t", place, FINE)
 
 
-def _from_both_sides(campaign: Campaign, axis: str, lacking: Collection[str]) -> Iterator[dict[str, Any]]:
+def _from_both_sides(campaign: Campaign, axis: str) -> Iterator[dict[str, Any]]:
     """What differs between the sides from which an axis comes: of what it carries, across its own motion; of the axis itself.
 
     A carriage that turns is left out: on a circle in one plane that reads like its backlash.
     """
     sign = f"{axis} velocity sign"
     side: dict[str, Any] = {"over": (sign,), "basis": "polynomial", "order": 1, "carrier": axis}
-    if "lateral_play" in lacking:
-        found = campaign.machine.axes[axis]
-        across = [i for i, share in enumerate(found.direction) if abs(share) < ALONG]
-        if found.rotary:
-            yield {**side, "tag": "shifted"}
-            yield {**side, "directions": "".join("abc"[i] for i in across), "tag": "turned"}
-        else:
-            yield {**side, "directions": "".join("xyz"[i] for i in across), "tag": "shifted"}
-    if "backlash" in lacking:
-        basis, order = _smooth(campaign, axis)
-        yield {"over": (sign, axis), "basis": ("polynomial", basis), "order": (1, order), "place": "axis"}
+    found = campaign.machine.axes[axis]
+    across = [i for i, share in enumerate(found.direction) if abs(share) < ALONG]
+    if found.rotary:
+        yield {**side, "tag": "shifted"}
+        yield {**side, "directions": "".join("abc"[i] for i in across), "tag": "turned"}
+    else:
+        yield {**side, "directions": "".join("xyz"[i] for i in across), "tag": "shifted"}
+    basis, order = _smooth(campaign, axis)
+    yield {"over": (sign, axis), "basis": ("polynomial", basis), "order": (1, order), "place": "axis"}
 
 
 def _spline(over: str, place: str, intervals: int = INTERVALS) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from symfive.diagnose._places import in_the_drive
 from symfive.identify import Identification
 from symfive.machine import Machine
-from symfive.numbers import in_words, name_words, percent, percent_or_more, plain_number, rounded, unit_words
+from symfive.numbers import in_words, name_words, percent, percent_or_more, plain_number, rounded, with_std
 
 if TYPE_CHECKING:
     from symfive.diagnose._result import Finding
@@ -85,12 +85,12 @@ def _deed(finding: Finding) -> str:
 
 
 def _sure(finding: Finding) -> str:
-    """How probable the name is, and on what ground where another one fits the readings as well."""
+    """How probable the name is; where another one fits the readings as well, that the odds beforehand decide."""
     said = f"confidence {percent(finding.confidence)}"
     if finding.nearest is not None:
         other, sigmas = finding.nearest
-        apart = f"by {plain_number(sigmas, 'σ')}σ only" if sigmas >= NOT_AT_ALL else "not at all"
-        said += f" by plausibility alone (the readings tell it from {other} {apart})"
+        apart = f" ({plain_number(sigmas, 'σ')}σ)" if sigmas >= NOT_AT_ALL else ""
+        said += f", by the odds beforehand: it cannot be distinguished from {other} in this test{apart}"
     return said
 
 
@@ -107,7 +107,8 @@ def _component_is_open(finding: Finding) -> str:
 
 
 def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
-    """Its parameters: words, numbers, several numbers at once. Numbers within 2σ of 0 only where no other one stands out."""
+    """Its parameters: words, numbers, several numbers at once. Numbers within 2σ of 0 only where no other one stands out, and
+    then by how many σ all amplitudes together do."""
     words, clear, faint, vectors = list[str](), list[str](), list[str](), list[str]()
     for name, q in finding.parameters.items():
         said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}"
@@ -115,6 +116,8 @@ def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
             (words if isinstance(q.value, str) else vectors).append(said)
         else:
             (faint if isinstance(q.std, (int, float)) and abs(q.value) < 2.0 * q.std else clear).append(said)
+    if not clear and faint:
+        faint.insert(1, f"together {plain_number(finding.sigmas, 'σ')}σ from none")
     return words, clear or faint, vectors
 
 
@@ -125,11 +128,11 @@ def _times_usual(finding: Finding, after: Identification) -> float:
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:
-    """How the geometry moved with it, as `EX0C 4.61 → 3.75 µm with it`, to the digits that the 1σ leaves."""
+    """How the geometry moved with it, as `EX0C 4.61 → 3.75 ± 0.06 µm with it`."""
     said = []
     for name, (old, new) in finding.moved.items():
         std, unit = after.uncertainty(name), after.parameters[after.model.index[name]].unit
-        said.append(f"{name} {rounded(old, std, unit)} → {rounded(new, std, unit)} {unit_words(unit)} with it")
+        said.append(f"{name} {rounded(old, std, unit)} → {with_std(new, std, unit)} with it")
     return said
 
 

@@ -1,6 +1,20 @@
-"""Drawings that set-up sheets and reports share: the poses of a campaign in space, and the colours of all pictures."""
+"""What pages share: their style, the picture of a campaign's poses in space, and the colours of all pictures."""
 
 from symfive.drawing._colours import BLUE, FAINT, GREEN, GRID, INK, ORANGE, PAPER, PURPLE, SERIES
+from symfive.drawing._page import PAGE_STYLE
 from symfive.drawing._poses import SCRIPT, poses_figure
 
-__all__ = ["BLUE", "FAINT", "GREEN", "GRID", "INK", "ORANGE", "PAPER", "PURPLE", "SCRIPT", "SERIES", "poses_figure"]
+__all__ = [
+    "BLUE",
+    "FAINT",
+    "GREEN",
+    "GRID",
+    "INK",
+    "ORANGE",
+    "PAGE_STYLE",
+    "PAPER",
+    "PURPLE",
+    "SCRIPT",
+    "SERIES",
+    "poses_figure",
+]

@@ -80,7 +80,7 @@ def poses_figure(campaign: Campaign) -> str:
     nominal = Nominal(campaign.machine)
     poses = [_poses(nominal, run, max(MOST_POINTS // len(runs), 2)) for run in runs]
     radius = campaign.machine.workspace.table_radius
-    table = _circle(radius or 0.0)
+    table = _circle(radius or 0.0) + np.array([*campaign.machine.table_centre, 0.0])
     solid = np.concatenate([table, *(p.ball for p in poses), *(p.nest for p in poses)])
     size = float(np.ptp(solid, axis=0).max()) or 100.0
     corners = np.concatenate([solid, *(p.ball + 0.15 * size * p.up for p in poses)])

@@ -13,6 +13,7 @@ from symfive.effects._form import AXIS, TOOL, Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.effects._rates import rate_of
 from symfive.errors import InputError
+from symfive.motion import unmoved
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -36,12 +37,11 @@ class Effect:
     `id` is its name, `reported_as` the word of the vocabulary (docs/conventions.md, section 7) for it where
     that is another one, `stage` one of `STAGES`, `axis` the axis it belongs to (None: no axis). Further
     fields of a subclass say which of several forms is meant (a component, a run, a shape); `tag` tells two
-    effects of one kind and axis apart. `rested`: from which side an axis came before its first move is unknown in static runs
-    too. `spread` multiplies the prior 1σ of its amplitudes.
+    effects of one kind and axis apart. `spread` multiplies the prior 1σ of its amplitudes.
 
     At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
     usual size. Its amplitudes are the parameters whose prior mean is 0; or all of them where it `departs` from what
-    is set on the machine.
+    is set on the machine. What acts `over_time` is not seen in runs whose clock was not recorded.
     """
 
     id: ClassVar[str]
@@ -54,9 +54,9 @@ class Effect:
     departs: ClassVar[bool] = False
     nameless: ClassVar[bool] = False
     coordinate: ClassVar[str] = "pose"
+    over_time: ClassVar[bool] = False
     axis: str | None = None
     tag: str = ""
-    rested: bool = False
     spread: float = field(default=1.0, compare=False)
 
     @property
@@ -145,7 +145,7 @@ class Effect:
 
     def applies(self, run: Run) -> bool:
         """Whether it can act in this run."""
-        return run.dynamic or not self.dynamic_only
+        return (run.dynamic or not self.dynamic_only) and (run.has_clock or not self.over_time)
 
     def apply(self, row: Row) -> None:
         """Change the row's symbols (the exact forward model)."""
@@ -214,8 +214,13 @@ class Effect:
         return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau, per_decade=True)
 
     def start_of_contact(self, run: Run, axis: str) -> tuple[Parameter, ...]:
-        """Where between its flanks (-1…+1) a contact stands when the recording of a run begins: anywhere."""
-        if not (run.dynamic or self.rested) or np.ptp(run.commands[axis]) == 0.0:
+        """Where between its flanks (-1…+1) a contact stands before its axis first moves in a run: anywhere.
+
+        In a static run whose second pose is reached by moving the axis the first one counts as approached like the second
+        (docs/conventions.md, section 5).
+        """
+        known = 0 if run.dynamic else 1
+        if not known < unmoved(run.commands[axis]) < run.rows:
             return ()
         name = f"setup.{run.id}.{self.key}.start"
         sigma = 3.0**-0.5  # of what is equally probable in -1…+1
@@ -227,7 +232,7 @@ class Effect:
 
     def clock_span(self, campaign: Campaign) -> float:
         """How long the campaign's clock runs, s (at least 1)."""
-        return max([1.0, *(run.start_s + float(run.time[-1]) for run in campaign.runs)])
+        return max([1.0, *(run.start_s + float(run.time[-1]) for run in campaign.runs if run.has_clock)])
 
     def choose(self, field: str, allowed: tuple[str, ...]) -> None:
         """Raise `InputError` where the option `field` is not one of `allowed`."""

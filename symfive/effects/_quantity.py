@@ -17,6 +17,7 @@ __all__ = [
     "Quantity",
     "Values",
     "amplitude_and_phase",
+    "known_part",
     "length_and_direction",
     "length_spread",
     "own_quantity",
@@ -25,6 +26,8 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+KNOWN = 0.5
+"""Of a direction of amplitudes the readings say more than the prior where they leave less than this share of its variance."""
 UNSEEN = 0.3
 """A component with a 1σ of more than this share of the rest is not seen where the others have less than this share of its own."""
 Values = Mapping[str, float]
@@ -40,6 +43,12 @@ class Quantity:
     value: float | str | tuple[Any, ...]
     std: float | tuple[Any, ...] | None = None
     unit: str | None = None
+
+    def times(self, factor: float) -> Quantity:
+        """A number `factor` times as large, its uncertainty too."""
+        if isinstance(self.value, (int, float)) and isinstance(self.std, (int, float)):
+            return Quantity(factor * self.value, factor * self.std, self.unit)
+        return self
 
     def as_data(self) -> dict[str, object]:
         """As `diagnosis.json` holds it; what is None is left out."""
@@ -73,6 +82,20 @@ def propagate(
     slope = np.stack(slopes, axis=1)
     variance = np.einsum("ij,jk,ik->i", slope, matrix, slope)
     return np.asarray(function(x), dtype=float), np.sqrt(np.maximum(variance, 0.0))
+
+
+def known_part(
+    parameters: Sequence[Parameter], values: Values, covariance: Covariance
+) -> tuple[dict[str, float], dict[tuple[str, str], float]]:
+    """Amplitudes and their covariance in those directions alone of which the readings say more than the prior."""
+    names, sigma = [p.name for p in parameters], np.array([p.sigma for p in parameters])
+    x, matrix = _moments(names, values, covariance)
+    powers, axes = np.linalg.eigh(matrix / np.outer(sigma, sigma))
+    known = axes[:, powers < KNOWN]
+    part = sigma * (known @ (known.T @ (x / sigma)))
+    spread = np.outer(sigma, sigma) * ((known * powers[powers < KNOWN]) @ known.T)
+    pairs = {(a, b): float(spread[i, j]) for i, a in enumerate(names) for j, b in enumerate(names)}
+    return dict(zip(names, part.tolist(), strict=True)), pairs
 
 
 def length_spread(

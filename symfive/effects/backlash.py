@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Scan, Tone, reversing
 from symfive.effects._quantity import Values
-from symfive.motion import Play, Position, PreSliding, Side
+from symfive.motion import Direction, Play, Position, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class Backlash(Effect):
         if self.shape == "pre_sliding":
             return (PreSliding(str(self.axis), f"{self.key}.distance", start),)
         if self.shape == "step":
-            return (Side(str(self.axis), start),)
+            return (Direction(str(self.axis), start=start),)
         if self.shape == "gradual":
             return (Play(str(self.axis), f"{self.key}.distance", start=start),)
         slope = f"{self.key}.slope" if self.shape == "wind_up" else ""

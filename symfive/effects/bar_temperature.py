@@ -27,6 +27,7 @@ class BarTemperature(Effect):
 
     id = "bar_temperature"
     stage = "reading"
+    over_time = True
     says = "the bar grows or shrinks with its temperature"
     hidden_by = "the bar's length, thermal drift (|cos| 0.96), unequal backlash, which is the other cause of a spiral"
     coordinate = "time"
@@ -38,10 +39,10 @@ class BarTemperature(Effect):
         return super().prepare(campaign)
 
     def applies(self, run: Run) -> bool:
-        return "ball_bar" in run.instrument
+        return super().applies(run) and "ball_bar" in run.instrument
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        longest = max([1.0, *(float(run.time[-1]) for run in campaign.runs)])
+        longest = max([1.0, *(float(run.time[-1]) for run in campaign.runs if run.has_clock)])
         tau = 0.5 * (longest if self.clock == "run" else self.clock_span(campaign))
         return (self.own("amplitude", "um", 3.0), self.time_constant(tau))
 

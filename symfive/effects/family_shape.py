@@ -82,10 +82,19 @@ class FamilyShape(Effect):
         """None: it only joins another effect."""
         return ()
 
+    @property
+    def over_time(self) -> bool:  # type: ignore[override]
+        """Whether its functions are of time."""
+        return self.family == "time"
+
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("family", FAMILIES)
         runs = campaign.runs
-        clock = (min(r.start_s for r in runs), max(r.start_s + float(r.time[-1]) for r in runs))
+        timed_runs = [r for r in runs if r.has_clock]
+        clock = (
+            min((r.start_s for r in timed_runs), default=0.0),
+            max((r.start_s + float(r.time[-1]) for r in timed_runs), default=1.0),
+        )
         span = self.span
         if self.axis is not None and span == (0.0, 0.0):
             used = np.concatenate([run.commands[self.axis] for run in runs]) * self.its_axis(campaign).to_internal

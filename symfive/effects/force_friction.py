@@ -12,7 +12,7 @@ from symfive.effects._base import Effect
 from symfive.effects._form import Form, Scan, Tone
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
-from symfive.motion import OnControlClock, Velocity
+from symfive.motion import Velocity
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -74,8 +74,8 @@ class ForceFriction(Effect):
 
     def _motion(self) -> Signal:
         if self.cut_off_hz:
-            return OnControlClock(FilteredMotion(str(self.axis), "direction", self.cut_off_hz, self.rest))
-        return OnControlClock(Velocity(str(self.axis)))
+            return FilteredMotion(str(self.axis), "direction", self.cut_off_hz, self.rest)
+        return Velocity(str(self.axis))
 
     def signals(self) -> tuple[Signal, ...]:
         return (self._motion(),)

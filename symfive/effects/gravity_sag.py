@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 PARTS = ("sin", "one_minus_cos", "sin_cubed", "branch")
 OTHERS = (("sin",), ("one_minus_cos",), ("sin", "sin_cubed"), ("sin", "branch"), ("sin", "one_minus_cos", "branch"))
 """Parts of other shapes."""
-HORIZONTAL_SINE = 1e-6
 FURTHER = 0.3
 """What makes a sag other than elastic and linear is the smaller part: prior 1σ of `sin_cubed` and `branch` over that of `sin`."""
 
@@ -39,14 +38,15 @@ class GravitySag(Effect):
     tilted body.
 
     With Rᵀ the rotation into the body that `axis` carries, Δg = Rᵀĝ - ĝ. Δg_h is its part along the
-    horizontal across the axis, Δg_v its part against ĝ across the axis, both over the sine of the axis' angle to
-    gravity: for an axis that no other one carries exactly sin q and 1 - cos q, with tilting axes in front of it
+    horizontal across the axis, Δg_v its part against ĝ across the axis (unit vectors): for an axis that no other one
+    carries s·sin q and s·(1 - cos q), s the sine of its angle to gravity; with tilting axes in front of it
     their turning too. A vertical axis behind a tilting one has no such
     directions: there Δg is taken along its x and y. `component` is an error motion of this or another axis
-    (`EZB`; µm or µrad at sin q = 1), `parts` which of the two are fitted, `down` gravity in the
+    (`EZB`; µm or µrad for a change by 1 g), `parts` which of the two are fitted, `down` gravity in the
     machine frame. Two further parts: `sin_cubed`, Δg_h³, is a structure that stiffens (or yields) under load, to first order;
     `branch`, -s of the axis' direction of motion, one that comes back by another way than it went (dry friction in it).
-    Typical 2–20 µm, 5–50 µrad, growing with the load.
+    Typical 2–20 µm, 5–50 µrad, growing with the load: an axis that is nearly vertical sags by as much less as gravity
+    turns less in its frame.
     """
 
     id = "gravity_sag"
@@ -71,8 +71,7 @@ class GravitySag(Effect):
             raise InputError(f"{self.key}: parts {self.parts!r} are unknown", remedy=f"use {' and '.join(PARTS)}")
         if not machine.axes[str(self.axis)].rotary:
             raise InputError(f"{self.key}: a linear axis does not tilt", remedy="name the tilting axis")
-        tilts = (*carriers(machine, str(self.axis)), str(self.axis))
-        if all(_sine(machine, name, self.down) < HORIZONTAL_SINE for name in tilts):
+        if not self._tilted(machine) and _upright(machine, str(self.axis), self.down):
             raise InputError(f"{self.key}: gravity does not turn in its frame", remedy="name the tilting axis")
         held = machine.errors.get(self.component)
         if held is not None and held.over == (self.axis,) and held.basis == ("fourier",):
@@ -114,26 +113,38 @@ class GravitySag(Effect):
             row.add_motion(self.component, self.parameter(row, part) * sizes[part])
 
     def _directions(self, machine: Machine) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Vectors in the body whose products with Δg are sin q and 1 - cos q."""
+        """Unit vectors in the body across the axis: the horizontal one, and the one against gravity."""
         axis = machine.axes[str(self.axis)]
         direction, down = np.asarray(axis.direction), np.asarray(self.down) / np.linalg.norm(self.down)
-        across = np.cross(direction, down)
-        size = np.linalg.norm(across)
-        if size < HORIZONTAL_SINE:
+        if _upright(machine, axis.name, self.down):
             first = np.eye(3)[np.argmin(np.abs(direction))]
             first = first - direction * (direction @ first)
             first /= np.linalg.norm(first)
             return first, np.cross(direction, first)
-        sign = 1.0 if machine.structure.carries(axis.name) == "workpiece" else -1.0
+        across = np.cross(direction, down)
+        across *= (1.0 if machine.structure.carries(axis.name) == "workpiece" else -1.0) / np.linalg.norm(across)
         upright = direction * (direction @ down) - down
-        return sign * across / size**2, upright / size**2
+        return across, upright / np.linalg.norm(upright)
+
+    def _tilted(self, machine: Machine) -> bool:
+        """Whether an axis in front of it turns gravity in its frame."""
+        return not all(_upright(machine, name, self.down) for name in carriers(machine, str(self.axis)))
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`amplitude` is that of sin (or of the only part), `amplitude_one_minus_cos` the other one."""
-        found = super().describe(campaign, values, covariance)
+        """`amplitude` is that of sin (or of the only part), `amplitude_one_minus_cos` the other one, both at sin q = 1: of an
+        axis that no tilting one carries the sine of its angle to gravity times that of 1 g."""
+        machine, found = campaign.machine, super().describe(campaign, values, covariance)
+        reach = 1.0 if self._tilted(machine) else _sine(machine, str(self.axis), self.down)
+        times = dict(zip(PARTS, (reach, reach, reach**3, 1.0), strict=True))
         names = {part: "amplitude" if part == self.parts[0] else f"amplitude_{part}" for part in self.parts}
-        return {"component": Quantity(self.component)} | {names[part]: found[part] for part in self.parts}
+        sizes = {names[part]: found[part].times(times[part]) for part in self.parts}
+        return {"component": Quantity(self.component)} | sizes
 
 
 def _sine(machine: Machine, axis: str, down: tuple[float, float, float]) -> float:
     return float(np.linalg.norm(np.cross(machine.axes[axis].direction, down)) / np.linalg.norm(down))
+
+
+def _upright(machine: Machine, axis: str, down: tuple[float, float, float]) -> bool:
+    """Whether an axis stands along gravity, to rounding."""
+    return bool(_sine(machine, axis, down) ** 2 < np.finfo(float).eps)

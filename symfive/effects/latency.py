@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from symfive.effects._base import Effect
+from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.campaign import Campaign, Run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +28,9 @@ class Latency(Effect):
     hidden_by = "a servo mismatch of all axes alike; with one direction of travel only, the set-up"
     coordinate = "time"
     dynamic_only = True
+
+    def applies(self, run: Run) -> bool:
+        return super().applies(run) and has_clock_of_its_own(run)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("delay_ms", "ms", 10.0),)

@@ -11,7 +11,7 @@ from symfive.effects._component import component_of
 from symfive.effects._form import Form, Scan, Tone, across, reversing
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
-from symfive.motion import Direction, Play, PreSliding, Side
+from symfive.motion import Direction, Play, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -79,14 +79,14 @@ class LateralPlay(Effect):
         )
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
-        return () if self.shape == "step" and not self.rested else self.start_of_contact(run, self._moving)
+        return self.start_of_contact(run, self._moving)
 
     def signals(self) -> tuple[Signal, ...]:
+        start = f"setup.{self.key}.start"
         if self.shape == "step":
-            start = f"setup.{self.key}.start"
-            return (Side(self._moving, start) if self.rested else Direction(self._moving),)
+            return (Direction(self._moving, start=start),)
         contact = Play if self.shape == "play" else PreSliding
-        return (contact(self._moving, f"{self.key}.distance", start=f"setup.{self.key}.start"),)
+        return (contact(self._moving, f"{self.key}.distance", start=start),)
 
     def apply(self, row: Row) -> None:
         row.add_motion(self.component, -0.5 * self.parameter(row, "width") * row.signal(self.signals()[0]))

@@ -41,6 +41,11 @@ class LocationError(Effect):
         """`location_error.EY0C`."""
         return self._key(self.component)
 
+    @property
+    def over_time(self) -> bool:  # type: ignore[override]
+        """Whether it grows with time."""
+        return self.drift
+
     def prepare(self, campaign: Campaign) -> Self:
         location_of(self.component, campaign.machine)
         if self.component in campaign.machine.errors and not self.drift:

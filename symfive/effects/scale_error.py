@@ -36,6 +36,11 @@ class ScaleError(Effect):
     at: float = 0.0
     growth: bool = False
 
+    @property
+    def over_time(self) -> bool:  # type: ignore[override]
+        """Whether it grows with time."""
+        return self.growth
+
     def prepare(self, campaign: Campaign) -> Self:
         super().prepare(campaign)
         axis = self.its_axis(campaign)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
+from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -35,6 +36,9 @@ class SensorLowPass(Effect):
     coordinate = "time"
     reported_as = "latency"
     dynamic_only = True
+
+    def applies(self, run: Run) -> bool:
+        return super().applies(run) and has_clock_of_its_own(run)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("time_constant_ms", "ms", 5.0, lower=0.0, start=0.5),)

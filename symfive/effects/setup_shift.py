@@ -37,6 +37,7 @@ class SetupShift(Effect):
     """
 
     id = "setup_shift"
+    over_time = True
     says = "the artefact moved within the run"
     hidden_by = "the run's set-up errors where it happened near its start or end"
     coordinate = "time"
@@ -62,7 +63,7 @@ class SetupShift(Effect):
         return super().prepare(campaign)
 
     def applies(self, run: Run) -> bool:
-        return run.id == self.run
+        return super().applies(run) and run.id == self.run
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:

@@ -28,6 +28,7 @@ class SpindleGrowth(Effect):
     """
 
     id = "spindle_growth"
+    over_time = True
     says = "the spindle grows along its axis as it warms"
     hidden_by = "the tool ball's height, a location error along the spindle, the bar's length"
     coordinate = "time"

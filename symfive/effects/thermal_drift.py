@@ -38,6 +38,7 @@ class ThermalDrift(Effect):
 
     id = "thermal_drift"
     stage = "structure"
+    over_time = True
     says = "tool relative to table drifts with time"
     hidden_by = "location errors (89 % of it) and the bar's own growth; a first pose repeated at the end parts them"
     coordinate = "time"

@@ -26,7 +26,7 @@ from symfive.effects._coordinates import (
     usual_span,
 )
 from symfive.effects._form import AXIS, CARRIED, TOOL, Form, goes_round, moving
-from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -159,6 +159,11 @@ class Unknown(Effect):
             sigma=self.parameters(campaign)[0].sigma,
         )
 
+    @property
+    def over_time(self) -> bool:  # type: ignore[override]
+        """Whether a coordinate of it is time."""
+        return "t" in self.over
+
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("place", PLACES)
         machine = campaign.machine
@@ -193,11 +198,13 @@ class Unknown(Effect):
                 f"{self.key}: only of two linear axes that move one can be the faster",
                 remedy='write over = ["X velocity", "Y velocity"]',
             )
-        spans = self.span
+        spans, runs = self.span, [run for run in campaign.runs if run.has_clock or not self.over_time]
         if not spans:
-            values = [
-                np.concatenate([coordinate_values(name, run, machine) for run in campaign.runs]) for name in self.over
-            ]
+            if not runs:
+                raise InputError(
+                    f"{self.key}: no run's clock was recorded", remedy="choose another coordinate than time"
+                )
+            values = [np.concatenate([coordinate_values(name, run, machine) for run in runs]) for name in self.over]
             spans = tuple(usual_span(name, v) for name, v in zip(self.over, values, strict=True))
         if len(spans) != len(self.over) or any(low >= high for low, high in spans):
             raise InputError(f"{self.key}: the campaign does not move there", remedy="choose a coordinate that changes")
@@ -244,7 +251,8 @@ class Unknown(Effect):
     def applies(self, run: Run) -> bool:
         if self.place == "force":
             return driven_axis(run) == owner(self.over[0])
-        return run.dynamic or not any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
+        rates = any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
+        return super().applies(run) and (run.dynamic or not rates)
 
     def _basis(self, machine: Machine) -> Basis:
         if self.basis == FASTER:
@@ -399,7 +407,8 @@ class Unknown(Effect):
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`over`, its `rms` over the campaign's rows, the main `direction` of a shift, and the `carrier` in whose frame it is."""
+        """`over`, its `rms` over the campaign's rows as far as the readings determine it, the main `direction` of a shift, and
+        the `carrier` in whose frame it is."""
         machine, basis = campaign.machine, self._basis(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
         period = self.period
@@ -415,7 +424,7 @@ class Unknown(Effect):
         def rms(p: Array) -> list[float]:
             return [float(np.sqrt(np.mean(np.sum(shape(p) ** 2, axis=1))))]
 
-        (value,), (std,) = propagate(rms, names, values, covariance)
+        (value,), (std,) = propagate(rms, names, *known_part(amplitudes, values, covariance))
         size = Quantity(float(value), float(std), self.parameters(campaign)[0].unit)
         found = {"over": Quantity(self.over), "rms": size}
         if self.period:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.errors import InputError
+from symfive.given import campaign_given
 from symfive.identify._ipopt import solve_with_ipopt
 from symfive.identify._result import Identification
 from symfive.inference import Noise, Problem, confounded_combinations, data_rank, solve, square_of
@@ -32,7 +34,7 @@ FEW, QUIET = 10, 0.2
 
 @one_thread
 def identify(
-    campaign: Campaign | Model,
+    campaign: Campaign | Model | Path | str,
     *,
     effects: Iterable[Effect] = (),
     free: Iterable[str] | None = None,
@@ -47,7 +49,8 @@ def identify(
 ) -> Identification:
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
 
-    `campaign` with readings (or its `Model`); `effects` join the baseline. `free` names the only parameters that may
+    `campaign` with readings, the path of its folder, or its `Model`;
+    `effects` join the baseline. `free` names the only parameters that may
     move, `fixed` holds some at given values (file units). `noise`: `estimate` finds the white part (never below the
     declared one), a coloured part and outliers; `repeats` does so from differences of runs that repeat each other, where
     these say that it is less; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
@@ -58,7 +61,7 @@ def identify(
     Raises `InputError` where there are no readings. Source of the estimator: Gaussian prior and noise (A. Tarantola
     2005, ch. 3), restricted likelihood for the noise.
     """
-    model = campaign if isinstance(campaign, Model) else Model(campaign, effects)
+    model = campaign if isinstance(campaign, Model) else Model(campaign_given(campaign), effects)
     _check_choice("noise", noise, ("estimate", "repeats", "declared"))
     _check_choice("solver", solver, ("gauss_newton", "ipopt"))
     _check_choice("loss", loss, ("square", "huber"))
@@ -113,7 +116,7 @@ def summarise(
     excess = problem.excess_at(values)[inner]
     covariance[inner] += covariance[inner] @ excess @ covariance[inner]
     spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
-    declared, rms = _squares(problem, residuals)
+    declared, rms, rms_kept = _squares(problem, residuals)
     dof = max(information.count - spent, 1.0)
     if information.count <= spent:
         notes = (*notes, "there are no more readings than parameters: the fit cannot be judged")
@@ -136,6 +139,7 @@ def summarise(
         noises=dict(problem.noises),
         residuals=residuals,
         rms=rms,
+        rms_kept=rms_kept,
         chi2_dof=declared / dof,
         chi2_dof_whitened=information.square / dof,
         dof=dof,
@@ -144,17 +148,26 @@ def summarise(
     )
 
 
-def _squares(problem: Problem, residuals: Mapping[str, Array]) -> tuple[float, dict[str, float]]:
-    """Sum of the kept residuals' squares over the declared noise's, and their root mean square by unit of reading."""
+def _squares(problem: Problem, residuals: Mapping[str, Array]) -> tuple[float, dict[str, float], dict[str, float]]:
+    """Sum of the kept residuals' squares over the declared noise's; the residuals' root mean square by unit of reading, of all
+    of them and of those that were kept."""
     declared = 0.0
-    sums: dict[str, list[float]] = {}
+    every: dict[str, list[float]] = {}
+    kept: dict[str, list[float]] = {}
     for run in problem.model.campaign.runs:
         for name, part in problem.parts(run):
-            left_out = problem.left_out[run.id][:, part]
-            square = square_of(residuals[run.id][:, part], left_out)
+            residual, left_out = residuals[run.id][:, part], problem.left_out[run.id][:, part]
+            square = square_of(residual, left_out)
+            whole = square_of(residual, np.zeros_like(left_out)) if left_out.any() else square
             declared += square / problem.noises[run.id, name].declared ** 2
-            units = {column.unit for column in problem.model.columns(run)[part]}
-            entry = sums.setdefault(units.pop() if len(units) == 1 else "mixed", [0.0, 0.0])
-            entry[0] += square
-            entry[1] += left_out.size - int(left_out.sum())
-    return declared, {unit: float(np.sqrt(square / max(count, 1.0))) for unit, (square, count) in sums.items()}
+            unit = problem.unit_of(run, part)
+            for sums, part_square, out in ((every, whole, 0), (kept, square, int(left_out.sum()))):
+                entry = sums.setdefault(unit, [0.0, 0.0])
+                entry[0] += part_square
+                entry[1] += left_out.size - out
+    return declared, _root_means(every), _root_means(kept)
+
+
+def _root_means(sums: Mapping[str, Sequence[float]]) -> dict[str, float]:
+    """Unit → root of (sum of squares, number)."""
+    return {unit: float(np.sqrt(square / max(count, 1.0))) for unit, (square, count) in sums.items()}

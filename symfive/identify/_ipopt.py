@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.errors import EvaluationError
 from symfive.inference import Problem
 
 __all__ = ["solve_with_ipopt"]
@@ -40,7 +41,10 @@ class _Objective:
         """Value, gradient and Gauss–Newton Hessian at x."""
         key = x.tobytes()
         if self._at is None or self._at[0] != key:
-            self._at = (key, *self._evaluate(x))
+            try:
+                self._at = (key, *self._evaluate(x))
+            except EvaluationError:  # IPOPT shortens a step to where the value is not finite
+                self._at = (key, np.inf, np.zeros(len(x)), np.eye(len(x)))
         return self._at[1:]
 
     def _evaluate(self, x: Array) -> tuple[float, Array, Array]:
@@ -116,7 +120,8 @@ def solve_with_ipopt(problem: Problem, values: Array, loss: str) -> tuple[Array,
     x = ca.MX.sym("x", n)
     solver = ca.nlpsol(
         "map", "ipopt", {"x": x, "f": f(x)},
-        {"grad_f": grad, "hess_lag": hess, "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-6,
+        {"grad_f": grad, "hess_lag": hess, "print_time": False, "show_eval_warnings": False,
+         "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-6,
          "ipopt.max_iter": 60, "ipopt.mu_strategy": "adaptive", "error_on_fail": False,
          # a play or a friction makes kinks, at which no gradient vanishes: a cost that stands still ends the search too
          "ipopt.acceptable_tol": 1e3, "ipopt.acceptable_obj_change_tol": 1e-9, "ipopt.acceptable_iter": 2},

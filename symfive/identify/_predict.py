@@ -4,27 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.errors import InputError
+from symfive.given import campaign_given, model_given
 from symfive.identify._identify import identify
 from symfive.identify._result import Identification
+from symfive.instruments import instruments_of
 from symfive.model import FittedModel, Model
+from symfive.numbers import plain_number, unit_words
+from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
 __all__ = ["Prediction", "fitted_model", "predict"]
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """`campaign` with predicted readings; `rms` run → root mean square of measured minus predicted (measured runs only),
-    over all its reading columns; `setup` run → fitted nuisances (file units)."""
+@dataclass(frozen=True, repr=False)
+class Prediction(OnScreen):
+    """`campaign` with predicted readings; `rms` run → root mean square of measured minus predicted (measured runs only) over
+    all readings in the unit that the run reads in, µm where any of its columns does; `rms_kept` the same without those that
+    the fit of its set-up excludes as outliers; `rms_by_column` run → column → over all readings of that column; `setup` run →
+    fitted nuisances (file units). A recording that is taken for the motion is not predicted and has none."""
 
     campaign: Campaign
     rms: Mapping[str, float]
+    rms_kept: Mapping[str, float]
+    rms_by_column: Mapping[str, Mapping[str, float]]
     setup: Mapping[str, Mapping[str, float]]
+
+    def __str__(self) -> str:
+        return "\n".join([f"prediction of {self.campaign.name}", *listed(self.lines, "prediction.rms")])
+
+    @property
+    def lines(self) -> list[str]:
+        """Of every run with readings the rms of measured minus predicted, with its unit."""
+        return [
+            f"{run}: rms of measured minus predicted {self._by_unit(run, rms)}" for run, rms in self.rms.items()
+        ] or ["no run has readings: nothing to compare with"]
+
+    def _by_unit(self, run: str, rms: float) -> str:
+        """The rms with its unit; of a run that reads in several units, of each column."""
+        found, each = self.campaign.run(run), self.rms_by_column[run]
+        columns = [c for i in instruments_of(found) for c in i.columns(found, self.campaign.machine) if c.name in each]
+        if len({c.unit for c in columns}) == 1:
+            return f"{plain_number(rms, columns[0].unit)} {unit_words(columns[0].unit)}"
+        return ", ".join(f"{c.name} {plain_number(each[c.name], c.unit)} {unit_words(c.unit)}" for c in columns)
 
 
 def fitted_model(result: Identification) -> FittedModel:
@@ -46,19 +73,22 @@ def fitted_model(result: Identification) -> FittedModel:
 
 
 @one_thread
-def predict(fitted: FittedModel, campaign: Campaign) -> Prediction:
+def predict(fitted: FittedModel | Identification | Path | str, campaign: Campaign | Path | str) -> Prediction:
     """Predicted readings of a plan or campaign. Raises `InputError` where the machines differ.
 
+    `fitted` a fitted model, an identification, or the path of a `model.json`; `campaign` a campaign or the path of its folder.
     The machine's errors and the effects stay as fitted; zeros and set-up errors of a run are fitted on its own readings,
     and stand at zero where it has none.
     """
+    fitted = fitted_model(fitted) if isinstance(fitted, Identification) else model_given(fitted)
+    campaign = campaign_given(campaign)
     if campaign.machine.structure != fitted.machine.structure:
         raise InputError(
             f'the model is of a machine "{fitted.machine.structure.code}", the campaign of "{campaign.machine.structure.code}"',
             remedy="use the model of the same machine",
         )
     campaign = campaign.with_machine(fitted.machine)
-    predicted, rms, setup = [], {}, {}
+    predicted, rms, kept, by_column, setup = [], {}, {}, {}, {}
     for run in campaign.runs:
         model = Model(replace(campaign, runs=(run,)), fitted.effects)
         known = {name: value for name, value in fitted.values.items() if name in model.index}
@@ -66,12 +96,21 @@ def predict(fitted: FittedModel, campaign: Campaign) -> Prediction:
         if run.measured:
             result = identify(model, fixed=known)
             values = result.values
-            left_out = np.zeros_like(result.residuals[run.id], dtype=bool)
-            for outlier in result.outliers:
-                left_out[outlier.row, [c.name for c in model.columns(run)].index(outlier.column)] = True
-            rms[run.id] = float(np.sqrt(np.mean(result.residuals[run.id][~left_out] ** 2)))
+            rms[run.id], kept[run.id] = result.rms_um, result.rms_kept.get(result.file_unit, 0.0)
+            by_column[run.id] = _by_column(result)
             setup[run.id] = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True) if p.run == run.id}
         readings = model.predict_run(run, values)
         columns = model.columns(run)
         predicted.append(run.with_readings({c.name: readings[:, i] for i, c in enumerate(columns)}))
-    return Prediction(replace(campaign, runs=tuple(predicted)), rms, setup)
+    return Prediction(replace(campaign, runs=tuple(predicted)), rms, kept, by_column, setup)
+
+
+def _by_column(result: Identification) -> dict[str, float]:
+    """The rms of every column that is fitted, of the only run."""
+    (run,) = result.model.campaign.runs
+    columns = result.model.columns(run)
+    found = dict[str, float]()
+    for _, part in result.problem().parts(run):
+        means = np.sqrt(np.mean(result.residuals[run.id][:, part] ** 2, axis=0))
+        found |= {column.name: float(mean) for column, mean in zip(columns[part], means, strict=True)}
+    return found

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.given import machine_given
 from symfive.inference import Confounding, Problem, confounded_combinations
 from symfive.machine import ErrorTerm, Machine
 from symfive.model import Model
@@ -26,7 +28,7 @@ def all_location_errors(machine: Machine, sigma: float = LARGE_SIGMA) -> dict[st
     return terms
 
 
-def redundancies(machine: Machine, *, poses: int = 400, seed: int = 0) -> tuple[Confounding, ...]:
+def redundancies(machine: Machine | Path | str, *, poses: int = 400, seed: int = 0) -> tuple[Confounding, ...]:
     """Combinations of the machine's errors that no measurement of tool against workpiece can see.
 
     The position of two tool balls in the workpiece frame is differentiated with respect to `machine.errors` (or, where
@@ -34,6 +36,7 @@ def redundancies(machine: Machine, *, poses: int = 400, seed: int = 0) -> tuple[
     and a noise of 1 nm; what the data leave undetermined then is redundant. (For location errors see also R. J. Hocken,
     ISO 230-1 annex A: a machine with 5 axes has 8 independent ones beside the squarenesses.)
     """
+    machine = machine_given(machine)
     if not machine.errors:
         machine = replace(machine, errors=all_location_errors(machine))
     generator = np.random.default_rng(seed)

@@ -18,8 +18,9 @@ from symfive.errors import InputError
 from symfive.inference import Confounding, Noise, Outlier, Problem
 from symfive.kinematics import basis_of
 from symfive.model import Model
-from symfive.numbers import unit_words
+from symfive.numbers import percent, plain_number, rounded, unit_words, with_std
 from symfive.parameters import Parameter
+from symfive.screen import MOST, OnScreen, listed
 
 __all__ = ["SCHEMA", "Identification", "MotionCurve"]
 
@@ -39,14 +40,14 @@ class MotionCurve:
     std: Array
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(OnScreen):
     """Estimated parameters of a model with covariance, fit quality, outliers and confounded combinations.
 
     `values`, `std` (k,) in the order and units of `model.parameters`; `covariance` (k, k); `rank` directions in which
-    the data outweigh the prior; `rms_um` root mean square of the residuals that were kept, per unit of reading;
-    `chi2_dof` their mean square over the *declared* noise per degree of freedom; `residuals` run → (N, ny), on disk where a
-    run is long.
+    the data outweigh the prior; `rms` root mean square of all residuals, by unit of reading, `rms_kept` without those of
+    the `outliers`, which the fit excluded; `chi2_dof` mean square of the kept ones over the *declared* noise per degree of
+    freedom; `residuals` run → (N, ny), on disk where a run is long.
     """
 
     model: Model
@@ -59,6 +60,7 @@ class Identification:
     noises: Mapping[tuple[str, str], Noise]
     residuals: Mapping[str, Array]
     rms: Mapping[str, float]
+    rms_kept: Mapping[str, float]
     chi2_dof: float
     chi2_dof_whitened: float
     dof: float
@@ -110,13 +112,26 @@ class Identification:
     @property
     def rms_um(self) -> float:
         """Root mean square of all residuals, in µm where readings are in µm, else in `unit`."""
-        return self.rms.get("um", next(iter(self.rms.values()), 0.0))
+        return self.rms.get(self.file_unit, 0.0)
+
+    @property
+    def file_unit(self) -> str:
+        """The unit of `rms_um` as files spell it."""
+        return "um" if "um" in self.rms else next(iter(self.rms), "um")
 
     @property
     def unit(self) -> str:
         """The unit of `rms_um`, as it is printed."""
-        units = list(self.rms)
-        return "µm" if "um" in units or not units else units[0].replace("urad", "µrad").replace("^2", "²")
+        return unit_words(self.file_unit)
+
+    @property
+    def excluded(self) -> str:
+        """How many readings the fit excluded as outliers, their share, and what the others leave; "" where there are none."""
+        if not self.outliers:
+            return ""
+        count, every, unit = len(self.outliers), self.problem().readings, self.file_unit
+        kept = f"{plain_number(self.rms_kept[unit], unit)} {self.unit}"
+        return f"Excluded outliers: {count} of {every} readings ({percent(count / every)}); without them rms {kept}."
 
     def error_motion(self, name: str, points: int = CURVE_POINTS) -> MotionCurve:
         """The identified error motion over the travel, with the 1σ of each point from the joint covariance."""
@@ -177,11 +192,13 @@ class Identification:
             "says": [c.words for c in self.confounded if self._concerns_machine(c)],
             "rms_um": float(self.rms_um),
             "rms": {unit: float(v) for unit, v in self.rms.items()},
+            "rms_kept": {unit: float(v) for unit, v in self.rms_kept.items()},
             "chi2_dof": float(self.chi2_dof),
             "chi2_dof_whitened": float(self.chi2_dof_whitened),
             "noise": {
                 f"{run}.{instrument}": {
-                    "declared": n.declared, "white": n.white, "coloured": n.coloured, "time_constant_s": n.time_constant,
+                    "declared": n.declared, "white": n.white, "coloured": n.coloured,
+                    "time_constant_s" if self.model.campaign.run(run).has_clock else "rows_correlated": n.time_constant,
                 }
                 for (run, instrument), n in self.noises.items()
             },
@@ -201,22 +218,32 @@ class Identification:
         return [(p.name, float(v), float(s), p.unit, p.sigma) for p, v, s in rows if setup or p.run is None]
 
     def __str__(self) -> str:
-        width = max([len(name) for name, *_ in self.table()] + [9])
-        lines = [f"{'parameter':<{width}} {'value':>12} {'std':>10} {'unit':<8}"]
-        lines += [f"{name:<{width}} {v:12.4g} {s:10.3g} {unit_words(unit):<8}" for name, v, s, unit, _ in self.table()]
-        lines.append(
-            f"rms {self.rms_um:.3g} {self.unit}, chi²/dof {self.chi2_dof:.3f} to the declared noise, rank {self.rank}"
+        table = self.table()
+        width = max([len(name) for name, *_ in table], default=0)
+        rows = [f"  {name:<{width}}  {with_std(value, std, unit)}" for name, value, std, unit, _ in table]
+        state = "" if self.converged else "not converged, "
+        head = f"identification of {self.model.machine.name}: {state}{self._quality}"
+        apart = [c.words for c in self.confounded if self._concerns_machine(c)]
+        excluded = [self.excluded] if self.excluded else []
+        return "\n".join([head, *listed(rows, "result.table()"), *excluded, *listed(apart, "result.confounded")])
+
+    @property
+    def _quality(self) -> str:
+        return (
+            f"rms {plain_number(self.rms_um)} {self.unit}, χ²/dof {plain_number(self.chi2_dof)} to the declared noise, "
+            f"rank {self.rank} of {len(self.parameters)} parameters; ± is 1σ"
         )
-        lines += [c.words for c in self.confounded if self._concerns_machine(c)]
-        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         head = "<tr><th>parameter</th><th>value</th><th>1σ</th><th>unit</th></tr>"
+        table = self.table()
         body = "".join(
-            f"<tr><td>{html.escape(n)}</td><td>{v:.4g}</td><td>{s:.2g}</td><td>{html.escape(unit_words(u))}</td></tr>"
-            for n, v, s, u, _ in self.table()
+            f"<tr><td>{html.escape(n)}</td><td>{rounded(v, s, u)}</td><td>{rounded(s, s, u)}</td>"
+            f"<td>{html.escape(unit_words(u))}</td></tr>"
+            for n, v, s, u, _ in table[:MOST]
         )
-        return f"<table>{head}{body}</table><p>chi²/dof {self.chi2_dof:.3f}, rank {self.rank}</p>"
+        more = f"<p>… and {len(table) - MOST} more: result.table()</p>" if len(table) > MOST else ""
+        return f"<table>{head}{body}</table>{more}<p>{html.escape(self._quality)}</p>"
 
 
 def _rounded(values: Array) -> list[float]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.errors import InputError
+from symfive.given import campaign_given
 from symfive.identify._identify import identify, summarise
 from symfive.identify._result import Identification
 from symfive.inference import Problem
@@ -30,12 +32,13 @@ class Stage:
     parameters: tuple[str, ...]
 
 
-def identify_sequentially(campaign: Campaign, stages: Sequence[Stage], **options: Any) -> Identification:
+def identify_sequentially(campaign: Campaign | Path | str, stages: Sequence[Stage], **options: Any) -> Identification:
     """Stage after stage as in Wang & Li 2016: each takes the errors found so far as exact and the rest as zero.
 
     The uncertainties are those each stage states by itself: they leave out what earlier stages did not know, and what
     later errors add. Compare with `identify`, which estimates all at once. `options` go to `identify`.
     """
+    campaign = campaign_given(campaign)
     model = Model(campaign)
     found: dict[str, float] = {}
     variances = np.zeros(len(model.parameters))
@@ -67,7 +70,7 @@ def _expand(model: Model, patterns: Iterable[str]) -> set[str]:
 
 
 def identify_by_position(
-    campaign: Campaign,
+    campaign: Campaign | Path | str,
     axis: str,
     components: Sequence[str] = ("X", "Y", "Z", "A", "B", "C"),
     *,
@@ -80,6 +83,7 @@ def identify_by_position(
     lines between. `sigma` µm or µrad is the prior 1σ of each. The constant part stays with the location errors of the
     machine file. The two gauge freedoms that the paper does not mention come out among `confounded`.
     """
+    campaign = campaign_given(campaign)
     machine = campaign.machine
     if axis not in machine.axes:
         raise InputError(f"the machine has no axis {axis}", remedy=f"use one of {', '.join(machine.axis_names)}")

@@ -16,7 +16,7 @@ from typing import Any
 import tomlkit
 
 from symfive.errors import InputError
-from symfive.files import shown
+from symfive.files import one_line, shown
 from symfive.importers._motions import Motions
 from symfive.importers._xml import Element, number, read_xml
 from symfive.machine import Machine, Structure, make_axis
@@ -86,7 +86,7 @@ def read_mtconnect(path: Path | str, *, device: str = "", code: str = "") -> Mac
         tables = {name: _axis(name, named[name], structure, motions) for name in structure.axes}
     except InputError as error:
         raise error.at(path) from None
-    return _machine(chosen.get("name") or chosen.get("id") or "machine", structure, comments, tables)
+    return _machine(one_line(chosen.get("name") or chosen.get("id") or "machine"), structure, comments, tables)
 
 
 def _device(root: Element, wanted: str) -> Element:

@@ -2,12 +2,15 @@
 
 The positions are reconstructed from the programme: a circle about the ball at constant feed (ISO 230-4), from the angles
 themselves. The recording begins and ends in motion, so the drives do too (`start = "moving"`).
+
+The software infers the angle from time: it sees the bar, not the command. Where an axis reverses the readings jump
+within less than the angle's error; those next to a reversal are left out.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,7 @@ from symfive.errors import InputError
 from symfive.files import read_text, shown
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
+from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
 __all__ = ["FITTED", "polar_doubts", "polar_run", "read_polar"]
 
@@ -26,6 +30,8 @@ UNITS = {"um": 1.0, "mm": 1e3}
 EVEN = 0.05
 """Steps of the angle may differ from their median by this share (and be whole multiples of it where rows are lost)."""
 LEAST_ROWS = 20
+MOVES_MM = 1e-6
+"""An axis that moves less on a circle stands still."""
 MAX_BYTES = 5_000_000
 MOST = 1e12
 """A number from there on is no reading."""
@@ -38,6 +44,8 @@ SLOW_MIN = 60.0
 """A circle that takes longer has its feed in another unit."""
 FITTED = SetupSigma(table_ball=1000.0, tool_ball=20.0, length=1000.0)
 """Set-up of a circle whose software has taken its own mean radius and centre off: neither is known any more."""
+ANGLE_ERROR = 0.5
+"""How well the software's angle is known, degree: a start found in the bar's own motion, a servo lag of 20 to 50 ms."""
 ZERO = 0.1
 """Mean deviation in units of one reading's noise from which on it is no accident: no bar is calibrated that well."""
 
@@ -63,11 +71,16 @@ def read_polar(
         raise InputError(problem, remedy="write --columns angle,deviation in the order of the file, - for any other")
     lines = read_text(path, at_most=MAX_BYTES).split("\n")
     rows: list[list[float]] = []
+    marks: dict[str, Marks] = {}
     for number, line in enumerate(lines, start=1):
-        row = _row(line, len(columns))
-        if row is not None:
+        if not rows:
+            marks = {sign: Marks(sign) for sign in SIGNS}  # the head has decimal marks of its own
+        row = _row(line, len(columns), marks, number)
+        if isinstance(row, list):
             rows.append(row)
         elif rows and line.strip():
+            if row is not None:
+                raise row.at(path)
             problem = f"{shown(line.strip())} is not {_said(columns)}"
             raise InputError(problem, remedy="remove what is no reading").at(path, number)
     if not rows:
@@ -81,18 +94,26 @@ def read_polar(
     return angle, UNITS[unit] * deviation
 
 
-def _row(line: str, count: int) -> list[float] | None:
-    """The `count` numbers of a line; None where it holds anything else."""
-    words = [word for word in re.split(r"[;\t]|,?\s+", line.strip()) if word]
-    if len(words) == count:
-        words = [word.replace(",", ".") for word in words]
-    else:
-        words = [word for word in re.split(r"[,\s]+", line.strip()) if word]
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        return None
-    return numbers if len(numbers) == count and all(abs(number) < MOST for number in numbers) else None
+def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list[float] | InputError | None:
+    """The `count` numbers of a line; what is wrong with one of them; None where it holds anything else."""
+    for sign in signs_of(line):
+        cells = [cell for cell in cells_of(line, sign) if cell]
+        if len(cells) == count:
+            try:
+                numbers = [marks[sign].number(cell, number) for cell in cells]
+            except InputError as error:
+                return error
+            return numbers if all(abs(value) < MOST for value in numbers) else None
+    return None
+
+
+def _rows_of(lines: Sequence[str], count: int) -> Iterator[tuple[int, list[float]]]:
+    """The lines that hold `count` numbers."""
+    marks = {sign: Marks(sign) for sign in SIGNS}
+    for number, line in enumerate(lines, start=1):
+        row = _row(line, count, marks, number)
+        if isinstance(row, list):
+            yield number, row
 
 
 def _said(columns: Sequence[str]) -> str:
@@ -102,7 +123,7 @@ def _said(columns: Sequence[str]) -> str:
 def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[str]) -> None:
     """Raise `InputError` where the file has another number of columns than were named."""
     for count in (n for n in range(1, MOST_COLUMNS + 1) if n != len(columns)):
-        rows = [(number, row) for number, line in enumerate(lines, start=1) if (row := _row(line, count)) is not None]
+        rows = list(_rows_of(lines, count))
         if len(rows) < LEAST_ROWS:
             continue
         if count > 1:
@@ -130,14 +151,16 @@ def polar_run(
     tool_ball: Sequence[float] | None = None,
     noise_um: float = 0.3,
     setup_sigma_um: SetupSigma | None = None,
+    angle_error: float = ANGLE_ERROR,
 ) -> Run:
     """A dynamic ball-bar run from its polar form.
 
     `angle_deg` (N,) degree in the `plane` (`XY`, `YZ`, `ZX`) from its first axis, rising for a circle seen counter-clockwise
     and falling for a clockwise one, in even steps; a jump by 360° is no jump. `deviation_um` (N,) µm of the distance from
     `radius` mm; `centre` mm of the table ball in the workpiece frame; `feed` mm/min along the path; `hold` positions of rotary
-    axes, `tool_ball` mm in the tool frame. Raises `InputError` where the angles are not a steady motion or an axis cannot
-    follow.
+    axes, `tool_ball` mm in the tool frame. Readings within `angle_error` degree of where an axis reverses are left out (at
+    least the one at the reversal and its neighbours, if the error is above 0). Raises `InputError` where the angles are not a
+    steady motion or an axis cannot follow.
     """
     if plane not in PLANES:
         raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
@@ -149,15 +172,48 @@ def polar_run(
     phi = _steady(angle)
     nominal, ball = Nominal(machine), tool_ball_of(machine, tool_ball)
     u, v = (nominal.seen_from_workpiece(nominal.commands(hold or {}, 1), np.eye(3)[i])[0] for i in PLANES[plane])
-    target = np.asarray(centre, dtype=float) + radius * (np.outer(np.cos(phi), u) + np.outer(np.sin(phi), v))
+    time = np.abs(phi - phi[0]) * radius / (feed / 60.0)
+    ahead = phi + np.sign(phi[-1] - phi[0]) * _lag(machine, plane) * feed / 60.0 / radius
+    target = np.asarray(centre, dtype=float) + radius * (np.outer(np.cos(ahead), u) + np.outer(np.sin(ahead), v))
     x, y, z = (float(c) for c in centre)
     run = Run(
-        id=id, instrument=("ball_bar",), sampling="dynamic", time=np.abs(phi - phi[0]) * radius / (feed / 60.0),
+        id=id, instrument=("ball_bar",), sampling="dynamic", time=time,
         commands=nominal.follow(target, ball, hold or {}, f"circle {id}"), readings={"dL_um": deviation}, table_ball=(x, y, z),
         tool_ball=ball, length=radius, noise_um=noise_um, options={"start": "moving"},
         setup_sigma_um=setup_sigma_um or SetupSigma(table_ball=20.0, tool_ball=20.0, length=0.5),
     )  # fmt: skip
-    return within_travel(machine, run, place="the centre, the radius or the tool's length in the machine file")
+    run = within_travel(machine, run, place="the centre, the radius or the tool's length in the machine file")
+    return _timed(run, phi, ahead, np.radians(angle_error))
+
+
+def _timed(run: Run, phi: Array, ahead: Array, error: float) -> Run:
+    """The rows of a run at the angles `phi` that are further from every reversal of an axis than the angle's `error`, rad.
+
+    On a circle an axis stands at a·cos + b·sin + c of the commanded angle and turns round where that is largest and least.
+    """
+    waves = np.stack([np.cos(ahead), np.sin(ahead), np.ones(len(ahead))], axis=1)
+    error = max(error, 1.01 * float(np.median(np.abs(np.diff(phi))))) if error > 0.0 else 0.0
+    known = np.ones(run.rows, dtype=bool)
+    for positions in run.commands.values():
+        a, b, _ = np.linalg.lstsq(waves, positions, rcond=None)[0]
+        if np.hypot(a, b) > MOVES_MM:
+            known &= np.abs(np.remainder(phi - np.arctan2(b, a) + 0.5 * np.pi, np.pi) - 0.5 * np.pi) > error
+    if known.all():
+        return run
+    return replace(
+        run,
+        time=run.time[known] - run.time[known][0],
+        commands={name: positions[known] for name, positions in run.commands.items()},
+        readings={name: values[known] for name, values in run.readings.items()},
+    )
+
+
+def _lag(machine: Machine, plane: str) -> float:
+    """By how much the axes are behind the command at constant speed, s: the software's angles are where the bar is, and the bar
+    is where the axes are."""
+    drives = [machine.axes[name].drive for name in machine.axis_names if name in plane]
+    lags = [(1.0 - drive.feedforward) / drive.position_gain for drive in drives if drive is not None]
+    return float(np.mean(lags)) if lags else 0.0
 
 
 def polar_doubts(

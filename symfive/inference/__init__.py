@@ -5,10 +5,10 @@ from symfive.inference._information import Information
 from symfive.inference._noise import Block, square_of
 from symfive.inference._outliers import Outlier
 from symfive.inference._problem import Problem
-from symfive.inference._solve import gauss_newton, solve
+from symfive.inference._solve import gauss_newton, halved, solve
 from symfive.inference._whitening import Noise, whiten
 
 __all__ = [
     "Block", "Confounding", "Information", "Noise", "Outlier", "Problem", "confounded_combinations", "data_rank",
-    "gauss_newton", "solve", "square_of", "whiten",
+    "gauss_newton", "halved", "solve", "square_of", "whiten",
 ]  # fmt: skip

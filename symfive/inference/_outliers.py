@@ -37,13 +37,10 @@ def outlier_limit(readings: int) -> float:
     return float(norm.isf(0.5 * OUTLIER_LEVEL / max(readings, 1)))
 
 
-def isolated_outliers(
-    block: Block, noise: Noise, limit: float, poses: Array | None = None
-) -> list[tuple[int, int, float]]:
-    """(row, column, σ) of isolated innovations beyond `limit` σ. `poses` (N, axes): where the axes rest in each row.
+def isolated_outliers(block: Block, noise: Noise, limit: float) -> tuple[list[tuple[int, int]], Array]:
+    """(row, column) of isolated innovations beyond `limit` σ, and all innovations (N, ny) in σ.
 
-    More than a few neighbouring rows, or a level that stays, are no outlier but a mismatch; so is what comes again whenever a
-    pose does.
+    More than a few neighbouring rows, or a level that stays, are no outlier but a mismatch.
     """
     count, columns = block.residual.shape
     table, whitening = new_table(count, columns), Whitening(noise, block.interval)
@@ -59,22 +56,8 @@ def isolated_outliers(
         for group in _isolated(beyond[j]):
             if _returns(np.array(table[group[0] : group[0] + RESPONSE_ROWS, j]), response):
                 worst = max(group, key=lambda r: abs(float(block.residual[r, j])))
-                found.append((worst, j, float(table[worst, j])))
-    return found if poses is None else _unrepeated(found, poses)
-
-
-def _unrepeated(found: list[tuple[int, int, float]], poses: Array) -> list[tuple[int, int, float]]:
-    """Those whose pose was read once, or read otherwise at another time."""
-    if len(found) < 2:
-        return found
-    pose = np.unique(np.round(poses, 9), axis=0, return_inverse=True)[1].reshape(-1)
-    often = np.bincount(pose)
-    alike: dict[tuple[int, int, bool], int] = {}
-    for row, j, sigmas in found:
-        key = int(pose[row]), j, sigmas > 0.0
-        alike[key] = alike.get(key, 0) + 1
-    again = {key for key, count in alike.items() if count > 1 and count == often[key[0]]}
-    return [(row, j, sigmas) for row, j, sigmas in found if (int(pose[row]), j, sigmas > 0.0) not in again]
+                found.append((worst, j))
+    return found, table
 
 
 def _response(noise: Noise, interval: float) -> Array:

@@ -13,6 +13,7 @@ from symfive.campaign._disk import let_go, new_table
 from symfive.inference._information import Information, NormalEquations
 from symfive.inference._noise import Block, estimate_noise, long_run_variance, plain_noise
 from symfive.inference._outliers import Outlier, isolated_outliers, outlier_limit
+from symfive.inference._repeats import alike, repeats_say_so
 from symfive.inference._whitening import TRANSIENT, Noise, Whitening, whiten
 from symfive.inference._windows import spans_of, windows_of
 from symfive.instruments import INSTRUMENTS, instruments_of
@@ -79,6 +80,17 @@ class Problem:
             if not taken:  # else the recording is the motion itself
                 found.append((instrument.name, part))
         return found
+
+    def unit_of(self, run: Run, part: slice) -> str:
+        """The unit of some columns of a run, `mixed` where they have several."""
+        units = {column.unit for column in self.model.columns(run)[part]}
+        return units.pop() if len(units) == 1 else "mixed"
+
+    @property
+    def readings(self) -> int:
+        """Number of readings that are fitted, outliers included."""
+        runs = self.model.campaign.runs
+        return sum(run.rows * (part.stop - part.start) for run in runs for _, part in self.parts(run))
 
     def blocks(self, values: Array, *, readings: bool = True) -> dict[Key, Block]:
         """Residuals and sensitivities of every run and instrument at `values`, all rows."""
@@ -235,9 +247,11 @@ class Problem:
         columns: dict[Key, NDArray[np.int64]] = {}
         plain = {key for key in self.noises if INSTRUMENTS[key[1]].plain_weights}
         for key, block, white in self.whitened_at(values, plain):
+            if not len(block.columns):  # nothing is free there: no information, and none to be in excess
+                continue
             jacobian, residual = white[:, :, :-1], white[:, :, -1]
             series.setdefault(key, []).append(np.einsum("ncj,nc->nj", jacobian, residual))
-            flat = jacobian.reshape(-1, jacobian.shape[2])
+            flat = jacobian.reshape(residual.size, jacobian.shape[2])
             total[np.ix_(block.columns, block.columns)] -= flat.T @ flat
             columns[key] = block.columns
         for key, parts in series.items():
@@ -245,27 +259,29 @@ class Problem:
         return total
 
     def flag_outliers(self, survey: Mapping[Key, Block]) -> bool:
-        """Mark isolated readings beyond what noise gives; True where the set changed."""
+        """Mark isolated readings beyond what noise gives and what the same reading showed at other times; True where the set
+        changed."""
         limit = outlier_limit(sum(block.residual.size for block in survey.values()))
+        isolated = {key: isolated_outliers(block, self.noises[key], limit) for key, block in survey.items()}
+        innovations = {key: table for key, (_, table) in isolated.items()}
+        ways = alike(self.model, list(survey)) if any(found for found, _ in isolated.values()) else {}
         fresh = {run: np.zeros(mask.shape, dtype=bool) for run, mask in self.left_out.items()}
-        found: list[Outlier] = []
+        outliers: list[Outlier] = []
         places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
-        for (run, name), block in survey.items():
-            first, poses = places[run, name], self._poses(run)
-            for row, j, sigmas in isolated_outliers(block, self.noises[run, name], limit, poses):
-                fresh[run][row, first + j] = True
-                column = self.model.columns(run)[first + j].name
-                found.append(Outlier(run, row, column, float(block.residual[row, j]), sigmas))
+        for key, (found, table) in isolated.items():
+            columns = self.model.columns(key[0])
+            for row, j in found:
+                if repeats_say_so(key, row, j, innovations, ways[key], limit):
+                    continue
+                place = places[key] + j
+                fresh[key[0]][row, place] = True
+                residual = float(survey[key].residual[row, j])
+                outliers.append(Outlier(key[0], row, columns[place].name, residual, float(table[row, j])))
         changed = any(not np.array_equal(fresh[run], self.left_out[run]) for run in fresh)
         for run, mask in fresh.items():
             self.left_out[run] = mask
-        self.outliers = found
+        self.outliers = outliers
         return changed
-
-    def _poses(self, name: str) -> Array | None:
-        """Where the axes rest in each row of a run (N, axes), None where they move."""
-        run = self.model.campaign.run(name)
-        return None if run.dynamic else np.stack(list(run.commands.values()), axis=1)
 
 
 def _power(block: Block, noise: Noise) -> float:

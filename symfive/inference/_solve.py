@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.errors import EvaluationError
+from symfive.inference._information import Information
 from symfive.inference._problem import Problem
 
-__all__ = ["gauss_newton", "solve"]
+__all__ = ["gauss_newton", "halved", "solve"]
 
+T = TypeVar("T")
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 MAX_STEPS = 40
@@ -25,15 +29,29 @@ PATIENCE, STALLED = 8, 1.0
 stick and slip have a cost with kinks, in which every step is cut short."""
 COST_TOLERANCE = 1e-4
 """Or when -2 log posterior falls by no more than this: it says nothing about any parameter."""
+HALVINGS = 30
+
+
+def halved(evaluate: Callable[[Array], T], values: Array, origin: Array) -> tuple[Array, T]:
+    """What `evaluate` makes of the values and these; where the model has no readings at them, of those half as far from `origin`,
+    and so on. Raises `EvaluationError` where it has none at `origin` either."""
+    for _ in range(HALVINGS):
+        try:
+            return values, evaluate(values)
+        except EvaluationError:
+            values = 0.5 * (values + origin)
+    return origin, evaluate(origin)
 
 
 def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int = MAX_STEPS) -> tuple[Array, bool]:
-    """Iterate to the maximum for the present noise, at most `steps` times. Returns the values and whether it converged.
+    """Iterate to the maximum for the present noise, at most `steps` times. Returns the best values at which the model was
+    evaluated and whether they are the maximum.
 
     A whole step that does not lower the cost is first followed by another from where it led: where a valley is curved, the step
     along it ends up on the wall, and straight down from there lies the valley again (R. Fletcher 1982, second-order correction).
     If that does not help, steps are shortened by Levenberg's damping, which follows how well the cost was foretold
-    (H. B. Nielsen 1999). A parameter that would leave its bounds stays at the bound.
+    (H. B. Nielsen 1999). A parameter that would leave its bounds stays at the bound. A step to where the model has no readings is
+    one that does not lower the cost; a start without any is brought nearer to the prior means.
     """
     model = problem.model
     precision = problem.prior_precision
@@ -41,24 +59,28 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
     upper = np.array([p.upper for p in model.parameters])
     free = np.flatnonzero(problem.free)
     damping, growth, last = 0.0, 2.0, np.inf
+    values, begins = halved(problem.information_at, values, np.where(problem.free, model.prior_mean, values))
+    information: Information | None = begins
     best = values.copy()
     matrix, gradient, expected = np.zeros((0, 0)), np.zeros(0), 0.0
     history: list[float] = []
     corrected = False  # by a second step; if that did not help, none is again before a whole step has succeeded
-    for _ in range(steps):
-        with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make a drive unstable
-            information = problem.information_at(values)
+    for number in range(steps):
+        if number > 0:
+            information = _information(problem, values)
         departure = values - model.prior_mean
-        total = information.square + float(np.sum((departure**2 * precision)[free]))
+        pulled = float(np.sum((departure**2 * precision)[free]))
+        total = np.inf if information is None else information.square + pulled
         history.append(min(total, last))
         if damping > 0.0 and len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < STALLED:
             return best, False
-        here, pull = information.matrix + np.diag(precision), information.gradient - departure * precision
-        accepted = total <= last * (1 + 1e-12) + 1e-9
-        if not accepted and damping == 0.0 and not corrected and np.isfinite(total):
-            corrected = True
-            values = values + _step(here, pull, 0.0, free, lower - values, upper - values)
-            continue
+        accepted = np.isfinite(total) and total <= last * (1 + 1e-12) + 1e-9
+        if information is not None:
+            here, pull = information.matrix + np.diag(precision), information.gradient - departure * precision
+            if not accepted and damping == 0.0 and not corrected:
+                corrected = True
+                values = values + _step(here, pull, 0.0, free, lower - values, upper - values)
+                continue
         if not accepted:
             damping, growth = max(growth * damping, FIRST_DAMPING), 2.0 * growth
             if damping > 1e9 or not matrix.size:
@@ -77,8 +99,16 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
         expected = 2.0 * float(gradient @ step) - float(step @ matrix @ step)
         values = best + step
         if accepted and (settled or float(np.max(np.abs(step[free]) / sigma, initial=0.0)) < tolerance):
-            return values, True
+            return best, True
     return best, False
+
+
+def _information(problem: Problem, values: Array) -> Information | None:
+    """The information at the values of a step; None where the model has no readings there."""
+    try:
+        return problem.information_at(values)
+    except EvaluationError:
+        return None
 
 
 def _step(

@@ -107,8 +107,6 @@ def _window(model: Model, run: Run, values: Array, rows: slice, margin: int, slo
 def _agree(model: Model, former: Window, fresh: Window) -> bool:
     """Whether two neighbours say the same about the rows at their seam."""
     (reading, slope), (other, other_slope) = former.about(fresh.first), fresh.about(fresh.first)
-    if not (np.isfinite(reading).all() and np.isfinite(other).all()):
-        return True  # a trial step beyond all bounds
     noise = model.noise(fresh.run)
     if np.any(np.abs(reading - other) > SAME_READING * noise):
         return False

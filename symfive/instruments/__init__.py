@@ -1,4 +1,7 @@
-"""Instruments: what each one reads, what it does not know about itself. One file and one line of the table each."""
+"""Instruments: what each one reads, what it does not know about itself. One file and one line of the table each.
+
+What only the symbolic reading needs (CasADi, SciPy, the motion) is loaded with the first reading: a file is checked without.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from symfive.instruments.tracker import Tracker
 if TYPE_CHECKING:
     from symfive.campaign import Run
 
-__all__ = ["INSTRUMENTS", "Column", "Instrument", "instruments_of"]
+__all__ = ["INSTRUMENTS", "Column", "Instrument", "has_clock_of_its_own", "instruments_of"]
 
 INSTRUMENTS: dict[str, Instrument] = {
     instrument.name: instrument
@@ -30,5 +33,11 @@ def instruments_of(run: Run) -> tuple[Instrument, ...]:
     """The instruments of a run. Raises `InputError` for a name that is not in the table."""
     for name in run.instrument:
         if name not in INSTRUMENTS:
-            raise InputError(f"instrument {name!r} is unknown", remedy=f"use one of {', '.join(INSTRUMENTS)}")
+            problem = f"instrument {name!r} is unknown"
+            raise InputError(problem, remedy=f"use one of {', '.join(INSTRUMENTS)}", keys=("instrument",))
     return tuple(INSTRUMENTS[name] for name in run.instrument)
+
+
+def has_clock_of_its_own(run: Run) -> bool:
+    """Whether a run has readings that the control does not record itself."""
+    return any(not instrument.on_control for instrument in instruments_of(run))

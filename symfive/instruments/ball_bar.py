@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
-
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
 from symfive.parameters import Parameter
@@ -23,7 +21,8 @@ class BallBar(Instrument):
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.length is None:
-            raise InputError(f"run {run.id}: a ball bar needs its length", remedy="add length = … in mm")
+            problem = f"run {run.id}: a ball bar needs its length"
+            raise InputError(problem, remedy="add length = … in mm", keys=("length",))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return (Column("dL_um", "um", 1e-3),)
@@ -45,5 +44,7 @@ class BallBar(Instrument):
         }
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        import casadi as ca
+
         error = row.parameter("setup.length") if row.has("setup.length") else 0.0
         return [ca.norm_2(row.ball - row.table_ball) - (row.constant("length") + error)]

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
-
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter
-from symfive.motion import Command
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
     from symfive.machine import Machine
     from symfive.model._row import Row
+    from symfive.motion import Command
 
 TARGETS = ("ball", "rim", "face")
 ZERO_SIGMA_UM = 1e5
@@ -35,16 +33,17 @@ class Displacement(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         sensors = run.options.get("sensors")
         if not isinstance(sensors, (list, tuple)) or not sensors:
-            raise InputError(
-                f"run {run.id}: there are no sensors", remedy="add sensors = [{ direction = …, position = … }]"
-            )
-        for sensor in sensors:
+            remedy = "add sensors = [{ direction = …, position = … }]"
+            raise InputError(f"run {run.id}: there are no sensors", remedy=remedy, keys=("sensors",))
+        for number, sensor in enumerate(sensors):
             if not {"direction", "position"} <= set(sensor):
-                raise InputError(f"run {run.id}: a sensor lacks direction or position", remedy="give both, in mm")
+                problem = f"run {run.id}: a sensor lacks direction or position"
+                raise InputError(problem, remedy="give both, in mm", keys=("sensors", number))
             if sensor.get("on", "machine") != "machine" or sensor.get("target", "ball") not in TARGETS:
                 raise InputError(
                     f"run {run.id}: a sensor stands on something unknown",
                     remedy=f'use on = "machine" and target = one of {", ".join(TARGETS)}',
+                    keys=("sensors", number),
                 )
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
@@ -63,6 +62,8 @@ class Displacement(Instrument):
         return tuple(found)
 
     def signals(self, run: Run, machine: Machine) -> tuple[Command, ...]:
+        from symfive.motion import Command
+
         return tuple(Command(name) for name in machine.axis_names)
 
     @staticmethod
@@ -75,6 +76,10 @@ class Displacement(Instrument):
         return int(run.options.get("form_order", 2))
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        import casadi as ca
+
+        from symfive.motion import Command
+
         commanded = {name: row.signal(Command(name)) for name in row.machine.axis_names}
         nominal, _ = row.nominal_poses(commanded)
         actual, _ = row.poses
@@ -88,6 +93,8 @@ class Displacement(Instrument):
         return readings
 
     def _form(self, row: Row, run: Run, sensor: Any) -> Any:
+        import casadi as ca
+
         target = sensor.get("target", "ball")
         turning = run.options.get("form_axis") or next(
             (n for n in row.machine.axis_names if row.machine.axes[n].rotary), None

@@ -5,22 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfiltfilt
 
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument
-from symfive.motion import Acceleration, OnControlClock, RunMotion, Series, Velocity
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
     from symfive.machine import Machine
     from symfive.model._row import Row
-    from symfive.motion import Signal
+    from symfive.motion import RunMotion, Series, Signal
 
 __all__ = ["DriveForce", "FilteredMotion", "low_pass"]
 
@@ -36,6 +32,8 @@ def low_pass(values: Array, cut_off_hz: float, interval: float) -> Array:
     `values` (N,), `cut_off_hz` where its gain is one half, `interval` s. Recordings too short for it are returned as
     they are.
     """
+    from scipy.signal import butter, sosfiltfilt
+
     sections = butter(ORDER, cut_off_hz, fs=1.0 / interval, output="sos")
     padding = min(len(values) - 2, int(3.0 / (cut_off_hz * interval)))
     return np.asarray(sosfiltfilt(sections, values, padlen=padding)) if padding > 2 * ORDER else np.array(values)
@@ -62,9 +60,12 @@ class FilteredMotion:
 
     def series(self, motion: RunMotion) -> Series:
         """Its values along the run, mm or rad, s."""
-        axis = motion.machine.axes[self.axis]
-        time = motion.run.time
-        measured = np.asarray(motion.run.readings[f"{self.axis}_act_{axis.unit}"]) * axis.to_internal
+        from scipy.interpolate import make_interp_spline
+
+        from symfive.motion import Series
+
+        time, recorded = motion.run.time, motion.recorded(self.axis)
+        measured = motion.axis(self.axis).position.value if recorded is None else recorded
         if len(time) < 6:
             return Series(np.zeros_like(time))
         spline = make_interp_spline(time, measured, k=5)
@@ -98,14 +99,17 @@ class DriveForce(Instrument):
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.options.get("axis") not in machine.axes:
-            raise InputError(f"run {run.id}: a drive force belongs to one axis", remedy='add axis = "X" to the run')
+            problem = f"run {run.id}: a drive force belongs to one axis"
+            raise InputError(problem, remedy='add axis = "X" to the run', keys=("axis",))
         unknown = [term for term in self.terms(run) if term not in TERMS]
         if unknown:
-            raise InputError(f"run {run.id}: force term {unknown[0]!r} is unknown", remedy=f"use {', '.join(TERMS)}")
+            problem = f"run {run.id}: force term {unknown[0]!r} is unknown"
+            raise InputError(problem, remedy=f"use {', '.join(TERMS)}", keys=("force_terms",))
         if "low_pass_hz" in run.options and run.options.get("motion_from") != "encoder":
             raise InputError(
                 f"run {run.id}: low_pass_hz filters a motion recorded by the encoder",
                 remedy='add motion_from = "encoder"',
+                keys=("low_pass_hz",),
             )
 
     def terms(self, run: Run) -> tuple[str, ...]:
@@ -134,15 +138,19 @@ class DriveForce(Instrument):
         return {"v_rest": rest * machine.axes[run.options["axis"]].to_internal}
 
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
+        from symfive.motion import Acceleration, Velocity
+
         name = run.options["axis"]
         cut_off = run.options.get("low_pass_hz")
         if cut_off is None:
-            return (OnControlClock(Velocity(name)), OnControlClock(Acceleration(name)))
+            return (Velocity(name), Acceleration(name))
         rest = self.constants(run, machine)["v_rest"]
         quantities = ("velocity", "acceleration", "direction")
-        return tuple(OnControlClock(FilteredMotion(name, q, float(cut_off), rest)) for q in quantities)
+        return tuple(FilteredMotion(name, q, float(cut_off), rest) for q in quantities)
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        import casadi as ca
+
         name = run.options["axis"]
         metre = 1.0 if row.machine.axes[name].rotary else 1e-3
         velocity, acceleration, *direction = (row.signal(signal) for signal in self.signals(run, row.machine))

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter
-from symfive.motion import OnControlClock, Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -34,9 +33,8 @@ class Encoder(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         names = self.axes(run, machine)
         if not names or any(name not in machine.axes for name in names):
-            raise InputError(
-                f"run {run.id}: the encoder's axes are not known", remedy='add encoder_axes = ["X"] to the run'
-            )
+            problem = f"run {run.id}: the encoder's axes are not known"
+            raise InputError(problem, remedy='add encoder_axes = ["X"] to the run', keys=("encoder_axes",))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         axes = [machine.axes[name] for name in self.axes(run, machine)]
@@ -49,12 +47,11 @@ class Encoder(Instrument):
         axes = [machine.axes[name] for name in self.axes(run, machine)]
         return tuple(setup_parameter(run, f"zero.{axis.name}", axis.unit, sigma) for axis in axes)
 
-    def signals(self, run: Run, machine: Machine) -> tuple[OnControlClock, ...]:
-        return tuple(OnControlClock(Position(name)) for name in self.axes(run, machine))
-
     def reading(self, row: Row, run: Run) -> list[Any]:
+        from symfive.motion import Position
+
         readings = []
         for name in self.axes(run, row.machine):
             zero = row.parameter(f"setup.zero.{name}") if row.has(f"setup.zero.{name}") else 0.0
-            readings.append(row.signal(OnControlClock(Position(name))) + zero)
+            readings.append(row.signal(Position(name)) + zero)
         return readings

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
-
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
 from symfive.parameters import Parameter
@@ -30,7 +28,8 @@ class GridEncoder(Instrument):
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.u is None or run.v is None:
-            raise InputError(f"run {run.id}: a grid encoder needs u and v", remedy="add u = [1.0, 0.0, 0.0] and v = …")
+            problem = f"run {run.id}: a grid encoder needs u and v"
+            raise InputError(problem, remedy="add u = [1.0, 0.0, 0.0] and v = …")
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return (Column("du_um", "um", 1e-3), Column("dv_um", "um", 1e-3))
@@ -50,6 +49,8 @@ class GridEncoder(Instrument):
         }
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        import casadi as ca
+
         ball = row.ball - (row.table_ball - row.vector("table_ball"))  # the plate moves with what shifts the artefact
         if row.has("setup.plate.a"):
             angles = ca.vertcat(*(row.parameter(f"setup.plate.{c}") for c in "abc"))

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
-
 from symfive.errors import InputError
 from symfive.instruments._base import ZERO_SIGMA_UM, Column, Instrument, setup_parameter, vector_constants
-from symfive.motion import Command
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
     from symfive.machine import Machine
     from symfive.model._row import Row
+    from symfive.motion import Command
 
 
 class Laser(Instrument):
@@ -28,7 +26,8 @@ class Laser(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         axis = str(run.options.get("axis", ""))
         if axis not in machine.axes or machine.axes[axis].rotary:
-            raise InputError(f"run {run.id}: a laser measures one linear axis", remedy='add axis = "X" to the run')
+            problem = f"run {run.id}: a laser measures one linear axis"
+            raise InputError(problem, remedy='add axis = "X" to the run', keys=("axis",))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return (Column(f"{run.options['axis']}_dev_um", "um", 1e-3),)
@@ -40,9 +39,15 @@ class Laser(Instrument):
         return vector_constants("tool_ball", run.tool_ball)
 
     def signals(self, run: Run, machine: Machine) -> tuple[Command, ...]:
+        from symfive.motion import Command
+
         return tuple(Command(name) for name in machine.axis_names)
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        import casadi as ca
+
+        from symfive.motion import Command
+
         commanded = {name: row.signal(Command(name)) for name in row.machine.axis_names}
         workpiece, tool = row.nominal_poses(commanded)
         nominal = workpiece.apply_inverse(tool.apply(row.vector("tool_ball")))

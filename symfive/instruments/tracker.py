@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
-
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
-from symfive.kinematics import angles
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -35,9 +32,11 @@ class Tracker(Instrument):
     def check(self, run: Run, machine: Machine) -> None:
         placement = run.options.get("placement", [0.0] * 6)
         if len(placement) != 6:
-            raise InputError(f"run {run.id}: placement has {len(placement)} numbers", remedy="write [x, y, z, a, b, c]")
+            problem = f"run {run.id}: placement has {len(placement)} numbers"
+            raise InputError(problem, remedy="write [x, y, z, a, b, c]", keys=("placement",))
         if run.options.get("reflector_on", "tool") not in ("tool", "workpiece"):
-            raise InputError(f"run {run.id}: reflector_on is unknown", remedy='write "tool" or "workpiece"')
+            problem = f"run {run.id}: reflector_on is unknown"
+            raise InputError(problem, remedy='write "tool" or "workpiece"', keys=("reflector_on",))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
         return tuple(Column(f"{c}_mm", "mm", 1.0) for c in "xyz")
@@ -69,6 +68,10 @@ class Tracker(Instrument):
         return {k: v for name, ball in balls.items() for k, v in vector_constants(name, ball).items()} | named
 
     def reading(self, row: Row, run: Run) -> list[Any]:
+        import casadi as ca
+
+        from symfive.kinematics import angles
+
         shared = run.options.get("placement_id")
         prefix = f"placement.{shared}." if shared else "setup.placement."
         p = [row.constant(f"placement.{c}") + row.parameter(prefix + c) for c in LETTERS]

@@ -2,6 +2,7 @@
 
 from symfive.machine._axis import Axis, Drive, make_axis
 from symfive.machine._data import EffectEntry, Machine, Workspace
+from symfive.machine._designed import designed_ball
 from symfive.machine._errors import ErrorTerm
 from symfive.machine._presets import preset, presets
 from symfive.machine._read import (
@@ -16,7 +17,7 @@ from symfive.machine._structure import Structure
 from symfive.machine._suggest import error_names, refuse_slips
 
 __all__ = [
-    "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace", "error_names", "machine_from_data",
-    "machine_problems", "machine_to_data", "make_axis", "preset", "presets", "read_machine", "refuse_slips", "unknown_keys",
-    "write_machine",
+    "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace", "designed_ball", "error_names",
+    "machine_from_data", "machine_problems", "machine_to_data", "make_axis", "preset", "presets", "read_machine",
+    "refuse_slips", "unknown_keys", "write_machine",
 ]  # fmt: skip

@@ -12,9 +12,11 @@ from symfive.files import shown
 from symfive.machine._checks import finite, freeze, numbers, one_of, positive
 from symfive.machine._structure import DEFAULT_DIRECTION, default_kind
 
-__all__ = ["Axis", "Drive", "make_axis"]
+__all__ = ["UNREAD", "Axis", "Drive", "make_axis"]
 
 Vector = tuple[float, float, float]
+UNREAD = (-1e9, 1e9)
+"""What stands for the travel of an axis whose table is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +39,11 @@ class Drive:
         positive("drive", **gains)
         finite("drive", viscous=self.viscous, feedforward=self.feedforward)
         if self.viscous < 0.0:
-            raise InputError(f"drive: viscous = {self.viscous} is negative", remedy="write 1/s, at least 0")
+            problem = f"drive: viscous = {self.viscous} is negative"
+            raise InputError(problem, remedy="write 1/s, at least 0", keys=("viscous",))
         if not 0.0 <= self.feedforward <= 1.5:
-            raise InputError(f"drive: feedforward = {self.feedforward} is not a share", remedy="write 0.0 to 1.0")
+            problem = f"drive: feedforward = {self.feedforward} is not a share"
+            raise InputError(problem, remedy="write 0.0 to 1.0", keys=("feedforward",))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,12 +73,13 @@ class Axis:
         norm = math.hypot(*self.direction)
         if not 1e-9 < norm < 1e150:
             problem = f"{owner}: direction {list(self.direction)} has no usable length"
-            raise InputError(problem, remedy="write a vector such as [0.0, 1.0, 1.0]")
+            raise InputError(problem, remedy="write a vector such as [0.0, 1.0, 1.0]", keys=("direction",))
         if abs(norm - 1.0) > 1e-15:
             object.__setattr__(self, "direction", tuple(v / norm for v in self.direction))
         numbers(owner, "travel", self.travel, 2, example="[lowest, highest]")
         if self.travel[0] >= self.travel[1]:
-            raise InputError(f"{owner}: travel {list(self.travel)} is not ascending", remedy="write [lowest, highest]")
+            problem = f"{owner}: travel {list(self.travel)} is not ascending"
+            raise InputError(problem, remedy="write [lowest, highest]", keys=("travel",))
         positive(owner, max_feed=self.max_feed, max_acceleration=self.max_acceleration)
 
     @property
@@ -103,9 +108,11 @@ def make_axis(name: str, **fields: Any) -> Axis:
     ±360°."""
     kind = fields.pop("kind", default_kind(name))
     if kind is None:
-        raise InputError(f"axis {shown(name)} has no kind", remedy=f'add kind = "linear" or "rotary" to [axes.{name}]')
+        remedy = f'add kind = "linear" or "rotary" to [axes.{name}]'
+        raise InputError(f"axis {shown(name)} has no kind", remedy=remedy, keys=("kind",))
     direction = fields.pop("direction", DEFAULT_DIRECTION.get(name))
     if direction is None:
-        raise InputError(f"axis {shown(name)} has no direction", remedy=f"add direction = [x, y, z] to [axes.{name}]")
+        remedy = f"add direction = [x, y, z] to [axes.{name}]"
+        raise InputError(f"axis {shown(name)} has no direction", remedy=remedy, keys=("direction",))
     travel = fields.pop("travel", (-360.0, 360.0) if kind == "rotary" else (-1000.0, 1000.0))
     return Axis(name=name, kind=kind, direction=direction, travel=travel, **fields)

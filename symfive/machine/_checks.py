@@ -27,7 +27,9 @@ def finite(owner: str, /, **values: object) -> None:
     """Raise `InputError` unless all are finite numbers."""
     for name, value in values.items():
         if not is_number(value):
-            raise InputError(f"{owner}: {name} = {shown(value)} is not a finite number", remedy="write a number")
+            raise InputError(
+                f"{owner}: {name} = {shown(value)} is not a finite number", remedy="write a number", keys=(name,)
+            )
 
 
 def positive(owner: str, /, **values: Any) -> None:
@@ -38,7 +40,8 @@ def positive(owner: str, /, **values: Any) -> None:
             continue
         finite(owner, **{name: value})
         if value <= 0:
-            raise InputError(f"{owner}: {name} = {shown(value)} is not positive", remedy="write a number above zero")
+            problem = f"{owner}: {name} = {shown(value)} is not positive"
+            raise InputError(problem, remedy="write a number above zero", keys=(name,))
 
 
 def numbers(owner: str, name: str, values: object, count: int | None = None, *, example: str) -> None:
@@ -47,13 +50,14 @@ def numbers(owner: str, name: str, values: object, count: int | None = None, *, 
     if not right or (count is not None and len(values) != count):  # type: ignore[arg-type]
         many = "finite numbers" if count is None else f"{count} finite numbers"
         problem = f"{owner}: {name} = {shown(list(values) if isinstance(values, tuple) else values)} is not {many}"
-        raise InputError(problem, remedy=f"write {example}")
+        raise InputError(problem, remedy=f"write {example}", keys=(name,))
 
 
 def one_of(owner: str, name: str, value: object, allowed: tuple[str, ...]) -> None:
     """Raise `InputError` unless `value` is one of the `allowed` words."""
     if not isinstance(value, str) or value not in allowed:
-        raise InputError(f"{owner}: {name} {shown(value)} is unknown", remedy=f"use one of {', '.join(allowed)}")
+        problem = f"{owner}: {name} {shown(value)} is unknown"
+        raise InputError(problem, remedy=f"use one of {', '.join(allowed)}", keys=(name,))
 
 
 def freeze(extra: Mapping[str, Any]) -> Mapping[str, Any]:

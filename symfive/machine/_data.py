@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import shown
 from symfive.machine._axis import Axis
 from symfive.machine._checks import freeze, numbers, positive
 from symfive.machine._errors import ErrorTerm
 from symfive.machine._structure import Structure
 from symfive.machine._suggest import nearest_error
+from symfive.machine._words import machine_lines
+from symfive.screen import OnScreen
 
 __all__ = ["EffectEntry", "Machine", "Workspace", "check_error"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Workspace:
-    """What a measurement plan may use; every field is optional (mm, s)."""
+    """What a measurement plan may use; every field is optional (mm, s).
+
+    `table_centre` in the workpiece frame; where it is None it follows from the axes (`Machine.table_centre`).
+    """
 
     table_radius: float | None = None
+    table_centre: tuple[float, float] | None = None
     ball_height: tuple[float, float] | None = None
     tool_length: tuple[float, float] | None = None
     bar_lengths: tuple[float, ...] = ()
@@ -40,6 +47,8 @@ class Workspace:
         numbers("workspace", "bar_lengths", self.bar_lengths, example="bar_lengths = [100.0, 150.0]")
         for length in self.bar_lengths:
             positive("workspace", bar_lengths=length)
+        if self.table_centre is not None:
+            numbers("workspace", "table_centre", self.table_centre, 2, example="table_centre = [x, y]")
         for name in ("ball_height", "tool_length"):
             pair = getattr(self, name)
             if pair is None:
@@ -47,12 +56,13 @@ class Workspace:
             numbers("workspace", name, pair, 2, example=f"{name} = [lowest, highest]")
             if pair[0] > pair[1]:
                 problem = f"workspace: {name} = {list(pair)} is not [lowest, highest]"
-                raise InputError(problem, remedy="put the lower one first")
+                raise InputError(problem, remedy="put the lower one first", keys=(name,))
         if self.spindle_nose is not None:
             if not isinstance(self.spindle_nose, Mapping):
                 problem = f"workspace: spindle_nose = {shown(self.spindle_nose)} is not a table"
-                raise InputError(problem, remedy="write { radius = 40.0, above_ball = 60.0 }")
-            positive("workspace: spindle_nose", **self.spindle_nose)
+                raise InputError(problem, remedy="write { radius = 40.0, above_ball = 60.0 }", keys=("spindle_nose",))
+            with inside("spindle_nose"):
+                positive("workspace: spindle_nose", **self.spindle_nose)
             object.__setattr__(self, "spindle_nose", freeze(self.spindle_nose))
 
     def stroke(self, *, bar: bool) -> float:
@@ -75,8 +85,8 @@ class EffectEntry:
             raise InputError(problem, remedy='write { effect = "backlash", axis = "C" }')
 
 
-@dataclass(frozen=True, kw_only=True)
-class Machine:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Machine(OnScreen):
     """A machine: its structural code, its axes, the errors its baseline model may vary, its workspace.
 
     Validates itself on construction and raises `InputError`. Vectors are in the machine frame, all axes at
@@ -97,25 +107,57 @@ class Machine:
     def __post_init__(self) -> None:
         for name in ("axes", "errors", "extra"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
+        if not isinstance(self.name, str) or not self.name.isprintable():  # it stands in files that end a line with it
+            problem = f"the machine's name {shown(self.name)} is not one line of printed text"
+            raise InputError(problem, remedy='write name = "…" without line feeds and control characters')
         code = self.structure.code
         for name in self.structure.axes:
             if name not in self.axes:
                 problem = f'axis {name} of the structure "{code}" has no table'
-                raise InputError(problem, remedy=f"add [axes.{name}] with its travel")
+                raise InputError(problem, remedy=f"add [axes.{name}] with its travel", keys=("axes", name))
         for name in self.axes:
             if name not in self.structure.axes:
                 problem = f'axis {shown(name)} is not in the structure "{code}"'
-                raise InputError(problem, remedy=f"add it there or remove [axes.{name}]")
+                raise InputError(problem, remedy=f"add it there or remove [axes.{name}]", keys=("axes", name))
         for term in self.errors.values():
-            check_error(term, self.axes)
-        for entry in self.effects:
+            with inside("errors", term.name):
+                check_error(term, self.axes)
+        for number, entry in enumerate(self.effects):
             if entry.axis is not None and entry.axis not in self.axes:
-                raise _lacking(f"effect {entry.effect}", entry.axis, f"use one of {', '.join(self.structure.axes)}")
+                with inside("model", "effects", number):
+                    raise _lacking(
+                        f"effect {entry.effect}", entry.axis, f"use one of {', '.join(self.structure.axes)}", "axis"
+                    )
+
+    def __str__(self) -> str:
+        lines = machine_lines(self)
+        return "\n".join([lines[0], *(textwrap.fill(line, 100, subsequent_indent="  ") for line in lines[1:])])
 
     @property
     def axis_names(self) -> tuple[str, ...]:
         """Every axis from the bed outward, workpiece side first."""
         return self.structure.axes
+
+    @property
+    def table_axis(self) -> str | None:
+        """The rotary axis that carries the table: of those on the workpiece side the one next to the workpiece."""
+        return next((name for name in self.structure.workpiece if self.axes[name].rotary), None)
+
+    @property
+    def table_centre(self) -> tuple[float, float]:
+        """x and y of the table's centre in the workpiece frame, mm, from where `table_radius` counts.
+
+        As the workspace gives it; else the point of `table_axis` nearest to the workpiece frame's origin with all axes at zero;
+        without such an axis that origin.
+        """
+        if self.workspace.table_centre is not None:
+            return self.workspace.table_centre
+        if self.table_axis is None:
+            return 0.0, 0.0
+        axis = self.axes[self.table_axis]
+        along = sum(o * d for o, d in zip(axis.origin, axis.direction, strict=True))
+        x, y, _ = (o - along * d for o, d in zip(axis.origin, axis.direction, strict=True))
+        return x, y
 
     @property
     def location_errors(self) -> tuple[ErrorTerm, ...]:
@@ -134,12 +176,12 @@ def check_error(term: ErrorTerm, axes: Mapping[str, Axis]) -> None:
         raise _lacking(f"error {term.name}", term.axis, nearest_error(term.name, axes))
     for axis in term.over:
         if axis not in axes:
-            raise _lacking(f"error {term.name}", axis, f"use one of {', '.join(axes)}")
+            raise _lacking(f"error {term.name}", axis, f"use one of {', '.join(axes)}", "over")
     if term.is_location and not axes[term.axis].rotary and not term.angular:
         problem = f"error {term.name}: a linear axis has no position of its own, only a direction"
         tilts = ", ".join(f"E{c}0{term.axis}" for c in "ABC")
         raise InputError(problem, remedy=f"remove it; {tilts} tilt the direction of travel")
 
 
-def _lacking(owner: str, axis: str, remedy: str) -> InputError:
-    return InputError(f"{owner} speaks of axis {shown(axis)}, which the machine lacks", remedy=remedy)
+def _lacking(owner: str, axis: str, remedy: str, *keys: str) -> InputError:
+    return InputError(f"{owner} speaks of axis {shown(axis)}, which the machine lacks", remedy=remedy, keys=keys)

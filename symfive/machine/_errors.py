@@ -53,7 +53,7 @@ class ErrorTerm:
         for name in ("over", "basis", "order", "knots"):
             if not isinstance(getattr(self, name), tuple):
                 problem = f"{self.name}: {name} = {shown(getattr(self, name))} is not a list"
-                raise InputError(problem, remedy=f"write {name} = [ … ], one entry per axis in over")
+                raise InputError(problem, remedy=f"write {name} = [ … ], one entry per axis in over", keys=(name,))
         if not self.is_location:
             self._check_basis()
         elif self.basis or self.order or self.over or self.knots:
@@ -65,25 +65,25 @@ class ErrorTerm:
             object.__setattr__(self, "over", (self.axis,))
         if not self.basis:
             problem = f"error motion {self.name} has no basis"
-            raise InputError(problem, remedy='add basis = "polynomial" and order = 3')
+            raise InputError(problem, remedy='add basis = "polynomial" and order = 3', keys=("basis",))
         if not len(self.basis) == len(self.order) == len(self.over):
             problem = f"error motion {self.name}: basis, order and over differ in length"
-            raise InputError(problem, remedy="give one entry per axis in over")
+            raise InputError(problem, remedy="give one entry per axis in over", keys=("basis",))
         for axis in self.over:
             if not isinstance(axis, str) or self.over.count(axis) > 1:
                 problem = f"error motion {self.name}: over = {shown(list(self.over))} is not a list of different axes"
-                raise InputError(problem, remedy='write over = ["B", "C"]')
+                raise InputError(problem, remedy='write over = ["B", "C"]', keys=("over",))
         for basis in self.basis:
             one_of(f"error motion {self.name}", "basis", basis, BASES)
         for order in self.order:
             if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= MAX_ORDER:
                 problem = f"error motion {self.name}: order {shown(order)} is not a whole number from 1 to {MAX_ORDER}"
-                raise InputError(problem, remedy="write order = 3")
+                raise InputError(problem, remedy="write order = 3", keys=("order",))
         for knots in self.knots:
             numbers(f"error motion {self.name}", "knots", knots, example="ascending numbers for each axis in over")
             if any(later <= earlier for earlier, later in pairwise(knots)) or len(knots) == 1:
                 problem = f"error motion {self.name}: the knots {shown(list(knots))} do not ascend"
-                raise InputError(problem, remedy="write at least two ascending numbers")
+                raise InputError(problem, remedy="write at least two ascending numbers", keys=("knots",))
 
     @property
     def is_location(self) -> bool:

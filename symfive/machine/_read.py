@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from symfive.errors import InputError
 from symfive.files import shown, write_text
-from symfive.machine._axis import Axis, Drive, make_axis
+from symfive.machine._axis import UNREAD, Axis, Drive, make_axis
 from symfive.machine._data import EffectEntry, Machine, Workspace, check_error
 from symfive.machine._errors import ErrorTerm, axis_of_error
 from symfive.machine._structure import DEFAULT_DIRECTION, Structure, default_kind
@@ -109,8 +109,8 @@ def _from_toml(file: TomlFile, problem: _Problems | None = None) -> Machine:
     if not isinstance(code, str):
         raise file.error("there is no structural code", "structure", remedy="add structure = \"w C' B' X' Y' b Z t\"")
     name = data.get("name", "machine")
-    if not isinstance(name, str):
-        raise file.error(f"name = {shown(name)} is not text", "name", remedy='write name = "…"')
+    if not isinstance(name, str) or not name.isprintable():
+        raise file.error(f"name = {shown(name)} is not one line of printed text", "name", remedy='write name = "…"')
     tables = {key: _table(file, data.get(key, {}), key) for key in ("axes", "errors", "workspace", "model")}
     extra = {key: value for key, value in data.items() if key not in _TOP}
     with problem():
@@ -129,16 +129,12 @@ def _from_toml(file: TomlFile, problem: _Problems | None = None) -> Machine:
         workspace = _placed(file, ("workspace",), lambda: Workspace(**_known(Workspace, tables["workspace"])))
     with problem():
         effects = _effects(file, tables["model"].get("effects", []))
-    try:
-        return Machine(
+    with file.placing():
+        machine = Machine(
             name=name, structure=structure, axes=axes, errors=errors, workspace=workspace, effects=effects,
             comments=file.comments, extra=extra, text=file.text,
         )  # fmt: skip
-    except InputError as error:
-        words = error.problem.replace(":", " ").replace("'", " ").split()
-        table = "errors" if words[0] == "error" else "model" if words[0] == "effect" else "axes"
-        culprit = next((word for word in words[1:] if word in tables[table]), "effects")
-        raise error.at(file.path, file.line(table, culprit)) from None
+    return machine
 
 
 def _axes(file: TomlFile, structure: Structure, tables: Mapping[str, Any], problem: _Problems) -> dict[str, Axis]:
@@ -159,21 +155,20 @@ def _axes(file: TomlFile, structure: Structure, tables: Mapping[str, Any], probl
                 raise file.error(words, "axes", remedy=f"add [axes.{key}] with its travel = [lowest, highest]")
         if key not in found:
             kind, direction = default_kind(key) or "linear", DEFAULT_DIRECTION.get(key, (1.0, 0.0, 0.0))
-            found[key] = Axis(name=key, kind=kind, direction=direction, travel=(-1e9, 1e9))
+            found[key] = Axis(name=key, kind=kind, direction=direction, travel=UNREAD)
     return found
 
 
-def _placed(file: TomlFile, keys: tuple[str, ...], make: Callable[[], T]) -> T:
-    """What `make` makes; its complaint gets its place: the key it speaks of, as far as that can be found."""
+def _placed(file: TomlFile, keys: tuple[str | int, ...], make: Callable[[], T]) -> T:
+    """What `make` makes of the table at `keys`; its complaint gets its place."""
     try:
-        return make()
-    except InputError as error:
-        words = error.problem.replace(":", " ").split()
-        deeper = (file.line(*keys, word) for word in words if word.isidentifier())
-        line = max((line for line in deeper if line is not None), default=None)
-        raise error.at(file.path, line) from None
+        with file.placing(*keys):
+            made = make()
+        return made
+    except InputError:
+        raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        problem = f"{'.'.join(keys)} is not of the right form ({error})"
+        problem = f"{'.'.join(map(str, keys))} is not of the right form ({error})"
         raise file.error(problem, *keys, remedy="compare it with the conventions, section 4") from None
 
 
@@ -243,13 +238,14 @@ def _effects(file: TomlFile, entries: Any) -> tuple[EffectEntry, ...]:
     if not isinstance(entries, list):
         raise file.error(f"effects = {shown(entries)} is not a list", *keys, remedy=remedy)
     found = []
-    for entry in entries:
+    for number, entry in enumerate(entries):
         table = {"effect": entry} if isinstance(entry, str) else _table(file, entry, *keys)
         if "effect" not in table:
             raise file.error("an effect has no id", *keys, remedy=remedy)
         options = {key: _tuples(value) for key, value in table.items() if key not in ("effect", "axis")}
         effect, axis = table["effect"], table.get("axis")
-        found.append(_placed(file, keys, lambda e=effect, a=axis, o=options: EffectEntry(effect=e, axis=a, options=o)))  # type: ignore[misc]
+        with file.placing(*keys, number):
+            found.append(EffectEntry(effect=effect, axis=axis, options=options))
     return tuple(found)
 
 

@@ -16,14 +16,16 @@ from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
 from symfive.files import read_text, shown, write_json
 from symfive.machine import Machine, machine_from_data, machine_to_data
+from symfive.numbers import with_std
+from symfive.screen import OnScreen, listed, plural
 
 __all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
 
 SCHEMA = "symfive.model/1"
 
 
-@dataclass(frozen=True)
-class FittedModel:
+@dataclass(frozen=True, repr=False)
+class FittedModel(OnScreen):
     """A machine, the effects beyond its baseline, and the values of all parameters that are not one run's own.
 
     `values` and `std` by name in the files' units; `covariance` (k, k) in the order of `names`.
@@ -36,6 +38,12 @@ class FittedModel:
     units: Mapping[str, str]
     names: tuple[str, ...]
     covariance: NDArray[np.float64]
+
+    def __str__(self) -> str:
+        rows = [f"  {name} {with_std(self.values[name], self.std[name], self.units[name])}" for name in self.names]
+        effects = f", effects {', '.join(effect.key for effect in self.effects)}" if self.effects else ""
+        head = f"fitted model of {self.machine.name}: {plural(len(rows), 'parameter')}{effects}; ± is 1σ"
+        return "\n".join([head, *listed(rows, "model.values")])
 
 
 def effect_to_data(effect: Effect) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,11 +14,12 @@ from scipy.interpolate import CubicSpline
 from symfive.campaign import Campaign, Run
 from symfive.effects import baseline_effects
 from symfive.effects._base import Effect
-from symfive.errors import InputError
+from symfive.errors import EvaluationError, InputError
 from symfive.instruments import Column, instruments_of
 from symfive.model._assembly import RowFunction, assemble, machine_parameters, sensed_columns
-from symfive.motion import GAINS, OnControlClock, RunMotion, Series
+from symfive.motion import GAINS, RunMotion, Series
 from symfive.parameters import Parameter
+from symfive.screen import OnScreen, plural
 
 __all__ = ["Linearisation", "Model"]
 
@@ -36,7 +38,7 @@ class Linearisation:
     columns: NDArray[np.int64]
 
 
-class Model:
+class Model(OnScreen):
     """One symbolic model of a machine, its instruments and its effects, for all runs of a campaign.
 
     `effects` join those that the machine file's `[model]` already holds. `linear=True` takes the errors of the chain to
@@ -64,7 +66,12 @@ class Model:
         self.index = {p.name: i for i, p in enumerate(self.parameters)}
         self._freed = self._collect_freed()
         self._functions: dict[tuple[object, ...], RowFunction] = {}
-        self._inputs: WeakKeyDictionary[Run, tuple[tuple[float, ...], Array, list[Series]]] = WeakKeyDictionary()
+        self._inputs: WeakKeyDictionary[Run, tuple[tuple[float, ...], list[_Clock]]] = WeakKeyDictionary()
+
+    def __str__(self) -> str:
+        effects = f", effects {', '.join(effect.key for effect in self.effects)}" if self.effects else ""
+        head = f"model of {self.machine.name}: {plural(len(self.parameters), 'parameter')}{effects}"
+        return f"{head}\n{self.campaign}"
 
     def _collect(self) -> tuple[Parameter, ...]:
         found = {p.name: p for p in machine_parameters(self.machine)}
@@ -145,8 +152,10 @@ class Model:
         """Predicted readings of one run (N, ny)."""
         run = self._run(run)
         vector = self.vector(values)
-        function, inputs, _, arguments = self._arguments(run, vector)
-        return self._recorded(run, function.evaluate(inputs, *arguments, slopes=False), vector)[0][:, :, 0]
+        with np.errstate(all="ignore"):  # what overflows is refused
+            readings, _ = self._recorded(run, self._evaluated(run, vector, slopes=False), vector)
+        _require_finite(run, "readings", readings)
+        return readings[:, :, 0]
 
     def contribution(self, effect: Effect, values: Mapping[str, float] | Sequence[float] | Array) -> dict[str, Array]:
         """Readings with an effect of the model less those without it (its parameters at their means): id → (N, ny)."""
@@ -164,22 +173,40 @@ class Model:
     def linearise(self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array) -> Linearisation:
         """Predicted readings of one run and their exact derivatives."""
         run = self._run(run)
-        vector = self.vector(values)
-        function, inputs, series, arguments = self._arguments(run, vector)
-        table = function.evaluate(inputs, *arguments, slopes=True)
-        names = [*function.shared, *(self.full_name(run, name) for name in function.own)]
-        together, by_input = np.split(table, [1 + len(names)], axis=2)
-        place = {name: 1 + i for i, name in enumerate(names)}
-        for i, entry in enumerate(function.moving):
-            for name, slope in series[entry - 2].tangents.items():
-                full = self.full_name(run, name)
-                scale = self.parameters[self.index[full]].scale
-                together[:, :, place[full]] += by_input[:, :, i] * (scale * slope)[:, None]
-        together, own = self._recorded(run, together, vector)
-        for name, slopes in own.items():
-            together[:, :, place[name]] += self.parameters[self.index[name]].scale * slopes
+        with np.errstate(all="ignore"):  # what overflows is refused
+            names, together = self._linearised(run, self.vector(values))
+        _require_finite(run, "readings or their slopes", together)
         columns = np.array([self.index[name] for name in names], dtype=np.int64)
         return Linearisation(together[:, :, 0], together[:, :, 1:], columns)
+
+    def _linearised(self, run: Run, vector: Array) -> tuple[list[str], Array]:
+        """The parameters that enter a run, and its readings and their slopes in these (N, ny, 1 + k)."""
+        function = self._function(run)
+        names = [*function.shared, *(self.full_name(run, name) for name in function.own)]
+        together, own = self._recorded(run, self._evaluated(run, vector, slopes=True), vector)
+        for name, slopes in own.items():
+            together[:, :, 1 + names.index(name)] += self.parameters[self.index[name]].scale * slopes
+        return names, together
+
+    def _evaluated(self, run: Run, vector: Array, *, slopes: bool) -> Array:
+        """Readings (N, ny, 1) before their recorder, with slopes (N, ny, 1 + k), every column on its own clock."""
+        function, arguments = self._arguments(run, vector)
+        place = {self.full_name(run, name): 1 + i for i, name in enumerate((*function.shared, *function.own))}
+        parts = []
+        for columns, inputs, series in self._clocks(run, function, vector):
+            table = function.evaluate(inputs, *arguments, slopes=slopes)
+            if slopes:
+                table, by_input = np.split(table, [1 + len(place)], axis=2)
+                for i, entry in enumerate(function.moving):
+                    for name, slope in series[entry - 2].tangents.items():
+                        full = self.full_name(run, name)
+                        scale = self.parameters[self.index[full]].scale
+                        table[:, :, place[full]] += by_input[:, :, i] * (scale * slope)[:, None]
+            parts.append((columns, table))
+        (_, whole), *others = parts
+        for columns, table in others:
+            whole[:, columns] = table[:, columns]
+        return whole
 
     def _recorded(self, run: Run, readings: Array, vector: Array) -> tuple[Array, dict[str, Array]]:
         """Readings (N, ny, m) after what their recorder does to them, and its parameters' slopes (N, ny)."""
@@ -224,44 +251,69 @@ class Model:
             self._functions[key] = assemble(self.machine, run, effects, self.parameters, self.linear)
         return self._functions[key]
 
-    def _arguments(
-        self, run: Run, vector: Array
-    ) -> tuple[RowFunction, Array, list[Series], tuple[Array, Array, Array]]:
+    def _arguments(self, run: Run, vector: Array) -> tuple[RowFunction, tuple[Array, Array, Array]]:
         function = self._function(run)
         constants: dict[str, float] = {}
         for instrument in instruments_of(run):
             constants |= instrument.constants(run, self.machine)
         shared = vector[[self.index[name] for name in function.shared]]
         own = vector[[self.index[self.full_name(run, name)] for name in function.own]]
-        inputs, series = self._signals(run, function, vector)
-        return function, inputs, series, (shared, own, np.array([constants[name] for name in function.constants]))
+        return function, (shared, own, np.array([constants[name] for name in function.constants]))
 
-    def _signals(self, run: Run, function: RowFunction, vector: Array) -> tuple[Array, list[Series]]:
-        """Inputs (N, 2 + signals) of a run; kept until a parameter that moves them changes."""
+    def _clocks(self, run: Run, function: RowFunction, vector: Array) -> list[_Clock]:
+        """What the columns of a run see; kept until a parameter that moves it changes."""
         wanted = {*self._freed.values(), *(name for signal in function.inputs for name in signal.parameters)}
         active = {
             name: self.index[full] for name in sorted(wanted) if (full := self.full_name(run, name)) in self.index
         }
         stamp = tuple(float(vector[i]) for i in active.values())
         cached = self._inputs.get(run)
-        if cached is not None and cached[0] == stamp and len(cached[2]) == len(function.inputs):
-            return cached[1], cached[2]
+        if cached is not None and cached[0] == stamp and len(cached[1][0].series) == len(function.inputs):
+            return cached[1]
         values = {name: float(vector[i]) * self.parameters[i].scale for name, i in active.items()}
         motion = RunMotion(run, self.machine, self._freed, values)
-        series = [motion.series(signal) for signal in function.inputs]
-        delay = self._freed.get(("", "delay"))
-        if delay is not None and run.dynamic:
-            series = [
-                s if isinstance(signal, OnControlClock) else _delayed(run.time, s, values[delay], delay)
-                for s, signal in zip(series, function.inputs, strict=True)
-            ]
-        inputs = np.stack([motion.clock, run.time, *(s.value for s in series)], axis=1)
-        self._inputs[run] = (stamp, inputs, series)
-        return inputs, series
+        series = []
+        for signal in function.inputs:  # positions first: what is made of them gets finite ones
+            series.append(motion.series(signal))
+            _require_finite(run, "motion", series[-1].value, *series[-1].tangents.values())
+        clocks = [_Clock.of(motion, slice(None), series)]
+        delay, sensed = self._freed.get(("", "delay")), sensed_columns(run, self.machine)
+        if delay is not None and run.dynamic and sensed:
+            late = [_delayed(run.time, s, values[delay], delay) for s in series]
+            control = clocks if len(sensed) < len(function.columns) else []
+            clocks = [*control, _Clock.of(motion, sensed, late)]
+        self._inputs[run] = (stamp, clocks)
+        return clocks
+
+
+class _Clock(NamedTuple):
+    """What some `columns` of a run see: `inputs` (N, 2 + signals), and the signals with their slopes."""
+
+    columns: slice | tuple[int, ...]
+    inputs: Array
+    series: list[Series]
+
+    @classmethod
+    def of(cls, motion: RunMotion, columns: slice | tuple[int, ...], series: list[Series]) -> _Clock:
+        inputs = np.stack([motion.clock, motion.run.time, *(s.value for s in series)], axis=1)
+        return cls(columns, inputs, series)
+
+
+def _require_finite(run: Run, what: str, *tables: Array) -> None:
+    """Raise `EvaluationError` where a table holds what cannot be squared and summed."""
+    if not all(np.isfinite(np.vdot(table, table)) for table in tables):
+        raise EvaluationError(
+            f"run {run.id}: the {what} cannot be computed at these parameter values",
+            remedy="see whether they make a drive unstable or a length zero",
+        )
 
 
 def _delayed(time: Array, series: Series, delay: float, name: str) -> Series:
-    """The series as it was `delay` seconds earlier; before the first row and after the last one it stood still."""
+    """The series as it was `delay` seconds earlier; before the first row and after the last one it stood still.
+
+    An instrument sees everything late. What the control records itself sees nothing so: that is a matter of a reading's
+    column and not of a signal, which both may look at.
+    """
     earlier = np.clip(time - delay, time[0], time[-1])
     if series.steps or len(time) < 4:
         shifted = {n: np.interp(earlier, time, t) for n, t in series.tangents.items()}

@@ -11,7 +11,6 @@ from symfive.motion._signals import (
     Acceleration,
     Command,
     Direction,
-    OnControlClock,
     Play,
     Position,
     PreSliding,
@@ -19,14 +18,15 @@ from symfive.motion._signals import (
     ReversalAhead,
     ReversalDistance,
     ReversalTime,
-    Side,
     Signal,
     Velocity,
     approach,
+    unmoved,
 )
 
 __all__ = [
-    "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "OnControlClock", "Play", "Position",
-    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Side", "Signal",
-    "Velocity",     "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
+    "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position",
+    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
+    "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
+    "unmoved",
 ]  # fmt: skip

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from symfive.motion._drives import GAINS, drive_response
-from symfive.motion._gaps import filled
+from symfive.motion._gaps import filled, programme_of
 from symfive.motion._loop import LOOP
 
 if TYPE_CHECKING:
@@ -70,6 +70,8 @@ def _whole(steps: bytes, command: bytes) -> Array:
     return full
 
 
+_PROGRAMMES: WeakKeyDictionary[Run, Run] = WeakKeyDictionary()
+"""Of every run that lost rows: the motion as it was commanded."""
 _KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float | None, ...], Any]]] = WeakKeyDictionary()
 """Of every run: what was computed, with the parameters that move it → machine, their values, result; for all models."""
 
@@ -106,8 +108,22 @@ class RunMotion:
         return self.run.start_s + self.run.time
 
     def series(self, signal: Signal) -> Series:
-        """The values of a signal along the run."""
-        return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
+        """The values of a signal along the run. What has memory follows the motion through rows that the recorder lost too."""
+        if self._whole is None:
+            return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
+        found, rows = self._whole.series(signal), self.run.steps
+        tangents = {name: tangent[rows] for name, tangent in found.tangents.items()}
+        return Series(found.value[rows], tangents, steps=found.steps)
+
+    @cached_property
+    def _whole(self) -> RunMotion | None:
+        """The motion with the rows that the recorder lost, where there are any and the command tells what they were."""
+        run = self.run
+        if not run.dynamic or run.options.get("motion_from") == "encoder" or len(run.steps) == run.steps[-1] + 1:
+            return None
+        if run not in _PROGRAMMES:
+            _PROGRAMMES[run] = programme_of(run)
+        return RunMotion(_PROGRAMMES[run], self.machine, self._freed, self.values)
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""
@@ -118,8 +134,9 @@ class RunMotion:
         rest = Series(np.zeros_like(command))
         if not self.run.dynamic:
             return AxisMotion(command, Series(command), rest, rest)
-        if self.run.options.get("motion_from") == "encoder":
-            return self._recorded(axis, command)
+        measured = self.recorded(axis.name)
+        if measured is not None:
+            return self._smoothed(command, measured)
         constant = bool(np.all(command == command[0]))
         if axis.drive is None or constant:
             velocity = np.zeros_like(command) if constant else np.gradient(command, self.run.time)
@@ -127,9 +144,16 @@ class RunMotion:
             return AxisMotion(command, Series(command), Series(velocity), Series(acceleration))
         return self._driven(axis, command)
 
-    def _recorded(self, axis: Axis, command: Array) -> AxisMotion:
+    def recorded(self, name: str) -> Array | None:
+        """The positions of an axis (mm, rad) where the run takes its motion from the encoder and that has recorded them."""
+        axis = self.machine.axes[name]
+        readings = self.run.readings.get(f"{name}_act_{axis.unit}")
+        if readings is None or self.run.options.get("motion_from") != "encoder":
+            return None
+        return np.asarray(readings) * axis.to_internal
+
+    def _smoothed(self, command: Array, measured: Array) -> AxisMotion:
         """Motion as the encoder recorded it, smoothed by a local cubic over `smoothing_s` (Savitzky & Golay 1964)."""
-        measured = np.asarray(self.run.readings[f"{axis.name}_act_{axis.unit}"]) * axis.to_internal
         span = float(self.run.options.get("smoothing_s", SMOOTHING_S))
         window = min(2 * round(span / self.run.interval / 2) + 1, (len(measured) - 1) // 2 * 2 + 1)
         if window < 5:
@@ -180,7 +204,7 @@ class RunMotion:
     def _finely(self, name: str, factor: int) -> tuple[Series, NDArray[np.int64], float]:
         axis, motion = self.machine.axes[name], self.axis(name)
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
-        driven = axis.drive is not None and self.run.options.get("motion_from") != "encoder"
+        driven = axis.drive is not None and self.recorded(name) is None
         if driven and np.any(motion.command != motion.command[0]):
             response, names = self._response(axis, motion.command, factor)
             series = Series(response[:, 2, 0], {n: response[:, 2, 1 + i] for i, n in enumerate(names)})

@@ -20,8 +20,8 @@ from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import RunMotion, Series
 
 __all__ = [
-    "Acceleration", "Command", "Direction", "OnControlClock", "Play", "Position", "PreSliding", "Resonance",
-    "ReversalDistance", "ReversalTime", "Side", "Signal", "Velocity",
+    "Acceleration", "Command", "Direction", "Play", "Position", "PreSliding", "Resonance",
+    "ReversalDistance", "ReversalTime", "Signal", "Velocity", "unmoved",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -84,8 +84,7 @@ class Acceleration(_OfAxis):
 def approach(positions: Array) -> Array:
     """Sign of the last motion at each row; rows before the first motion count as approached like the first one."""
     change = np.diff(positions)
-    resolution = 1e-12 * max(1.0, float(np.abs(positions).max()))
-    signs = np.where(np.abs(change) > resolution, np.sign(change), 0.0)
+    signs = np.where(np.abs(change) > _resolution(positions), np.sign(change), 0.0)
     moved = np.flatnonzero(signs)
     if not moved.size:
         return np.zeros_like(positions)
@@ -95,57 +94,41 @@ def approach(positions: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class OnControlClock:
-    """A signal as the control itself records it: an instrument's delay does not touch it."""
-
-    signal: Signal
-
-    @property
-    def axis(self) -> str | None:
-        """The axis it belongs to, if any."""
-        return getattr(self.signal, "axis", None)
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Those of the signal."""
-        return self.signal.parameters
-
-    def series(self, motion: RunMotion) -> Series:
-        """Those of the signal."""
-        return self.signal.series(motion)
-
-
 class Direction(_OfAxis):
-    """Direction of the last motion, -1 or +1 (0: the axis never moves)."""
+    """Direction of the last motion, -1 or +1 (0: the axis never moves).
 
-    def series(self, motion: RunMotion) -> Series:
-        return Series(approach(motion.axis(self.axis).position.value), steps=True)
+    `start` names what it counts as before the axis' first motion in a run; where the run has none, the first motion's.
+    """
 
-
-@dataclass(frozen=True)
-class Side:
-    """Direction of the last motion, -1 or +1; before the first one what the parameter `start` says, where the run has it."""
-
-    axis: str
-    start: str
+    start: str = ""
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """The state at the start."""
-        return (self.start,)
+        return (self.start,) if self.start else ()
 
     def series(self, motion: RunMotion) -> Series:
-        """The sides and their slopes."""
-        return _started(motion.axis(self.axis).position.value, motion.values.get(self.start), self.start)
+        positions = motion.axis(self.axis).position.value
+        return _begun(motion, positions, approach(positions), self.start)
 
 
-def _started(positions: Array, start: float | None, name: str) -> Series:
-    """Sides from which an axis came; in rows before its first motion `start` (a parameter's value, None: as the first motion)."""
-    side = approach(positions)
-    if start is None or not side.any():
+def unmoved(positions: Array) -> int:
+    """How many rows an axis stands at the beginning before it first moves; all where it never does."""
+    moved = np.flatnonzero(np.abs(np.diff(positions)) > _resolution(positions))
+    return int(moved[0]) + 1 if moved.size else len(positions)
+
+
+def _resolution(positions: Array) -> float:
+    """Changes up to this are rounding."""
+    return 1e-12 * max(1.0, float(np.abs(positions).max()))
+
+
+def _begun(motion: RunMotion, positions: Array, side: Array, start: str) -> Series:
+    """Sides that count as the parameter `start` says, if the run has it, before the first motion."""
+    if start not in motion.values:
         return Series(side, steps=True)
-    still = np.logical_and.accumulate(positions == positions[0])
-    return Series(np.where(still, start, side), {name: still.astype(float)}, steps=True)
+    standing = np.arange(len(side)) < unmoved(positions)
+    return Series(np.where(standing, motion.values[start], side), {start: standing.astype(float)}, steps=True)
 
 
 class ReversalDistance(_OfAxis):
@@ -273,7 +256,7 @@ class Play:
         signed = motion.values[self.width] + growth * position.value
         half = 0.5 * np.abs(signed)
         if not motion.run.dynamic:
-            return _started(position.value, motion.values.get(self.start), self.start)
+            return _begun(motion, position.value, side, self.start)
         if half.max() < 1e-15:
             return Series(side, steps=True)
         half = np.maximum(half, 1e-15)

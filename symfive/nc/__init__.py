@@ -10,16 +10,19 @@ from symfive.errors import InputError
 from symfive.files import write_text
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
-from symfive.nc._post import LETTERS, Post, program_steps
-from symfive.nc._warning import collision_warning
+from symfive.nc._pace import CAUTION, pace
+from symfive.nc._post import LETTERS, Post, arrival_times, outside_s, program_steps
+from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, upright_axis
+from symfive.nc._warning import UNCHECKED, collision_warning, which_point
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
 from symfive.nc.siemens import SIEMENS
 
 __all__ = [
-    "DIALECTS", "LETTERS", "Dialect", "Post", "Step", "collision_warning", "dialect_of", "program", "program_steps",
-    "write_programs",
+    "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Step", "Way", "arrival_times", "at_the_top",
+    "collision_warning", "dialect_of", "lifts", "outside_s", "over_the_top", "pace", "program", "program_steps", "top_of",
+    "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
@@ -32,15 +35,29 @@ def dialect_of(name: str) -> Dialect:
     return DIALECTS[name]
 
 
-def _text(run: Run, dialect: Dialect, steps: Sequence[Step], warning: Sequence[str], number: int = 1) -> str:
-    head = (f"symfive for {dialect.name}, {dialect.verified}, read it and run it slowly in air first", *warning)
-    return render(dialect, run.id, [*(Step(kind="comment", text=said) for said in head), *steps], number)
+def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], post: Post, number: int = 1) -> str:
+    head = (
+        f"symfive for {dialect.name}, {dialect.verified}, read it and run it slowly in air first",
+        *collision_warning(machine, post),
+        which_point(machine, run, post),
+        dialect.datum,
+        _first(dialect, machine, post),
+    )
+    rotary = any(axis.rotary for axis in machine.axes.values())
+    return render(dialect, run.id, [*(Step(kind="comment", text=said) for said in head), *steps], number, rotary=rotary)
+
+
+def _first(dialect: Dialect, machine: Machine, post: Post) -> str:
+    """Where the first move goes."""
+    axis = upright_axis(machine)
+    number = any("{words}" in line for line in dialect.retract)
+    there = f"{axis} {post.machine_top:g} in machine coordinates" if number else f"the reference point of {axis}"
+    return f"first move: {axis} alone to {there}, which must be the top of its travel; then rotary axes, plane, {axis}"
 
 
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None) -> str:
     """The program of one run. Raises `InputError` for an unknown dialect and for axes without an NC address."""
-    warning = collision_warning(machine, run, post or Post())
-    return _text(run, dialect_of(dialect), program_steps(machine, run, post), warning)
+    return _text(machine, run, dialect_of(dialect), program_steps(machine, run, post), post or Post())
 
 
 def write_programs(
@@ -51,9 +68,8 @@ def write_programs(
     written = []
     for number, run in enumerate(campaign.runs if chosen else (), start=1):
         steps = program_steps(campaign.machine, run, post)
-        warning = collision_warning(campaign.machine, run, post or Post())
         for dialect in chosen:
             path = Path(folder) / dialect.name / f"{run.id}{dialect.suffix}"
-            write_text(path, _text(run, dialect, steps, warning, number))
+            write_text(path, _text(campaign.machine, run, dialect, steps, post or Post(), number))
             written.append(path)
     return tuple(written)

@@ -6,17 +6,18 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-__all__ = ["Dialect", "Step", "render"]
+__all__ = ["Dialect", "Step", "plain", "render"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One step of a program: `kind` is `rapid`, `feed`, `dwell`, `stop`, `comment` or `text`.
+    """One step of a program: `kind` is `rapid`, `feed`, `retract`, `dwell`, `stop`, `comment` or `text`.
 
-    `positions` axis → mm or degree; `seconds` the time of a feed move or a dwell; `row` of the run whose pose is reached
-    (None on the way); `text` of a comment, of a stop or of the user's own lines; `seated`: whether the ball is in its nest, or
-    the bar on, while it moves; `commands` the positions of the axes themselves where the words are others;
-    `by_hand`: a stop during which the operator drives the machine.
+    `positions` axis → mm or degree, of the axes that the block names (of a `retract`: one, in machine coordinates); `seconds`
+    the time of a move or a dwell; `row` of the run whose pose is reached (None on the way) and `towards` the row to which a move
+    leads (the number of rows: away from the last one); `text` of a comment, of a stop or of the user's own lines; `seated`:
+    whether the ball is in its nest, or the bar on, while it moves; `commands` the positions of all axes at its end, empty where
+    they are not known.
     """
 
     kind: str
@@ -24,8 +25,8 @@ class Step:
     seconds: float = 0.0
     text: str = ""
     row: int | None = None
+    towards: int | None = None
     seated: bool = False
-    by_hand: bool = False
     commands: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -37,7 +38,11 @@ def _plain_word(axis: str, value: float) -> str:
 class Dialect:
     """A control's dialect. Templates take `{words}`, `{feed}`, `{seconds}`, `{text}`, `{name}` and the program's `{number}`.
 
-    `decimals` to which positions are written, by `word`.
+    After the `head`, `rotary` (where the machine has rotary axes: kinematics off) and `start` set every modal state that the
+    program relies on: units, plane, absolute words, datum, no tool offset; `end` ends it.
+    `retract` drives `{axis}` alone to `{value}` in machine coordinates, tool offset cancelled. `stop` shows its `{text}`, of at
+    most 26 characters, on the control's screen and waits. `datum` says in words which lines call datum and tool offset.
+    `decimals` to which positions are written, by `word`; `upper`: the control reads capital letters only.
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
@@ -45,21 +50,28 @@ class Dialect:
 
     name: str
     suffix: str
+    head: Sequence[str]
     start: Sequence[str]
     end: Sequence[str]
     rapid: str
     feed: str
     dwell: str
-    stop: str
+    stop: Sequence[str]
+    retract: Sequence[str]
     comment: str
+    datum: str
+    rotary: Sequence[str] = ()
     inverse_time: bool = True
     numbered: bool = False
+    upper: bool = False
     decimals: int = 5
     word: Callable[[str, float], str] = _plain_word
     verified: str = "not verified on a control"
 
 
 SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
+LEAST_FEED = 1e-3
+"""mm/min or degree/min: the last digit of a feed without G93."""
 
 
 def plain(text: str) -> str:
@@ -68,13 +80,14 @@ def plain(text: str) -> str:
     return " ".join("".join(c if 32 <= ord(c) < 127 else "?" for c in ascii_).split())
 
 
-def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1) -> str:
-    """The program's text; `number` for controls that call programs by number."""
-    lines = [line.format(name=_program_name(name), number=f"{number:04d}") for line in dialect.start]
+def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1, *, rotary: bool = True) -> str:
+    """The program's text; `number` for controls that call programs by number; `rotary`: the machine has rotary axes."""
+    start = [*dialect.head, *(dialect.rotary if rotary else ()), *dialect.start]
+    lines = [line.format(name=_program_name(name), number=f"{number:04d}") for line in start]
     before: Mapping[str, float] = {}
     for step in steps:
         lines += _lines(dialect, step, before)
-        before = step.positions or before
+        before = {**before, **step.positions}
     lines += [line.format(name=_program_name(name)) for line in dialect.end]
     if dialect.numbered:
         lines = [f"{i} {line}" for i, line in enumerate(lines)]
@@ -86,27 +99,41 @@ def _program_name(name: str) -> str:
 
 
 def _lines(dialect: Dialect, step: Step, before: Mapping[str, float]) -> list[str]:
-    comment = dialect.comment.format(text=plain(step.text))
-    words = " ".join(dialect.word(axis, round(value, dialect.decimals) + 0.0) for axis, value in step.positions.items())
+    text = plain(step.text)
+    text = text.upper() if dialect.upper else text
+    words = " ".join(_word(dialect, axis, value) for axis, value in step.positions.items())
     if step.kind == "comment":
-        return [comment]
+        return [dialect.comment.format(text=text)]
     if step.kind == "text":
         return [line for line in step.text.splitlines() if line.strip()]
     if step.kind == "stop":
-        return [comment, dialect.stop]
+        return [line.format(text=text) for line in dialect.stop]
     if step.kind == "dwell":
         return dialect.dwell.format(seconds=f"{step.seconds:.3f}").splitlines()
+    if step.kind == "retract":
+        axis = next(iter(step.positions))
+        return [line.format(words=words, axis=axis) for line in dialect.retract]
     if step.kind == "rapid":
         return [dialect.rapid.format(words=words)]
     note = [] if dialect.inverse_time else [dialect.comment.format(text=f"block time {step.seconds:.3f} s")]
     return [*note, dialect.feed.format(words=words, feed=_feed(dialect, step, before))]
 
 
+def _word(dialect: Dialect, axis: str, value: float) -> str:
+    return dialect.word(axis, round(value, dialect.decimals) + 0.0)
+
+
 def _feed(dialect: Dialect, step: Step, before: Mapping[str, float]) -> str:
     minutes = max(step.seconds, 1e-4) / 60.0
     if dialect.inverse_time:
-        return f"{1.0 / minutes:.6g}"
+        return _down(1.0 / minutes)
     moved = {axis: value - before.get(axis, value) for axis, value in step.positions.items()}
     linear = math.hypot(*(d for axis, d in moved.items() if axis[0] in "XYZUVW"))
     way = linear or max((abs(d) for d in moved.values()), default=0.0)
-    return f"{max(way / minutes, 1.0):.1f}"
+    return f"{max(math.floor(way / minutes / LEAST_FEED) * LEAST_FEED, LEAST_FEED):.3f}"
+
+
+def _down(value: float) -> str:
+    """Six digits, rounded down: a feed is never higher than planned."""
+    scale = 10.0 ** (math.floor(math.log10(value)) - 5)
+    return f"{math.floor(value / scale * (1.0 + 1e-12)) * scale:.6g}"

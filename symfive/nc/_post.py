@@ -1,5 +1,7 @@
 """From a run of a plan to the steps of a program: approach, every pose with its dwell, retract.
 
+From wherever the machine stands the tool's axis goes alone to its top in machine coordinates, then the rotary axes move, then the
+plane, then the tool's axis comes down; the way back is the same turned round, and so is every way out of the nest and around.
 Between two poses the ball must stay in its nest (or the bar at its length), so the linear axes follow the rotary ones in
 short straight blocks; with the control's own tool-centre point control (the user's text switches it on) the words are the
 ball's place in the workpiece frame instead and the control does the following.
@@ -18,82 +20,111 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Step
-from symfive.procedures import Nominal
+from symfive.nc._pace import pace
+from symfive.nc._route import Positions, Way, at_the_top, over_the_top, upright_axis, usual_lift
+from symfive.nc._seat import Seat
+from symfive.procedures import Nominal, home
 
-__all__ = ["Post", "program_steps"]
+__all__ = ["LETTERS", "Post", "arrival_times", "outside_s", "program_steps"]
 
 Array = NDArray[np.float64]
 LETTERS = "XYZABCUVW"
-SEATED = {"ball_bar": "ball bar", "grid_encoder": "reading head"}
+SEATED = {"ball_bar": "BALL BAR", "grid_encoder": "READING HEAD"}
 """What the operator seats before a run, by instrument."""
 RETRACT_MM = 50.0
-CHORD_SHARE = 0.05
-"""A straight block may leave the true way by this share of the sensor's range or the bar's stroke."""
-CREEP_MM_PER_MIN = 500.0
+CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
+"""Feed towards and away from the nest, and on the last millimetres."""
 DWELL_S = 2.0
+HAND_S = 30.0
+"""Time that a stop takes at which the operator takes a bar off or puts it on."""
 SHORTEST_BLOCK_S = 0.02
-FLAT = 0.2
-"""Sine of the angle between tool and table below which drawing back along the tool would not lead away from the table."""
 SHORT_REST_S = 0.1
-MOST_BLOCKS = 4096
 STANDSTILL = 1e-4
 """mm or degree: the last digit that every control reads."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Post:
-    """What the user decides about the programs.
+    """What the user decides about the programs, and which ways they take.
 
     `tool_centre_on`, `tool_centre_off`: the control's lines that switch tool-centre point control (TRAORI, G43.4 H1, M128,
     M428 …); without them the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against
-    ISO 841. `retract_mm` along the tool, `dwell_s` at each pose; `unsafe` run → rows to which the way leads around, out of
-    the nest and over the top; `by_hand` those to which even that way could not be shown to be clear: the program waits;
-    `tested`: whether all ways were tested for collisions with this retract, `blocked` run → rows to which they are not clear.
+    ISO 841. `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
+    `retract_mm` out of the nest, `dwell_s` at each pose; `unsafe` run → rows to which the way leads around, out of the nest and
+    over the top; `ways` run → row → the way there, from lifted pose to lifted pose (row 0: the lifted pose before the first one,
+    the number of rows: that after the last one), the usual ones where nothing is given; `tested`: whether all ways were tested
+    for collisions.
     """
 
     tool_centre_on: str = ""
     tool_centre_off: str = ""
     reversed_axes: tuple[str, ...] = ()
+    machine_top: float = 0.0
     retract_mm: float = RETRACT_MM
     dwell_s: float = DWELL_S
     unsafe: Mapping[str, Sequence[int]] = field(default_factory=dict)
-    by_hand: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    ways: Mapping[str, Mapping[int, Way]] = field(default_factory=dict)
     tested: bool = False
-    blocked: Mapping[str, Sequence[int]] = field(default_factory=dict)
 
 
 def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:
-    """The steps of a run's program. Raises `InputError` for an axis whose name is no NC address."""
+    """The steps of a run's program. Raises `InputError` for an axis whose name is no NC address, and where no travel is left to
+    draw the tool back."""
     for name in machine.axis_names:
         if name not in LETTERS:
             raise InputError(f"axis {name} has no NC address", remedy=f"name axes by {', '.join(LETTERS)} for programs")
     return _without_standstill(_Writer(machine, run, post or Post()).steps())
 
 
+def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) -> Array:
+    """When the program of a static run reaches every pose (rows,), s from the first one: its ways as they are driven, the dwells,
+    stops of `HAND_S` where a bar is taken off and put on; at least `least_s` a pose, to 0.1 s."""
+    writer = _Writer(machine, run, post)
+    needed = [post.dwell_s + writer.seconds_to(row) for row in range(1, run.rows)]
+    each = np.maximum(np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s)
+    return np.concatenate([[0.0], np.cumsum(each)])
+
+
+def outside_s(machine: Machine, run: Run, post: Post) -> float:
+    """Time of a program's moves before the first pose and from the last dwell on, s, without the stops."""
+    writer = _Writer(machine, run, post)
+    steps = [*writer._first_moves(), *writer._last_moves("")]
+    return post.dwell_s + sum(step.seconds for step in steps)
+
+
 def _without_standstill(steps: Sequence[Step]) -> list[Step]:
     """The steps without moves to where the axes stand already.
 
-    While the instrument reads, their time stays: a rest becomes a dwell, a short one is added to the move that follows.
+    While the instrument reads, their time stays: a rest becomes a dwell, a short one is added to the move that follows. A row
+    that is reached stays with the move that reached it.
     """
     found: list[Step] = []
-    there: Mapping[str, float] = {}
+    there: dict[str, float] = {}
     rest: Step | None = None
     for step in steps:
-        if step.positions and there and all(abs(v - there[n]) < STANDSTILL for n, v in step.positions.items()):
+        if step.kind in ("rapid", "feed") and _stands_at(there, step.positions):
             if step.seated:
                 before = rest.seconds if rest else 0.0
                 rest = replace(step, kind="dwell", positions={}, commands={}, seconds=before + step.seconds)
+            elif step.row is not None:
+                last = max(i for i, s in enumerate(found) if s.positions)
+                found[last] = replace(found[last], row=step.row, towards=step.towards)
             continue
         if rest is not None and step.kind == "feed" and step.seated and rest.seconds < SHORT_REST_S:
             step = replace(step, seconds=step.seconds + rest.seconds)
         elif rest is not None:
             found.append(rest)
         rest = None
-        if step.kind == "text" or step.by_hand:  # the words mean something else, or the operator has moved the axes
+        if step.kind in ("text", "retract"):  # the words mean something else, or the place is not known in them
             there = {}
-        there = step.positions or there
+        else:
+            there.update(step.positions)
         found.append(step)
     return found
+
+
+def _stands_at(there: Positions, positions: Positions) -> bool:
+    return all(name in there and abs(value - there[name]) < STANDSTILL for name, value in positions.items())
 
 
 class _Writer:
@@ -102,13 +133,16 @@ class _Writer:
         self.nominal = Nominal(machine)
         self.names = machine.axis_names
         self.rotary = [name for name in self.names if machine.axes[name].rotary]
-        self.linear = [name for name in self.names if not machine.axes[name].rotary]
-        self.places = self.nominal.ball(run.commands, run.tool_ball)
+        self.upright = upright_axis(machine)
+        self.plane = [name for name in self.names if name not in (*self.rotary, self.upright)]
+        self.seat = Seat(machine, run, self.nominal)
+        self.places = self.seat.places
+        self.bar = "ball_bar" in run.instrument
         self.seated = self.centred = False
 
     def steps(self) -> list[Step]:
-        run, post = self.run, self.post
-        ball = next((SEATED[name] for name in run.instrument if name in SEATED), "nest")
+        run = self.run
+        ball = next((SEATED[name] for name in run.instrument if name in SEATED), "BALL")
         found = [
             Step(kind="comment", text=f"run {run.id}, {run.rows} rows, {', '.join(run.instrument)}"),
             Step(
@@ -118,18 +152,62 @@ class _Writer:
         ]
         if run.length is not None:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
-        found.append(Step(kind="stop", text="spindle clear above the table, spindle stopped and locked, then start"))
-        lifted = self._retracted(0)
-        found += [*self._centred(False), self._rapid(lifted), *self._centred(True), *self._creep(0)]
-        found.append(Step(kind="stop", text=f"seat the {ball}, zero the instrument, then start"))
+        found += self._first_moves()
+        found.append(Step(kind="stop", text=f"SEAT {ball}, ZERO IT"))
         self.seated = True
         found += self._recording() if run.dynamic else self._poses()
         self.seated = False
-        last = run.rows - 1
-        found.append(Step(kind="stop", text=f"free the {ball}, then start to retract"))
-        lifted = self._retracted(last)
-        found.append(self._feed(lifted, self._place(lifted), 60.0 * post.retract_mm / CREEP_MM_PER_MIN))
-        return [*found, *self._centred(False)]
+        return [*found, *self._last_moves(f"FREE {ball}, START")]
+
+    def _first_moves(self) -> list[Step]:
+        """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose; a look at it; creep in."""
+        lifted = self._way_to(0)[-1]
+        pose = self._commands(0)
+        away = self._apart(pose, lifted)
+        return [
+            Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
+            Step(kind="stop", text=f"CLEAR? {self.upright} GOES TO TOP FIRST"),
+            *self._centred(False),
+            self._to_the_top(0),
+            *self._alone(lifted, 0),
+            *self._centred(True),
+            Step(kind="stop", text=f"BALL STANDS {away:.0f} MM OFF?"),
+            *self._creep(lifted, pose, 0),
+        ]
+
+    def _alone(self, lifted: Positions, row: int) -> list[Step]:
+        """From the top, wherever else the axes stand: rotary axes, plane, tool's axis, each by themselves."""
+        words, top = self._words(lifted, np.zeros(3)), at_the_top(self.machine, lifted)
+        known: tuple[tuple[list[str], Positions], ...] = (
+            (self.rotary, {}),
+            (self.plane, top),
+            ([self.upright], lifted),
+        )
+        return [
+            Step(
+                kind="rapid",
+                positions={n: v for n, v in words.items() if n in names},
+                commands=dict(there),
+                towards=row,
+            )
+            for names, there in known
+            if names
+        ]
+
+    def _last_moves(self, text: str) -> list[Step]:
+        """Creep out, the tool's axis alone to the top, rotary axes home."""
+        rows = self.run.rows
+        lifted = self._way_to(rows)[0]
+        top = at_the_top(self.machine, lifted)
+        rest = {**top, **{name: home(self.machine.axes[name]) for name in self.rotary}}
+        found = [Step(kind="stop", text=text), *self._creep(lifted, self._commands(rows - 1), rows, out=True)]
+        found += [*self._centred(False), self._to_the_top(rows, top)]
+        words = {name: value for name, value in self._words(rest, np.zeros(3)).items() if name in self.rotary}
+        return [*found, *([Step(kind="rapid", positions=words, commands=rest, towards=rows)] if words else [])]
+
+    def _to_the_top(self, towards: int, commands: Positions | None = None) -> Step:
+        positions = {self.upright: self.post.machine_top}
+        return Step(kind="retract", positions=positions, commands=dict(commands or {}), towards=towards)
 
     def _centred(self, wanted: bool) -> list[Step]:
         """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'."""
@@ -139,62 +217,34 @@ class _Writer:
 
     def _poses(self) -> list[Step]:
         found = [Step(kind="dwell", seconds=self.post.dwell_s)]
-        unsafe = set(self.post.unsafe.get(self.run.id, ()))
+        around = set(self.post.unsafe.get(self.run.id, ()))
         for row in range(1, self.run.rows):
             seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.dwell_s
-            found += self._detour(row) if row in unsafe else self._way(row, max(seconds, 0.5))
+            found += self._detour(row) if row in around else self._way(row, seconds)[0]
             found.append(Step(kind="dwell", seconds=self.post.dwell_s))
         return found
 
-    def _way(self, row: int, seconds: float) -> list[Step]:
-        """From the pose before to this one in blocks so short that the ball stays where it belongs."""
-        allowed = CHORD_SHARE * self.machine.workspace.stroke(bar="ball_bar" in self.run.instrument)
+    def seconds_to(self, row: int) -> float:
+        """How long the way to a row takes, s, without the dwell."""
+        if row not in self.post.unsafe.get(self.run.id, ()):
+            steps, more = self._way(row, 0.0)
+            return sum(step.seconds for step in steps) + more
+        steps = self._detour(row)
+        return sum(HAND_S if step.kind == "stop" else step.seconds for step in steps)
+
+    def _way(self, row: int, seconds: float) -> tuple[list[Step], float]:
+        """From the pose before to this one in so many seconds, or as long as the axes need, and the time to get up to speed and
+        to rest."""
         if all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names):
-            return [self._pose(row, seconds)]
-        blocks = 1
-        while blocks < MOST_BLOCKS:
-            share = np.arange(1, 2 * blocks + 1) / (2.0 * blocks)
-            commands, places = self._between(row, share)
-            if self._error(self._middles(row, commands, places), places[::2]) <= allowed:
-                break
-            blocks *= 2
+            return [self._pose(row, max(seconds, 0.0))], 0.0
+        commands, places, path = self.seat.blocks(row, self.centred)
+        least, more = pace(self.machine, path)
+        each = max(least, seconds - more) / len(places)
         steps = [
-            self._feed({n: float(commands[n][i]) for n in self.names}, places[i], seconds / blocks)
-            for i in range(1, 2 * blocks - 1, 2)
+            self._feed(dict(zip(self.names, ends, strict=True)), place, each, row)
+            for ends, place in zip(commands[:-1].tolist(), places[:-1], strict=True)
         ]
-        return [*steps, self._pose(row, seconds / blocks)]
-
-    def _between(self, row: int, share: Array) -> tuple[dict[str, Array], Array]:
-        """Commands and places of the ball at shares of the way: rotary axes straight, the bar on the shorter arc."""
-        before, after = ({n: float(self.run.commands[n][r]) for n in self.names} for r in (row - 1, row))
-        fixed = {n: before[n] + share * (after[n] - before[n]) for n in self.rotary}
-        table = np.asarray(self.run.table_ball)
-        a, b = self.places[row - 1] - table, self.places[row] - table
-        size = float(np.linalg.norm(a))
-        if "ball_bar" in self.run.instrument and size > 1e-9:
-            places = table + _arc(a, b, share)
-        else:
-            places = self.places[row - 1] + share[:, None] * (self.places[row] - self.places[row - 1])
-        return self.nominal.follow(
-            places, self.run.tool_ball, fixed, f"the way to row {row + 1} of run {self.run.id}"
-        ), places
-
-    def _middles(self, row: int, commands: Mapping[str, Array], places: Array) -> Array:
-        """Where the ball is in the middle of each straight block: straight is what the words of the program say, the ball's
-        place where the control follows it, the positions of the axes elsewhere."""
-        if self.centred:
-            way = np.concatenate([self.places[row - 1 : row], places])
-            return np.asarray(0.5 * (way[:-1:2] + way[2::2]))
-        whole = np.stack([np.concatenate([[self.run.commands[n][row - 1]], commands[n]]) for n in self.names])
-        straight = 0.5 * (whole[:, :-1:2] + whole[:, 2::2])
-        return self.nominal.ball({n: straight[i] for i, n in enumerate(self.names)}, self.run.tool_ball)
-
-    def _error(self, there: Array, places: Array) -> float:
-        """How far a straight block's middle leaves the nest, or by how much it changes the bar's length."""
-        if "ball_bar" in self.run.instrument:
-            table = np.asarray(self.run.table_ball)
-            return float(np.abs(np.linalg.norm(there - table, axis=1) - np.linalg.norm(places - table, axis=1)).max())
-        return float(np.linalg.norm(there - places, axis=1).max())
+        return [*steps, self._pose(row, each)], more
 
     def _recording(self) -> list[Step]:
         """A dynamic run: its own rows, thinned to blocks that a control can read ahead."""
@@ -205,89 +255,85 @@ class _Writer:
         return [self._pose(b, float(self.run.time[b] - self.run.time[a])) for a, b in itertools.pairwise(rows)]
 
     def _detour(self, row: int) -> list[Step]:
-        """Out of the nest along the tool, around, and in again; a bar is taken off meanwhile."""
-        lifted, arriving = self._retracted(row - 1), self._retracted(row)
-        seconds = 60.0 * self.post.retract_mm / CREEP_MM_PER_MIN
-        bar = "ball_bar" in self.run.instrument
+        """Out of the nest, around, and in again; a bar is taken off meanwhile."""
+        way = self._way_to(row)
         self.seated = False
-        steps = [Step(kind="stop", text="take the bar off, then start")] if bar else []
+        steps = [Step(kind="stop", text="TAKE THE BAR OFF")] if self.bar else []
         steps += [
-            self._feed(lifted, self._place(lifted), seconds),
+            *self._creep(way[0], self._commands(row - 1), row, out=True),
             *self._centred(False),
-            *self._around(lifted, arriving, row),
+            *(self._rapid(before, after, row) for before, after in itertools.pairwise(way)),
             *self._centred(True),
-            *self._creep(row),
+            *self._creep(way[-1], self._commands(row), row),
         ]
         self.seated = True
-        return [*steps, *([Step(kind="stop", text="put the bar on, then start")] if bar else [])]
+        return [*steps, *([Step(kind="stop", text="PUT THE BAR ON")] if self.bar else [])]
 
-    def _around(self, lifted: Mapping[str, float], arriving: Mapping[str, float], row: int) -> list[Step]:
-        """From one lifted pose to the other with the upright axis at the upper end of its travel."""
-        if row in self.post.by_hand.get(self.run.id, ()):
-            there = ", ".join(f"{n} {arriving[n]:.3f}" for n in self.names)
-            return [Step(kind="stop", text=f"drive by hand to {there}, then start", by_hand=True)]
-        upright = max(self.linear, key=lambda n: abs(self.machine.axes[n].direction[2]))
-        axis = self.machine.axes[upright]
-        top = axis.travel[1] if axis.direction[2] > 0.0 else axis.travel[0]
-        high = ({**lifted, upright: top}, {**arriving, upright: top})
-        return [*(self._rapid(commands) for commands in high), self._rapid(arriving)]
+    def _way_to(self, row: int) -> Way:
+        """The way given, or the usual one."""
+        given = self.post.ways.get(self.run.id, {}).get(row)
+        if given is not None:
+            return given
+        lifted = [
+            usual_lift(self.nominal, self.run, r, self.post.retract_mm)
+            for r in (row - 1, row)
+            if 0 <= r < self.run.rows
+        ]
+        return over_the_top(self.machine, *lifted) if len(lifted) == 2 else tuple(lifted)
 
-    def _creep(self, row: int) -> list[Step]:
-        return [self._pose(row, 60.0 * self.post.retract_mm / CREEP_MM_PER_MIN)]
+    def _creep(self, lifted: Positions, pose: Positions, row: int, *, out: bool = False) -> list[Step]:
+        """Between a pose and its lifted one, slowest near the pose; `row` is the one it leads to."""
+        away = self._apart(pose, lifted)
+        share = min(1.0, LAST_MM / max(away, LAST_MM))
+        near = {n: pose[n] + share * (lifted[n] - pose[n]) for n in self.names}
+        places, speeds = [pose, near, lifted], [SLOWEST_MM_PER_MIN, CREEP_MM_PER_MIN]
+        if not out:
+            places, speeds = places[::-1], speeds[::-1]
+        steps = []
+        for before, after, speed in zip(places, places[1:], speeds, strict=False):
+            least, more = self._pace(before, after)
+            seconds = max(60.0 * self._apart(before, after) / speed, least + more)
+            steps.append(self._feed(after, self._place(after), seconds, row))
+        return steps if out else [*steps[:-1], replace(steps[-1], row=row)]
+
+    def _apart(self, a: Positions, b: Positions) -> float:
+        return float(np.linalg.norm(self._place(a) - self._place(b)))
+
+    def _pace(self, before: Positions, after: Positions) -> tuple[float, float]:
+        return pace(self.machine, np.array([[p[n] for n in self.names] for p in (before, after)]))
+
+    def _commands(self, row: int) -> dict[str, float]:
+        return {n: float(self.run.commands[n][row]) for n in self.names}
 
     def _pose(self, row: int, seconds: float) -> Step:
-        commands = {n: float(self.run.commands[n][row]) for n in self.names}
-        return self._feed(commands, self.places[row], seconds, row)
+        return replace(self._feed(self._commands(row), self.places[row], seconds, row), row=row)
 
-    def _feed(self, commands: Mapping[str, float], place: Array, seconds: float, row: int | None = None) -> Step:
+    def _feed(self, commands: Positions, place: Array, seconds: float, towards: int) -> Step:
         words = self._words(commands, place)
-        return Step(kind="feed", positions=words, seconds=seconds, row=row, seated=self.seated, commands=dict(commands))
+        return Step(
+            kind="feed", positions=words, seconds=seconds, towards=towards, seated=self.seated, commands=dict(commands)
+        )
 
-    def _rapid(self, commands: Mapping[str, float]) -> Step:
-        return Step(kind="rapid", positions=self._words(commands, self._place(commands)), commands=dict(commands))
+    def _rapid(self, before: Positions, after: Positions, row: int) -> Step:
+        """A rapid that names only the axes that move."""
+        words = self._words(after, np.zeros(3))
+        moved = {n: v for n, v in words.items() if abs(after[n] - before[n]) >= STANDSTILL} or words
+        seconds = sum(self._pace(before, after))
+        return Step(kind="rapid", positions=moved, commands=dict(after), towards=row, seconds=seconds)
 
     def _place(self, commands: Mapping[str, float]) -> Array:
         return np.asarray(self.nominal.ball({n: np.array([v]) for n, v in commands.items()}, self.run.tool_ball)[0])
 
     def _words(self, commands: Mapping[str, float], place: Array) -> dict[str, float]:
         signs = {name: -1.0 if name in self.post.reversed_axes else 1.0 for name in self.names}
-        words = {name: signs[name] * commands[name] for name in sorted(self.names, key=LETTERS.index)}
+        words = {name: signs[name] * commands[name] for name in sorted(self.names, key=_by_letter)}
         if self.centred:
             words |= {axis: float(place[i]) for i, axis in enumerate("XYZ") if axis in words}
         return words
 
-    def _retracted(self, row: int) -> dict[str, float]:
-        """The pose with the tool drawn back along its own axis, or up from the table where it lies flat, as far as the
-        travel allows."""
-        commands = {n: np.array([self.run.commands[n][row]]) for n in self.names}
-        workpiece, tool = (f(commands)[0] for f in (self.nominal.workpiece_rotation, self.nominal.tool_rotation))
-        away = workpiece.T @ tool[:, 2]
-        if away[2] < FLAT:
-            away = np.array([0.0, 0.0, 1.0])
-        fixed = {n: commands[n] for n in self.rotary}
-        for share in np.linspace(1.0, 0.0, 11):
-            target = (self.places[row] + share * self.post.retract_mm * away)[None, :]
-            moved = self.nominal.follow(target, self.run.tool_ball, fixed, "the retract")
-            if all(self._inside(n, float(moved[n][0])) for n in self.linear):
-                break
-        return {n: float(moved[n][0]) for n in self.names}
 
-    def _inside(self, name: str, value: float) -> bool:
-        low, high = self.machine.axes[name].travel
-        return low - 1e-9 <= value <= high + 1e-9
-
-
-def _arc(a: Array, b: Array, share: Array) -> Array:
-    """From vector a to b on the shorter arc, length interpolated (n, 3)."""
-    la, lb = np.linalg.norm(a), np.linalg.norm(b)
-    u, v = a / la, b / lb
-    across = v - (v @ u) * u
-    angle = float(np.arctan2(np.linalg.norm(across), u @ v))
-    if np.linalg.norm(across) < 1e-12:
-        across = np.cross(u, [0.0, 0.0, 1.0] if abs(u[2]) < 0.9 else [1.0, 0.0, 0.0])
-    across = across / np.linalg.norm(across)
-    size = (1.0 - share) * la + share * lb
-    return np.asarray(size[:, None] * (np.cos(share * angle)[:, None] * u + np.sin(share * angle)[:, None] * across))
+def _by_letter(name: str) -> tuple[int, str]:
+    return LETTERS.find(name) % (len(LETTERS) + 1), name
 
 
 def _numbers(values: Sequence[float]) -> str:

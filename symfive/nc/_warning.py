@@ -1,27 +1,53 @@
-"""What a program's head says about collisions: what was tested, and what nobody has tested."""
+"""What a program's head and the set-up sheet say: what was tested for collisions and what was not, and which point Z means."""
 
 from __future__ import annotations
 
-from symfive.campaign import FIRST_LINE, Run
+from symfive.campaign import Run
 from symfive.machine import Machine
 from symfive.nc._post import Post
 
-__all__ = ["UNCHECKED", "collision_warning"]
+__all__ = ["UNCHECKED", "collision_warning", "which_point"]
 
 UNCHECKED = "Collisions were not checked"
 CARE = "Drive the program slowly, one hand on the feed."
+TESTED = "Tested: spindle nose, tool, post, table and bar as simple bodies, at every pose and on every move but the first ones."
 
 
-def collision_warning(machine: Machine, run: Run, post: Post) -> tuple[str, ...]:
-    """Sentences for the head of a run's program and for its set-up sheet."""
+def collision_warning(machine: Machine, post: Post) -> tuple[str, ...]:
+    """Sentences for the head of a program and for the set-up sheet."""
     if machine.workspace.spindle_nose is None:
         return f"{UNCHECKED}: the machine file names no spindle nose.", CARE
     if not post.tested:
         return f"{UNCHECKED} for the ways of this program.", CARE
-    said = ["Tested: spindle nose, tool, post, table and bar as simple bodies, at every pose and between them.",
-            "Not tested: clamps, cables, the nest's sensors, the way to the first pose. Run it in air first."]  # fmt: skip
-    blocked = post.blocked.get(run.id, ())
-    if blocked:
-        lines = ", ".join(str(row + FIRST_LINE) for row in sorted(set(blocked)))
-        said.append(f"NOT CLEAR on the way to line {lines} of {run.file or run.id}. {CARE}")
-    return tuple(said)
+    return TESTED, f"Not tested: {', '.join(_untested(machine))}. Run it in air first."
+
+
+def _untested(machine: Machine) -> list[str]:
+    """Bodies that the tests do not know, and moves whose beginning nobody knows."""
+    below = [name for name in machine.structure.workpiece if machine.axes[name].rotary]
+    above = [name for name in machine.structure.tool if machine.axes[name].rotary]
+    cradle = [f"cradle and drives of {', '.join(below)}"] if below else []
+    head = [f"the head of {', '.join(above)} above the spindle nose"] if above else []
+    return [
+        *cradle,
+        *head,
+        "clamps",
+        "cables",
+        "sensors of the nest",
+        "covers",
+        "the first moves from where the machine stands",
+    ]
+
+
+def which_point(machine: Machine, run: Run, post: Post) -> str:
+    """Which point the words X, Y and Z of a program mean."""
+    length = f"{-run.tool_ball[2]:g} mm"
+    above = any(machine.axes[name].rotary for name in machine.structure.tool)
+    nose = "the spindle nose" + (" with all rotary axes at 0" if above else "")
+    if not post.tool_centre_on:
+        return f"X Y Z are of {nose}, no tool length called; the ball's centre is {length} below it"
+    on, off = (" ".join(text.split()) for text in (post.tool_centre_on, post.tool_centre_off))
+    return (
+        f"From {on} to {off} X Y Z are of the ball's centre in the workpiece frame, its length {length} called by these lines; "
+        f"elsewhere they are of {nose}, no tool length called"
+    )

@@ -1,15 +1,22 @@
-"""DIN 66025 / ISO 6983 as Fanuc-like controls read it; feed moves with G93."""
+"""DIN 66025 / ISO 6983 as Fanuc-like controls read it; feed moves with G93.
+
+`#3006` stops and shows its text (26 characters); `G28` drives to the reference point, which lies at the top of the tool's axis.
+"""
 
 from symfive.nc._base import Dialect
 
 ISO = Dialect(
     name="iso",
     suffix=".nc",
-    start=("%", "O{number} ({name})", "G21 G90 G17 G40 G49 G80", "G93"),
+    head=("%", "O{number} ({name})"),
+    start=("G21 G17 G90 G94 G40 G49 G80", "G69", "M5", "G54", "G93"),
     end=("G94", "M30", "%"),
     rapid="G0 {words}",
     feed="G1 {words} F{feed}",
     dwell="G4 X{seconds}",
-    stop="M0",
+    stop=("#3006=1({text})",),
+    retract=("G49", "G91 G28 {axis}0.", "G90"),
     comment="({text})",
+    datum="G54 calls the datum, G49: no tool length offset",
+    upper=True,
 )

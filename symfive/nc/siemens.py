@@ -1,16 +1,23 @@
-"""Siemens Sinumerik 840D: comments after a semicolon, dwell in seconds with F, G93 for the time of a block."""
+"""Siemens Sinumerik 840D: comments after a semicolon, dwell in seconds with F, G93 for the time of a block.
+
+`SUPA` suppresses every frame in its block, `D0` the tool offset, `TRANS` the programmed frames; `MSG` shows its text.
+"""
 
 from symfive.nc._base import Dialect
 
 SIEMENS = Dialect(
     name="siemens",
     suffix=".mpf",
-    start=("; {name}", "G71 G90 G17 G40", "G93"),
+    head=("; {name}",),
+    start=("G710 G17 G90 G94 G40 G500 D0", "TRANS", "M5", "G54", "G93"),
+    rotary=("TRAFOOF",),
     end=("G94", "M30"),
     rapid="G0 {words}",
     feed="G1 {words} F{feed}",
     dwell="G4 F{seconds}",
-    stop="M0",
+    stop=('MSG("{text}")', "M0", "MSG()"),
+    retract=("SUPA G0 {words} D0",),
     comment="; {text}",
+    datum="G54 calls the datum, D0: no tool offset",
     word=lambda axis, value: f"{axis}={value:.5f}" if len(axis) > 1 else f"{axis}{value:.5f}",
 )

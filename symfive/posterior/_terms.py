@@ -74,15 +74,13 @@ def joinable(campaign: Campaign, forms: Sequence[Form]) -> tuple[Form, ...]:
     taken, found = {e.key for e in Model(campaign).effects}, []
     for form in forms:
         try:
-            effect = replace(form.effect, rested=True).prepare(campaign)
+            effect = form.effect.prepare(campaign)
             seen = bool(effect.parameters(campaign)) and any(effect.applies(run) for run in campaign.runs)
         except InputError:
             continue  # the baseline holds it, or the machine lacks what it needs
         if seen and effect.key not in taken:
             taken.add(effect.key)
-            found.append(
-                replace(form, effect=effect, shapes=tuple(replace(shape, rested=True) for shape in form.shapes))
-            )
+            found.append(replace(form, effect=effect))
     return tuple(found)
 
 

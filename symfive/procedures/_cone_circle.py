@@ -13,7 +13,7 @@ from symfive.machine import Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
 from symfive.procedures._path import DIRECTIONS, along, check_spacing, senses
-from symfive.procedures._setting import BALL_SETUP, bar_length, heights, one_after_another, tool_ball_of, vector
+from symfive.procedures._setting import BALL_SETUP, bar_length, one_after_another, over_the_table, tool_ball_of, vector
 
 __all__ = ["cone_circle"]
 
@@ -54,7 +54,7 @@ def cone_circle(
     size = bar_length(machine, radius)
     if not size > 0.0:
         raise InputError(f"a circle of radius {size:g} mm is none", remedy="give a radius above 0")
-    middle = vector(centre if centre is not None else (0.0, 0.0, sum(heights(machine)) / 2.0))
+    middle = vector(centre if centre is not None else over_the_table(machine))
     ball, nominal = tool_ball_of(machine, tool_ball), Nominal(machine)
     u, v, n = _base(nominal, np.radians(inclination_deg))
     beta = np.radians(half_angle_deg)

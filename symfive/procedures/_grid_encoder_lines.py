@@ -61,7 +61,7 @@ def grid_encoder_lines(
     if abs(offsets[0][1] - offsets[1][1]) < 1e-6:
         raise InputError("lines 1 and 2 have the same second offset, which loses the roll", remedy="let them differ")
     planes = [(v, w), (v, w) if every_reading else (v,), (v, w) if every_reading else (w,)]
-    start = np.asarray(vector(centre if centre is not None else (0.0, 0.0, heights(machine)[0])))
+    start = np.asarray(vector(centre if centre is not None else (*machine.table_centre, heights(machine)[0])))
     nominal = Nominal(machine)
     unit = np.eye(3)
     at_rest = nominal.commands(hold or {}, 1)

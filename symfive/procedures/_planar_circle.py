@@ -15,8 +15,8 @@ from symfive.procedures._path import DIRECTIONS, along, check_spacing, senses
 from symfive.procedures._setting import (
     BALL_SETUP,
     bar_length,
-    heights,
     one_after_another,
+    over_the_table,
     tool_ball_of,
     vector,
 )
@@ -57,7 +57,7 @@ def planar_circle(
     if instrument not in ("ball_bar", "grid_encoder"):
         raise InputError(f"a planar circle is not read by {instrument}", remedy="use ball_bar or grid_encoder")
     size = bar_length(machine, radius)
-    middle = vector(centre if centre is not None else (0.0, 0.0, sum(heights(machine)) / 2.0))
+    middle = vector(centre if centre is not None else over_the_table(machine))
     ball = tool_ball_of(machine, tool_ball)
     nominal = Nominal(machine)
     at_rest = nominal.commands(hold or {}, 1)

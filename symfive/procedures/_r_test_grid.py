@@ -55,7 +55,8 @@ def r_test_grid(
     if nests is None:
         low, high = heights(machine)
         reach = min(machine.workspace.table_radius or 100.0, 100.0)
-        nests = ((0.9 * reach, -0.2 * reach, low), (0.5 * reach, 0.4 * reach, high))
+        x, y = machine.table_centre
+        nests = ((x + 0.9 * reach, y - 0.2 * reach, low), (x + 0.5 * reach, y + 0.4 * reach, high))
     ball = tool_ball_of(machine, tool_ball)
     poses = serpentine(grid, returning=returning)
     rows = len(next(iter(poses.values())))

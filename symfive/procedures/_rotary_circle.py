@@ -19,8 +19,8 @@ from symfive.procedures._setting import (
     BALL_SETUP,
     Vector,
     bar_length,
-    heights,
     one_after_another,
+    over_the_table,
     tool_ball_of,
     turning_axis,
     vector,
@@ -139,7 +139,7 @@ class _Geometry:
         """The wanted table ball or one on the table that suits the arrangement."""
         if wanted is not None:
             return vector(wanted)
-        middle = (0.0, 0.0, sum(heights(self.machine)) / 2.0)
+        middle = over_the_table(self.machine)
         if not self.on_table:
             return middle
         direction, distance = self.radius(middle)

@@ -14,8 +14,8 @@ from symfive.errors import InputError
 from symfive.machine import Axis, Machine
 
 __all__ = [
-    "BALL_SETUP", "Vector", "bar_length", "campaign_of", "heights", "one_after_another", "rotary_axes", "serpentine",
-    "tool_ball_of", "turning_axis", "whole_turn",
+    "BALL_SETUP", "Vector", "bar_length", "campaign_of", "heights", "one_after_another", "over_the_table", "rotary_axes",
+    "serpentine", "tool_ball_of", "turning_axis", "whole_turn",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -46,6 +46,11 @@ def vector(values: Sequence[float] | Array) -> Vector:
 def heights(machine: Machine) -> tuple[float, float]:
     """Lowest and highest table ball, mm."""
     return machine.workspace.ball_height or (50.0, 150.0)
+
+
+def over_the_table(machine: Machine) -> Vector:
+    """The point over the table's centre at the middle of the ball heights, mm in the workpiece frame."""
+    return (*machine.table_centre, sum(heights(machine)) / 2.0)
 
 
 def bar_length(machine: Machine, wanted: float | None, near: float = 100.0) -> float:

@@ -44,8 +44,8 @@ def static_ball_bar(
     `poses` axis → positions in degree, one per row (`serpentine` makes them from a grid); by default one turn
     of the table (or of the head) in steps of 15°. `direction` of the bar from the table ball to the tool ball
     in the machine frame, one for all poses or one each; by default the bar turns with the workpiece, against its x.
-    `table_balls` mm in the workpiece frame, by default at two heights, one bar's length from the z axis, on which the tool
-    ball then stands still (Wang & Li 2016, (14)-(15)); `length` mm. Raises `InputError` where a pose cannot be reached.
+    `table_balls` mm in the workpiece frame, by default at two heights, one bar's length from the table's centre, over which
+    the tool ball then stands still (Wang & Li 2016, (14)-(15)); `length` mm. Raises `InputError` where a pose cannot be reached.
     """
     if poses is None:
         name = turning_axis(machine, None)
@@ -57,7 +57,8 @@ def static_ball_bar(
     rows = sizes.pop()
     size = bar_length(machine, length)
     if table_balls is None:
-        table_balls = [(size, 0.0, height) for height in heights(machine)]
+        x, y = machine.table_centre
+        table_balls = [(x + size, y, height) for height in heights(machine)]
     ball = tool_ball_of(machine, tool_ball)
     pace = machine.workspace.seconds_per_pose if seconds_per_pose is None else seconds_per_pose
     nominal = Nominal(machine)

@@ -47,7 +47,7 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> s
 
 def _tiles(finding: Finding) -> str:
     share = f'<span class="bar" title="{percent(finding.share)}"><span style="width: {100 * finding.share:.1f}%"></span></span>'
-    plausible = ", by plausibility alone" if finding.nearest else ""
+    plausible = ", by the odds beforehand" if finding.nearest else ""
     tiles = [
         ("share of the deviation's mean square", percent(finding.share) + share),
         (f"confidence in the name{plausible}", percent(finding.confidence)),
@@ -75,7 +75,8 @@ def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
     if isinstance(value, str):
         return value, "", unit
     if isinstance(value, tuple):
-        return in_words(value, std), in_words(std, std) if isinstance(std, tuple) else "", unit
+        spreads = in_words(std, std, spread=False) if isinstance(std, tuple) else ""
+        return in_words(value, std, spread=False), spreads, unit
     spread = float(std) if isinstance(std, (int, float)) else 0.0
     return (
         Cell(rounded(value, spread, quantity.unit or ""), value),

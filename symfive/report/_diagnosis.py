@@ -123,7 +123,7 @@ def _verdict(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
         alike = [f"{facts['reads the same']} would read the same here"] if "reads the same" in facts else []
         said = "; ".join([*(facts[question] for question in IN_SHORT), *alike])
         listed += f'<li><a href="#finding-{number}">{html.escape(finding.title)}</a>: {html.escape(said)}</li>'
-    against = "".join(f"<li>{html.escape(said)}</li>" for said in diagnosis.doubts)
+    against = "".join(f"<li>{html.escape(said)}</li>" for said in (*diagnosis.doubts, *diagnosis.excluded))
     return (
         f'<div class="verdict {"no" if diagnosis.mismatch or not diagnosis.after.converged else "yes"}">'
         f"<strong>{html.escape(diagnosis.verdict)}</strong>"
@@ -203,7 +203,7 @@ def _quality(diagnosis: Diagnosis, figures: Path) -> list[str]:
     has_setup = any(p.run is not None for p in after.parameters)
     return [
         '<h2 id="quality">Data quality</h2>',
-        outlier_table(after) if after.outliers else "<p>No outliers were left out.</p>",
+        outlier_table(after) if after.outliers else "<p>No reading is excluded as an outlier.</p>",
         gaps or "<p>No rows are missing in the recordings.</p>",
         _figure(
             "residuals-over-time", "What is left, over time", OVER_TIME, lambda: residuals_with_tips(after), figures

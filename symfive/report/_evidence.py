@@ -26,7 +26,7 @@ def fit_table(diagnosis: Diagnosis) -> str:
     aim = plain_number(noise, unit)
     band = expected_ratio(after.dof).removeprefix("noise alone gives ")
     lines: list[tuple[str, float | None, float | None, str, str]] = [
-        ("residual RMS of all runs", fit.rms_before_um, fit.rms_after_um, unit, aim),
+        ("residual RMS of all readings", fit.rms_before_um, fit.rms_after_um, unit, aim),
         ("residual RMS of runs left out of the fit in turn", fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit,
          aim),
         *((f"residual RMS, a whole {what} left out at a time", b, a, unit, aim)
@@ -34,7 +34,9 @@ def fit_table(diagnosis: Diagnosis) -> str:
         ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", band),
         ("χ²/dof against the noise found", before.chi2_dof_whitened, after.chi2_dof_whitened, "", band),
         ("parameters", len(before.parameters), len(after.parameters), "", ""),
-        ("readings left out as outliers", len(before.outliers), len(after.outliers), "", ""),
+        ("readings excluded as outliers", len(before.outliers), len(after.outliers), "", ""),
+        *([("residual RMS without these", before.rms_kept.get(before.file_unit), after.rms_kept.get(after.file_unit),
+            unit, aim)] if before.outliers or after.outliers else []),
     ]  # fmt: skip
     rows: list[list[str | Cell]] = [
         [what, _number(old, its), _number(new, its), its, goal]

@@ -14,7 +14,7 @@ from string import Template
 from matplotlib.figure import Figure
 
 from symfive import __version__
-from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAPER
+from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAGE_STYLE, PAPER
 from symfive.drawing import SCRIPT as POSES
 from symfive.files import write_text
 from symfive.report._style import Tips, rendered
@@ -44,6 +44,7 @@ def write_page(path: Path, title: str, body: str) -> None:
     template = Template((files("symfive.report") / "page.html").read_text(encoding="utf-8"))
     page = template.substitute(
         title=html.escape(title),
+        style=PAGE_STYLE,
         body=body,
         script=script,
         script_hash=f"sha256-{digest}",

@@ -11,13 +11,11 @@ from matplotlib.patches import Patch
 from symfive.drawing import BLUE, FAINT, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
-from symfive.parameters import Parameter
+from symfive.parameters import LEARNT, Parameter
 from symfive.report._style import blank, footnote, rounded, short, styled, unit_words
 
-__all__ = ["LEARNT", "parameters_chart"]
+__all__ = ["parameters_chart"]
 
-LEARNT = 2.0**-0.5
-"""A parameter counts as learnt from the data where its 1σ fell below this share of its prior 1σ."""
 MOST_ROWS = 90
 
 

@@ -16,7 +16,6 @@ from symfive.report._words import learnt, meaning
 __all__ = ["Cell", "noise_table", "outlier_table", "parameter_table", "setup_table", "table"]
 
 MOST_OUTLIERS = 500
-TALL = 24
 LONG = 48
 
 
@@ -36,7 +35,7 @@ def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str | Cell
         mark = f' class="{html.escape(classes[i])}"' if i < len(classes) and classes[i] else ""
         body.append(f"<tr{mark}>{''.join(map(_cell, row))}</tr>")
     return (
-        f'<div class="wide{" tall" if len(rows) > TALL else ""}"><table><caption>{html.escape(caption)}</caption>'
+        f'<div class="wide"><table><caption>{html.escape(caption)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>\n{chr(10).join(body)}\n</tbody></table></div>"
     )
 
@@ -75,11 +74,13 @@ def noise_table(identification: Identification) -> str:
     for key in dict.fromkeys((t.run.id, t.instrument) for t in found):
         traces = [t for t in found if (t.run.id, t.instrument) == key]
         run, noise, unit = traces[0].run, traces[0].noise, traces[0].unit
-        kept = [float(v) for t in traces for v in t.residual[~t.outlier]]
-        rms = math.sqrt(math.fsum(v * v for v in kept) / max(len(kept), 1))
+        values = [float(v) for t in traces for v in t.residual]
+        rms = math.sqrt(math.fsum(v * v for v in values) / max(len(values), 1))
         slow = noise.coloured > 0.0
         size = _number(noise.coloured, unit) if slow else Cell("none", 0.0)
         tau = _number(noise.time_constant, "s") if slow else Cell("–", 0.0)
+        if slow and not run.has_clock:
+            tau = Cell(f"{tau.text} rows", tau.value)
         words = [run.id, traces[0].instrument.replace("_", " "), run.sampling]
         numbers = [
             Cell(str(run.rows), run.rows),
@@ -107,13 +108,13 @@ def outlier_table(identification: Identification) -> str:
     rows: list[list[str | Cell]] = []
     for o in identification.outliers[:MOST_OUTLIERS]:
         run = campaign.run(o.run)
-        time = float(run.time[o.row])
+        time = Cell(f"{run.time[o.row]:.3f}", float(run.time[o.row])) if run.has_clock else Cell("–", math.nan)
         unit, sigmas = unit_words(units.get((o.run, o.column), "")), f"{o.sigmas:.1f}".replace("-", "−")
-        rows.append([run.id, run.file, Cell(str(o.row + FIRST_LINE), o.row), o.column, Cell(f"{time:.3f}", time),
+        rows.append([run.id, run.file, Cell(str(o.row + FIRST_LINE), o.row), o.column, time,
                      _number(o.residual, units.get((o.run, o.column), "")), unit, Cell(sigmas, o.sigmas)])  # fmt: skip
     heads = ["run", "file", "row in the file", "column", "time / s", "residual", "unit", "in σ of the noise"]
     more = len(identification.outliers) - len(rows)
-    return table(f"Outliers left out of the fit{f' (first {len(rows)}; {more} more)' if more else ''}", heads, rows)
+    return table(f"Outliers excluded from the fit{f' (first {len(rows)}; {more} more)' if more else ''}", heads, rows)
 
 
 def setup_table(identification: Identification) -> str:

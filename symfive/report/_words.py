@@ -8,8 +8,7 @@ from symfive.diagnose._result import UNCONVERGED
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import expected_ratio
-from symfive.parameters import Parameter
-from symfive.report._parameters import LEARNT
+from symfive.parameters import LEARNT, Parameter
 from symfive.report._style import plain_number, unit_words
 
 __all__ = ["confounded_machine", "confounded_setup", "fits", "learnt", "meaning", "verdict"]
@@ -43,10 +42,7 @@ def verdict(identification: Identification) -> str:
     if apart:
         count = "one combination" if len(apart) == 1 else f"{len(apart)} combinations"
         sentences.append(f"The data leave {count} of the machine's parameters open (named below): read them together.")
-    outliers = len(identification.outliers)
-    if outliers:
-        readings = "One reading was" if outliers == 1 else f"{outliers} readings were"
-        sentences.append(f"{readings} left out as outliers.")
+    sentences.append(identification.excluded)
     if not identification.converged:
         sentences.insert(0, UNCONVERGED)
     return " ".join(sentence for sentence in sentences if sentence)
@@ -71,12 +67,13 @@ def _fit(identification: Identification) -> str:
 
 
 def _noise(identification: Identification) -> list[str]:
-    slow = [n for n in identification.noises.values() if n.coloured > 0.1 * n.declared]
+    slow = [(key, n) for key, n in identification.noises.items() if n.coloured > 0.1 * n.declared]
     if not slow:
         return []
-    most = max(slow, key=lambda n: n.coloured / n.declared)
+    (run, _), most = max(slow, key=lambda item: item[1].coloured / item[1].declared)
     share, tau = f"{most.coloured / most.declared:.2g}", f"{most.time_constant:.2g}"
-    return [f"Part of what is left is slow (up to {share} times the declared noise, over about {tau} s): drift, or a "
+    unit = "s" if identification.model.campaign.run(run).has_clock else "rows"
+    return [f"Part of what is left is slow (up to {share} times the declared noise, over about {tau} {unit}): drift, or a "
             "cause that moves with the axes. The uncertainties below allow for it as noise; “symfive diagnose” "
             "tells whether it is."]  # fmt: skip
 

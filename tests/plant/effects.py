@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from . import behind, instrument, structure
+from . import behind, foreign, instrument, structure
 from .state import RunState, Spec
 
 EFFECTS: dict[str, tuple[str, Callable[[RunState, Spec], None]]] = {
@@ -43,6 +43,26 @@ EFFECTS: dict[str, tuple[str, Callable[[RunState, Spec], None]]] = {
     "speed_lift": ("body", structure.speed_lift),
     "coolant_cycle": ("body", structure.coolant_cycle),
     "two_axis_motion": ("body", structure.two_axis_motion),
+    # the frozen outside stratum
+    "cold_friction": ("drive", foreign.cold_friction),
+    "chord_polygon": ("axis", foreign.chord_polygon),
+    "screw_heat": ("axis", foreign.screw_heat),
+    "scale_slip": ("axis", foreign.scale_slip),
+    "preloaded_play": ("axis", foreign.preloaded_play),
+    "settling": ("axis", foreign.settling),
+    "cover_plates": ("body", foreign.cover_plates),
+    "position_cross_talk": ("body", foreign.position_cross_talk),
+    "roller_ripple": ("body", foreign.roller_ripple),
+    "bed_bending": ("body", foreign.bed_bending),
+    "jerk_yield": ("body", foreign.jerk_yield),
+    "imbalance": ("body", foreign.imbalance),
+    "gantry_lag": ("body", foreign.gantry_lag),
+    "resonant_cogging": ("body", foreign.resonant_cogging),
+    "table_growth": ("body", foreign.table_growth),
+    "yaw_drift": ("body", foreign.yaw_drift),
+    "taut_hose": ("body", foreign.taut_hose),
+    "ball_form": ("body", foreign.ball_form),
+    "probe_product": ("sensor", foreign.probe_product),
 }
 
 OUTSIDE = (
@@ -60,6 +80,8 @@ OUTSIDE = (
     "two_axis_motion",
 )
 """Effects that FORMATS.md section 7 has no name for."""
+FOREIGN = tuple(name for name, (_, function) in EFFECTS.items() if function.__module__.rpartition(".")[2] == "foreign")
+"""Those of the frozen stratum."""
 
 FINE = ("structural_resonance", "latency", "two_mass_screw", "reversal_pulse")
 """Effects that need instants between the rows."""

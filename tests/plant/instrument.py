@@ -70,11 +70,13 @@ def low_pass(y: Array, dt: float, cutoff_hz: float) -> Array:
 
 
 def curved(y: Array, spec: Spec) -> Array:
-    """Non-linear sensor: ``quadratic`` y + curvature.y^2 (1/um), ``hysteresis`` y - width/2.sgn(dy) with a
-    play of `width` um.
+    """Non-linear sensor: ``quadratic`` y + curvature.y^2 (1/um), ``product`` y + curvature times the product of the other two
+    columns, ``hysteresis`` y - width/2.sgn(dy) with a play of `width` um.
     """
     if spec["form"] == "quadratic":
         return y + float(spec["curvature"]) * y**2
+    if spec["form"] == "product":
+        return y + float(spec["curvature"]) * np.roll(y, 1, axis=1) * np.roll(y, 2, axis=1)
     return np.stack([play(c, float(spec["width"]), c[0]) for c in y.T], axis=1)
 
 

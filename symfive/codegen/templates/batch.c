@@ -5,14 +5,16 @@
 #include <math.h>
 #include "${prefix}_batch.h"
 
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wpsabi" /* vectors stay within this file: how others would pass them does not matter */
+$lanes
+#if ${PREFIX}_LANES > LANES
+#error "${PREFIX}_LANES: this instruction set has no registers of so many doubles"
 #endif
-
+#undef LANES
 #define LANES ${PREFIX}_LANES
 #define COLUMNS ${columns}U
 #define CHUNK ${chunk}U
 #define ROWS (3U * CHUNK)
+#define LINE_BYTES 64U /* of a cache */
 #define FETCHED_BYTES 1000000U /* results larger than this are not in the caches: their lines are fetched before they are written */
 $helpers
 
@@ -49,15 +51,10 @@ INLINED void store_past_caches(v *place, v value)
 {
 #if defined(__clang__)
     __builtin_nontemporal_store(value, place);
-#elif defined(__AVX512F__) && (${PREFIX}_LANES == 8)
+#elif defined(__AVX__) && (${PREFIX}_LANES > 1)
     __asm__("vmovntpd %1, %0" : "=m"(*place) : "v"(value));
-#elif defined(__AVX__)
-    typedef double half __attribute__((vector_size(32), may_alias));
-    const half *const part = (const half *)&value;
-    half *const to = (half *)place;
-    for (int i = 0; i < LANES / 4; ++i) {
-        __asm__("vmovntpd %1, %0" : "=m"(to[i]) : "x"(part[i]));
-    }
+#elif defined(__SSE2__) && (${PREFIX}_LANES > 1)
+    __asm__("movntpd %1, %0" : "=m"(*place) : "x"(value));
 #else
     *place = value;
 #endif
@@ -73,6 +70,11 @@ INLINED void finish_stores(void)
 size_t ${prefix}_batch_lanes(void)
 {
     return LANES;
+}
+
+const char *${prefix}_batch_model(void)
+{
+    return "$digest";
 }
 
 void ${prefix}_batch_prepare(const double *tool, const double *p, double *c)
@@ -143,7 +145,7 @@ void ${prefix}_batch_jacobian(size_t tiles, const double *q, const double *c, do
         const size_t fetched = (tiles * lines * sizeof(v) > FETCHED_BYTES) ? lines : 0U;
 
         for (size_t i = 0; i < tiles; ++i) {
-            for (size_t k = 0; k < fetched; ++k) { /* what is about to be written */
+            for (size_t k = 0; k < fetched; k += LINE_BYTES / sizeof(v)) { /* what is about to be written */
                 __builtin_prefetch(slopes + (i * lines) + k, 1, 3);
             }
             jacobian_kept(from + (i * ${axes}U), c, points + (i * 3U), slopes + (i * 3U * ${parameters}U), 3U);

@@ -5,7 +5,12 @@
  * Compile with -std=gnu99 -O2 -march=native, never with -ffast-math. Double precision. Units, signs and orders as in $prefix.h.
  *
  * Poses stand in tiles of ${PREFIX}_LANES: element i of pose n is at [(n / LANES) * size * LANES + i * LANES + n % LANES]. Every
- * array begins at a multiple of 64 bytes; unused lanes of the last tile must hold finite numbers. Angles up to 1e5 rad.
+ * array begins at a multiple of ${PREFIX}_ALIGNMENT bytes, better of 64; unused lanes of the last tile must hold finite numbers.
+ * Angles up to 1e5 rad.
+ *
+ * ${PREFIX}_LANES is how many doubles a register of the instruction set holds: 8 with AVX-512, 4 with AVX2, 2 with SSE2 or NEON.
+ * Files that are compiled for other instructions than ${prefix}_batch.c define it alike (-D${PREFIX}_LANES=8). The link names end in
+ * it (${prefix}_batch_forward_8), so that a program whose tiles have another size than the kernel's does not link.
  *
  * Operations a pose for point and Jacobian: $operations (what the parameters alone decide is done once, in prepare).
  */
@@ -19,16 +24,27 @@ extern "C" {
 #endif
 
 #ifndef ${PREFIX}_LANES
-#define ${PREFIX}_LANES 8 /* poses in a vector, 8 or 4; the same for every file that includes this one */
+$lanes
 #endif
+#define ${PREFIX}_ALIGNMENT (8 * ${PREFIX}_LANES)
 #define ${PREFIX}_BATCH_AXES $axes
 #define ${PREFIX}_BATCH_PARAMETERS $parameters
 #define ${PREFIX}_CONSTANTS $constants
 #define ${PREFIX}_NORMAL ($parameters + 1)
 #define ${PREFIX}_WORK ((size_t)$vectors * ${PREFIX}_LANES) /* doubles that the information matrix works in */
 
-/* Lanes that this library was compiled with. */
+#define ${PREFIX}_LINK_NAME(name, lanes) name##_##lanes
+#define ${PREFIX}_LINKED(name, lanes) ${PREFIX}_LINK_NAME(name, lanes)
+#define ${prefix}_batch_prepare ${PREFIX}_LINKED(${prefix}_batch_prepare, ${PREFIX}_LANES)
+#define ${prefix}_batch_forward ${PREFIX}_LINKED(${prefix}_batch_forward, ${PREFIX}_LANES)
+#define ${prefix}_batch_jacobian ${PREFIX}_LINKED(${prefix}_batch_jacobian, ${PREFIX}_LANES)
+#define ${prefix}_batch_information ${PREFIX}_LINKED(${prefix}_batch_information, ${PREFIX}_LANES)
+#define ${prefix}_batch_leverage ${PREFIX}_LINKED(${prefix}_batch_leverage, ${PREFIX}_LANES)
+#define ${prefix}_batch_predict ${PREFIX}_LINKED(${prefix}_batch_predict, ${PREFIX}_LANES)
+
+/* Lanes that this library was compiled with, and the sha256 of its model. */
 size_t ${prefix}_batch_lanes(void);
+const char *${prefix}_batch_model(void);
 
 /* What does not depend on the pose: c[${PREFIX}_CONSTANTS] from tool[3] and p[$p_size]. */
 void ${prefix}_batch_prepare(const double *tool, const double *p, double *c);

@@ -24,30 +24,13 @@ static int solve3(const ${prefix}_real m[9], const ${prefix}_real right[3], ${pr
     return solved;
 }
 
-static ${prefix}_real largest(const ${prefix}_real x[3])
-{
-    ${prefix}_real size = ${PREFIX}_FABS(x[0]);
-    int i;
-
-    for (i = 1; i < 3; ++i) {
-        const ${prefix}_real other = ${PREFIX}_FABS(x[i]);
-        if (!(other <= size)) { /* true for what is not a number, too */
-            size = other;
-        }
-    }
-    return size;
-}
-
 int ${prefix}_inverse_nominal(const ${prefix}_real target[3], const ${prefix}_real tool[3],
                        ${prefix}_real q[${PREFIX}_AXES])
 {
     const int solved[3] = { $solved_places };
+    const ${prefix}_real farthest = (${prefix}_real)${PREFIX}_FARTHEST;
     ${prefix}_real start[${PREFIX}_AXES];
-    ${prefix}_real position[3];
-    ${prefix}_real slope[9];
-    ${prefix}_real missing[3];
-    ${prefix}_real x[3];
-    int status = ${PREFIX}_SINGULAR;
+    int status = ${PREFIX}_INVALID;
     int i;
 
     for (i = 0; i < ${PREFIX}_AXES; ++i) {
@@ -56,25 +39,52 @@ int ${prefix}_inverse_nominal(const ${prefix}_real target[3], const ${prefix}_re
     for (i = 0; i < 3; ++i) {
         start[solved[i]] = (${prefix}_real)0.0;
     }
-    nominal_slope(start, tool, position, slope);
-    for (i = 0; i < 3; ++i) {
-        missing[i] = target[i] - position[i];
-    }
-    if (solve3(slope, missing, x) != 0) {
+    if ((sound_pose(start, tool) != 0) && (sound(3, target, farthest) != 0)) {
+        ${prefix}_real position[3];
+        ${prefix}_real slope[9];
+        ${prefix}_real missing[3];
+        ${prefix}_real x[3];
+
+        status = ${PREFIX}_UNREACHABLE;
+        nominal_slope(start, tool, position, slope);
         for (i = 0; i < 3; ++i) {
-            q[solved[i]] = x[i];
+            missing[i] = target[i] - position[i];
         }
-        status = ${PREFIX}_OK;
+        if ((solve3(slope, missing, x) != 0) && (sound(3, x, farthest) != 0)) {
+            for (i = 0; i < 3; ++i) {
+                q[solved[i]] = x[i];
+            }
+            status = ${PREFIX}_OK;
+        }
     }
     return status;
 }
 
-/* Newton's iteration for the point; the last step's error is smaller than the step by the machine's relative error. */
+static ${prefix}_real largest(const ${prefix}_real x[3])
+{
+    ${prefix}_real size = ${PREFIX}_FABS(x[0]);
+    int i;
+
+    for (i = 1; i < 3; ++i) {
+        const ${prefix}_real other = ${PREFIX}_FABS(x[i]);
+        if (other > size) {
+            size = other;
+        }
+    }
+    return size;
+}
+
+/*
+ * Newton's iteration for the point. Steps shrink at least as fast from one to the next as they did before, so that what is
+ * missing after a step is known without another one. Anything but ${PREFIX}_OK leaves q somewhere.
+ */
 static int approach(const ${prefix}_real target[3], const ${prefix}_real tool[3],
                     const ${prefix}_real p[${PREFIX}_P_SIZE], ${prefix}_real q[${PREFIX}_AXES])
 {
     const int solved[3] = { $solved_places };
-    const ${prefix}_real farthest = (${prefix}_real)1.0e5;
+    const ${prefix}_real farthest = (${prefix}_real)${PREFIX}_FARTHEST;
+    const ${prefix}_real tolerance = (${prefix}_real)${PREFIX}_TOLERANCE;
+    ${prefix}_real before = (${prefix}_real)0.0;
     int status = ${PREFIX}_NOT_CONVERGED;
     int step = 0;
     int going = 1;
@@ -91,20 +101,37 @@ static int approach(const ${prefix}_real target[3], const ${prefix}_real tool[3]
             missing[i] = target[i] - position[i];
         }
         if (solve3(slope, missing, x) == 0) {
-            status = ${PREFIX}_SINGULAR;
+            status = ${PREFIX}_UNREACHABLE;
             going = 0;
-        } else if (!(largest(x) <= farthest)) {
+        } else if (sound(3, x, farthest) == 0) {
             going = 0;
         } else {
+            const ${prefix}_real size = largest(x);
+
             for (i = 0; i < 3; ++i) {
                 q[solved[i]] += x[i];
             }
-            if (largest(x) <= ${PREFIX}_LAST_STEP) {
-                status = ${PREFIX}_OK;
+            if ((size <= tolerance) || ((size < before) && ((size * size) <= (tolerance * before)))) {
+                status = ${PREFIX}_UNREACHABLE;
                 going = 0;
+                if (sound(${PREFIX}_AXES, q, farthest) != 0) {
+                    status = ${PREFIX}_OK;
+                }
             }
+            before = size;
         }
         ++step;
+    }
+    return status;
+}
+
+/* The result of a solution that may be used, otherwise q stays as it is. */
+static int taken(int status, const ${prefix}_real found[${PREFIX}_AXES], ${prefix}_real q[${PREFIX}_AXES])
+{
+    int i;
+
+    for (i = 0; ((status == ${PREFIX}_OK) || (status == ${PREFIX}_SINGULAR)) && (i < ${PREFIX}_AXES); ++i) {
+        q[i] = found[i];
     }
     return status;
 }
@@ -112,13 +139,18 @@ static int approach(const ${prefix}_real target[3], const ${prefix}_real tool[3]
 int ${prefix}_inverse(const ${prefix}_real target[3], const ${prefix}_real tool[3],
                const ${prefix}_real p[${PREFIX}_P_SIZE], ${prefix}_real q[${PREFIX}_AXES])
 {
-    const ${prefix}_real goal[3] = { target[0], target[1], target[2] };
-    int status = ${prefix}_inverse_nominal(goal, tool, q);
+    ${prefix}_real found[${PREFIX}_AXES];
+    int status;
+    int i;
 
-    if (status == ${PREFIX}_OK) {
-        status = approach(goal, tool, p, q);
+    for (i = 0; i < ${PREFIX}_AXES; ++i) {
+        found[i] = q[i];
     }
-    return status;
+    status = (sound_parameters(p) != 0) ? ${prefix}_inverse_nominal(target, tool, found) : ${PREFIX}_INVALID;
+    if (status == ${PREFIX}_OK) {
+        status = approach(target, tool, p, found);
+    }
+    return taken(status, found, q);
 }
 
 int ${prefix}_compensate(const ${prefix}_real wanted[${PREFIX}_AXES], const ${prefix}_real tool[3],
@@ -126,11 +158,18 @@ int ${prefix}_compensate(const ${prefix}_real wanted[${PREFIX}_AXES], const ${pr
 {
     ${prefix}_real target[3];
     ${prefix}_real direction[3];
+    ${prefix}_real found[${PREFIX}_AXES];
+    int status = ${prefix}_nominal(wanted, tool, target, direction);
     int i;
 
-    ${prefix}_nominal(wanted, tool, target, direction);
     for (i = 0; i < ${PREFIX}_AXES; ++i) {
-        q[i] = wanted[i];
+        found[i] = wanted[i];
     }
-    return approach(target, tool, p, q);
+    if ((status == ${PREFIX}_OK) && (sound_parameters(p) == 0)) {
+        status = ${PREFIX}_INVALID;
+    }
+    if (status == ${PREFIX}_OK) {
+        status = approach(target, tool, p, found);
+    }
+    return taken(status, found, q);
 }

@@ -26,14 +26,17 @@ int ${prefix}_world(const double joints[${PREFIX}_JOINTS], double tool_offset, c
     double q[${PREFIX}_AXES];
     double position[3];
     double direction[3];
+    int status;
 
 $from_joints
-    ${prefix}_forward(q, tool, p, position, direction);
+    status = ${prefix}_forward(q, tool, p, position, direction);
+    if (status == ${PREFIX}_OK) {
 $to_world
-    world[0] = position[0];
-    world[1] = position[1];
-    world[2] = position[2] + tool_offset;
-    return ((position[0] - position[0]) == 0.0) ? ${PREFIX}_OK : ${PREFIX}_NOT_CONVERGED;
+        world[0] = position[0];
+        world[1] = position[1];
+        world[2] = position[2] + tool_offset;
+    }
+    return status;
 }
 
 int ${prefix}_joints(const double world[${PREFIX}_WORLD], double tool_offset, const double p[${PREFIX}_P_SIZE],

@@ -4,6 +4,9 @@ Made by symfive $version; change the model, not this file. model sha256 $digest
 
 Structure $structure, joints in the order $joints; joint and world coordinates in mm and degree.
 A pin per parameter (um, urad as in ${prefix}.h) begins with its identified value; all at 0 is the machine without errors.
+Values set before the control starts, or while words are the axes' own positions, hold at once. Otherwise a pin that changes is
+followed at the speed of pin ramp, 20 um or urad a second, 0: not at all. Pin following is true meanwhile. A pin that is not a number, infinite or beyond 1e6 is not followed:
+pin fault is true, and the value before remains. Where the tool length is not finite, no pose is found.
 Pin tool-offset is the tool length: net it to motion.tooloffset.z. Positive rotary commands turn after ISO 841, which is
 opposite to the stock trunnion kinematics without conventional-directions.
 
@@ -11,12 +14,12 @@ Where motion.switchkins-type is 0, x y z of a program are the tool centre point 
 are the axes' own positions. Change a tool length (G43) while it is 1: a tilted tool's point would jump otherwise.
 
 The function check works through both directions once a cycle, for tests: check-world-0 to check-world-5 (x y z a b c) to
-check-joint-0 ... and back to check-back-0 ...; check-status is 0 where the inverse was found.
+check-joint-0 ... and back to check-back-0 ...; check-status is 0 where both were found.
 """;
 pin in float check_world-#[6] "x y z a b c of the test";
 pin out float check_joint-#[$axes] "joints of the test";
 pin out float check_back-#[6] "world coordinates of these joints";
-pin out s32 check_status "0: done";
+pin out s32 check_status "0: done; -1: no inverse, -2: no forward kinematics";
 function check fp;
 option singleton yes;
 option extra_setup yes;
@@ -26,21 +29,49 @@ license "GPL-2.0-or-later"; // for LinuxCNC's kinematics.h; ${prefix}.c and ${pr
 #include "rtapi_math.h"
 #include "${prefix}_kins.c"
 
+#define LARGEST_PIN 1.0e6   /* um or urad */
+#define LONGEST_CYCLE 0.01 /* s: what a pause of the control adds to a ramp */
+
 struct pins {
     hal_float_t *tool_offset;
+    hal_float_t *ramp;
+    hal_bit_t *following;
+    hal_bit_t *fault;
     hal_float_t *p[${PREFIX}_P_SIZE];
 };
 static struct pins *pins = 0;
+static double in_use[${PREFIX}_P_SIZE]; /* the values that the kinematics work with */
+static long long last_time = 0;     /* ns; 0 before the first call */
 static int programmed_axes = 0; /* 0: words are the tool centre point, 1: words are positions of the axes */
 
-static void read_pins(double p[${PREFIX}_P_SIZE], double *tool_offset)
+/* Brings the values in use nearer to the pins, as far as the time since the last call allows, or `at_once`. */
+static void follow_pins(int at_once)
 {
+    const long long now = rtapi_get_time();
+    const double passed = (double)(now - last_time) * 1.0e-9;
+    const double seconds = (passed < LONGEST_CYCLE) ? passed : LONGEST_CYCLE;
+    const double speed = *pins->ramp;
+    const double most = ((speed > 0.0) && (speed <= LARGEST_PIN) && (seconds > 0.0)) ? (speed * seconds) : 0.0;
+    int following = 0;
+    int fault = 0;
     int i;
 
-    for (i = 0; i < ${PREFIX}_P_SIZE; ++i) {
-        p[i] = (i < ${PREFIX}_PARAMETERS) ? *pins->p[i] : 0.0;
+    for (i = 0; i < ${PREFIX}_PARAMETERS; ++i) {
+        const double wanted = *pins->p[i];
+        const double missing = wanted - in_use[i];
+
+        if (!(fabs(wanted) <= LARGEST_PIN)) { /* true for what is not a number, too */
+            fault = 1;
+        } else if (at_once || (fabs(missing) <= most)) {
+            in_use[i] = wanted;
+        } else {
+            in_use[i] += (missing > 0.0) ? most : -most;
+            following = 1;
+        }
     }
-    *tool_offset = *pins->tool_offset;
+    *pins->following = following;
+    *pins->fault = fault;
+    last_time = now;
 }
 
 EXTRA_SETUP()
@@ -48,7 +79,6 @@ EXTRA_SETUP()
     static const char *const names[${PREFIX}_P_SIZE] = {
 $pin_names
     };
-    double values[${PREFIX}_P_SIZE];
     int result = 0;
     int i;
 
@@ -58,12 +88,18 @@ $pin_names
     if (pins == 0) {
         return -1;
     }
-    ${prefix}_parameters(values);
+    ${prefix}_parameters(in_use);
     result = hal_pin_float_newf(HAL_IN, &pins->tool_offset, comp_id, "${prefix}kins.tool-offset");
+    result = (result == 0) ? hal_pin_float_newf(HAL_IN, &pins->ramp, comp_id, "${prefix}kins.ramp") : result;
+    result = (result == 0) ? hal_pin_bit_newf(HAL_OUT, &pins->following, comp_id, "${prefix}kins.following") : result;
+    result = (result == 0) ? hal_pin_bit_newf(HAL_OUT, &pins->fault, comp_id, "${prefix}kins.fault") : result;
+    if (result == 0) {
+        *pins->ramp = 20.0;
+    }
     for (i = 0; (i < ${PREFIX}_PARAMETERS) && (result == 0); ++i) {
         result = hal_pin_float_newf(HAL_IN, &pins->p[i], comp_id, "${prefix}kins.%s", names[i]);
         if (result == 0) {
-            *pins->p[i] = values[i];
+            *pins->p[i] = in_use[i];
         }
     }
     return result;
@@ -98,18 +134,19 @@ KINEMATICS_TYPE kinematicsType(void)
 int kinematicsForward(const double *joints, EmcPose *pose, const KINEMATICS_FORWARD_FLAGS *fflags,
                       KINEMATICS_INVERSE_FLAGS *iflags)
 {
-    double p[${PREFIX}_P_SIZE];
-    double tool_offset;
     double world[${PREFIX}_WORLD];
     int status = ${PREFIX}_OK;
 
     (void)fflags;
     (void)iflags;
+    follow_pins((last_time == 0) || (programmed_axes != 0)); /* the joints do not depend on them then */
     if (programmed_axes != 0) {
         ${prefix}_world_of_axes(joints, world);
     } else {
-        read_pins(p, &tool_offset);
-        status = ${prefix}_world(joints, tool_offset, p, world);
+        status = ${prefix}_world(joints, *pins->tool_offset, in_use, world);
+    }
+    if (status != ${PREFIX}_OK) {
+        return -1; /* the pose stays as it is */
     }
     pose->tran.x = world[0];
     pose->tran.y = world[1];
@@ -120,7 +157,7 @@ int kinematicsForward(const double *joints, EmcPose *pose, const KINEMATICS_FORW
     pose->u = world[6];
     pose->v = world[7];
     pose->w = world[8];
-    return (status == ${PREFIX}_OK) ? 0 : -1;
+    return 0;
 }
 
 int kinematicsInverse(const EmcPose *pose, double *joints, const KINEMATICS_INVERSE_FLAGS *iflags,
@@ -128,17 +165,15 @@ int kinematicsInverse(const EmcPose *pose, double *joints, const KINEMATICS_INVE
 {
     const double world[${PREFIX}_WORLD] = { pose->tran.x, pose->tran.y, pose->tran.z, pose->a, pose->b, pose->c,
                                      pose->u, pose->v, pose->w };
-    double p[${PREFIX}_P_SIZE];
-    double tool_offset;
     int status = ${PREFIX}_OK;
 
     (void)iflags;
     (void)fflags;
+    follow_pins((last_time == 0) || (programmed_axes != 0));
     if (programmed_axes != 0) {
         ${prefix}_axes_of_world(world, joints);
     } else {
-        read_pins(p, &tool_offset);
-        status = ${prefix}_joints(world, tool_offset, p, joints);
+        status = ${prefix}_joints(world, *pins->tool_offset, in_use, joints);
     }
     return (status == ${PREFIX}_OK) ? 0 : -1;
 }
@@ -153,7 +188,9 @@ FUNCTION(check)
     for (i = 0; i < ${PREFIX}_JOINTS; ++i) {
         check_joint(i) = joints[i];
     }
-    kinematicsForward(joints, &pose, 0, 0);
+    if (kinematicsForward(joints, &pose, 0, 0) != 0) {
+        check_status = -2;
+    }
     check_back(0) = pose.tran.x;
     check_back(1) = pose.tran.y;
     check_back(2) = pose.tran.z;

@@ -24,7 +24,7 @@ static ${prefix}_real nearest_turn(${prefix}_real angle, ${prefix}_real referenc
  * Two turns about crossing directions (Paden and Kahan's second subproblem): the tool's axis turned by the second axis and
  * the wanted direction turned back by the first one are the same vector c; its components along both axes are known.
  */
-int ${prefix}_orient(const ${prefix}_real direction[3], ${prefix}_real q[${PREFIX}_AXES])
+static int turned(const ${prefix}_real direction[3], ${prefix}_real q[${PREFIX}_AXES])
 {
     const ${prefix}_real first[3] = { $first_axis };
     const ${prefix}_real second[3] = { $second_axis };
@@ -74,6 +74,24 @@ int ${prefix}_orient(const ${prefix}_real direction[3], ${prefix}_real q[${PREFI
         }
         q[$first_place] = best[0];
         q[$second_place] = best[1];
+    }
+    return status;
+}
+
+int ${prefix}_orient(const ${prefix}_real direction[3], ${prefix}_real q[${PREFIX}_AXES])
+{
+    const ${prefix}_real slack = (${prefix}_real)${PREFIX}_UNIT_TOLERANCE;
+    const ${prefix}_real one = (${prefix}_real)1.0;
+    int status = ${PREFIX}_INVALID;
+
+    if ((sound(3, direction, one + slack) != 0) && (sound(${PREFIX}_AXES, q, (${prefix}_real)${PREFIX}_FARTHEST) != 0)) {
+        const ${prefix}_real length = ${PREFIX}_SQRT(dot3(direction, direction));
+
+        if (${PREFIX}_FABS(length - one) <= slack) {
+            const ${prefix}_real unit[3] = { direction[0] / length, direction[1] / length, direction[2] / length };
+
+            status = turned(unit, q);
+        }
     }
     return status;
 }

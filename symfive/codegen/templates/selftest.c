@@ -97,12 +97,40 @@ static void check_vectors(int number)
     ${prefix}_real direction_by_q[3 * ${PREFIX}_AXES];
 
     load(number, q, tool, p);
-    ${prefix}_forward(q, tool, p, position, direction);
+    expect("status of forward", number, (double)${prefix}_forward(q, tool, p, position, direction), 0.0);
     expect("position", number, apart(3, position, vector_position[number], 0), POINT_LIMIT);
     expect("direction", number, apart(3, direction, vector_direction[number], 0), DIRECTION_LIMIT);
-    ${prefix}_axis_jacobian(q, tool, p, by_q, direction_by_q);
+    (void)${prefix}_axis_jacobian(q, tool, p, by_q, direction_by_q);
     expect("axis jacobian", number, apart(3 * ${PREFIX}_AXES, by_q, vector_by_q[number], 1), SLOPE_LIMIT);
 $check_by_p}
+
+/* What is not finite is refused, in every place of the arguments. */
+static void check_refusals(int number)
+{
+    ${prefix}_real q[${PREFIX}_AXES];
+    ${prefix}_real tool[3];
+    ${prefix}_real p[${PREFIX}_P_SIZE];
+    ${prefix}_real position[3];
+    ${prefix}_real direction[3];
+    int i;
+
+    for (i = 0; i < (${PREFIX}_AXES + 3 + ${PREFIX}_P_SIZE); ++i) {
+        ${prefix}_real *wrong = &q[0];
+
+        load(number, q, tool, p);
+        if (i < ${PREFIX}_AXES) {
+            wrong = &q[i];
+        } else if (i < (${PREFIX}_AXES + 3)) {
+            wrong = &tool[i - ${PREFIX}_AXES];
+        } else {
+            wrong = &p[i - ${PREFIX}_AXES - 3];
+        }
+        *wrong = ((i % 2) == 0) ? (${prefix}_real)NAN : (${prefix}_real)HUGE_VAL;
+        if (${prefix}_forward(q, tool, p, position, direction) != ${PREFIX}_INVALID) {
+            expect("refusal", i, 1.0, 0.0);
+        }
+    }
+}
 
 /* Central differences of the forward function against both Jacobians of the axes. */
 static void check_differences(int number)
@@ -149,6 +177,7 @@ int main(void)
     for (number = 0; number < VECTORS; ++number) {
         check_vectors(number);
         check_differences(number);
+        check_refusals(number);
 $call_inverse    }
     printf("%s: %d failures\n", ${PREFIX}_MODEL, failures);
     return (failures == 0) ? 0 : 1;

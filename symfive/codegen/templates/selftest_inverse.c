@@ -19,7 +19,7 @@ static void check_inverse(int number)
         again[i] = q[i];
     }
 $scatter    status = ${prefix}_inverse(position, tool, p, again);
-    if (status != ${PREFIX}_SINGULAR) {
+    if (status != ${PREFIX}_UNREACHABLE) {
         expect("status of inverse", number, (double)status, 0.0);
         for (i = 0; i < ${PREFIX}_AXES; ++i) {
             const double back = (double)q[i];
@@ -28,7 +28,7 @@ $scatter    status = ${prefix}_inverse(position, tool, p, again);
     }
     ${prefix}_nominal(q, tool, position, direction);
     status = ${prefix}_compensate(q, tool, p, again);
-    if (status != ${PREFIX}_SINGULAR) {
+    if (status != ${PREFIX}_UNREACHABLE) {
         expect("status of compensate", number, (double)status, 0.0);
         ${prefix}_forward(again, tool, p, reached, direction);
         for (i = 0; i < 3; ++i) {

@@ -5,15 +5,8 @@
 #if defined(__FLT_EVAL_METHOD__) && (__FLT_EVAL_METHOD__ != 0)
 #error "double precision is not kept"
 #endif
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wpsabi"
-#endif
 
-#if defined(__AVX512F__)
-#define LANES 8
-#else
-#define LANES 4
-#endif
+$lanes
 #define fmin(a, b) ((((a) <= (b)) || ((b) != (b))) ? (a) : (b)) /* of two zeros the first, as CasADi */
 #define fmax(a, b) ((((a) >= (b)) || ((b) != (b))) ? (a) : (b))
 $helpers

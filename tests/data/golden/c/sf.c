@@ -12,9 +12,9 @@
 #define SF_SQRT sqrtf
 #define SF_FABS fabsf
 #define SF_FLOOR floorf
-#define SF_LAST_STEP ((sf_real)1.0e-3)
-#define SF_LAST_TURN ((sf_real)1.0e-6)
+#define SF_LAST_TURN ((sf_real)1.0e-5)
 #define SF_SLACK ((sf_real)1.0e-6)
+#define SF_NARROWEST ((sf_real)1.0e-3)
 #else
 #define SF_SIN sin
 #define SF_COS cos
@@ -22,10 +22,36 @@
 #define SF_SQRT sqrt
 #define SF_FABS fabs
 #define SF_FLOOR floor
-#define SF_LAST_STEP ((sf_real)1.0e-6)
 #define SF_LAST_TURN ((sf_real)1.0e-12)
 #define SF_SLACK ((sf_real)1.0e-12)
+#define SF_NARROWEST ((sf_real)1.0e-6)
 #endif
+
+/* Whether all are finite and no larger than `most`. */
+static int sound(int count, const sf_real *x, sf_real most)
+{
+    int good = 1;
+    int i;
+
+    for (i = 0; i < count; ++i) {
+        if (!(SF_FABS(x[i]) <= most)) { /* true for what is not a number, too */
+            good = 0;
+        }
+    }
+    return good;
+}
+
+static int sound_pose(const sf_real q[SF_AXES], const sf_real tool[3])
+{
+    const sf_real farthest = (sf_real)SF_FARTHEST;
+
+    return ((sound(SF_AXES, q, farthest) != 0) && (sound(3, tool, farthest) != 0)) ? 1 : 0;
+}
+
+static int sound_parameters(const sf_real p[SF_P_SIZE])
+{
+    return sound(SF_P_SIZE, p, (sf_real)SF_LARGEST);
+}
 
 void sf_parameters(sf_real p[SF_P_SIZE])
 {
@@ -38,6 +64,11 @@ void sf_parameters(sf_real p[SF_P_SIZE])
     p[6] = (sf_real)22.0; /* EXC.sin1, um */
     p[7] = (sf_real)29.0; /* EXC.cos2, um */
     p[8] = (sf_real)36.0; /* EXC.sin2, um */
+}
+
+const char *sf_model(void)
+{
+    return SF_MODEL;
 }
 
 const char *sf_parameter_name(int index)
@@ -57,26 +88,33 @@ const char *sf_parameter_name(int index)
     return ((index >= 0) && (index < SF_PARAMETERS)) ? names[index] : "";
 }
 
-void sf_error(const sf_real q[SF_AXES], const sf_real tool[3],
-              const sf_real p[SF_P_SIZE], sf_real error[3], sf_real tilt[3])
+int sf_error(const sf_real q[SF_AXES], const sf_real tool[3],
+             const sf_real p[SF_P_SIZE], sf_real error[3], sf_real tilt[3])
 {
     sf_real position[3];
     sf_real direction[3];
     sf_real nominal_position[3];
     sf_real nominal_direction[3];
+    const int status = sf_forward(q, tool, p, position, direction);
     int i;
 
-    sf_forward(q, tool, p, position, direction);
-    sf_nominal(q, tool, nominal_position, nominal_direction);
+    (void)sf_nominal(q, tool, nominal_position, nominal_direction);
     for (i = 0; i < 3; ++i) {
         error[i] = position[i] - nominal_position[i];
         tilt[i] = direction[i] - nominal_direction[i];
     }
+    return status;
 }
 
-void sf_forward(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real position[3],
-                sf_real direction[3])
+int sf_forward(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real position[3],
+               sf_real direction[3])
 {
+    int given = sound_pose(q, tool);
+
+    if (sound_parameters(p) == 0) {
+        given = 0;
+    }
+
     const sf_real p0 = p[0];
     const sf_real p1 = p[1];
     const sf_real p2 = p[2];
@@ -117,7 +155,6 @@ void sf_forward(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p
     const sf_real t18 = t6 * t14;
     const sf_real t19 = t1 * t14;
     const sf_real t20 = (t17 + (t0 * t18)) - (t5 * t19);
-
     direction[0] = t20;
     const sf_real t21 = k0 * p0;
     const sf_real t22 = SF_COS(t21);
@@ -147,10 +184,14 @@ void sf_forward(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p
     direction[2] = t42;
     const sf_real t43 = (((t25 * t41) + (t23 * t39)) - (t29 * t39)) + (q0 * t41);
     position[2] = ((t40 - (tool1 * t41)) + (tool2 * t42)) + ((q4 * t42) - t43);
+
+    return ((given != 0) && (sound(3, position, (sf_real)SF_LARGEST) != 0) && (sound(3, direction, (sf_real)SF_LARGEST) != 0)) ? SF_OK : SF_INVALID;
 }
 
-void sf_nominal(const sf_real q[SF_AXES], const sf_real tool[3], sf_real position[3], sf_real direction[3])
+int sf_nominal(const sf_real q[SF_AXES], const sf_real tool[3], sf_real position[3], sf_real direction[3])
 {
+    int given = sound_pose(q, tool);
+
     const sf_real q0 = q[0];
     const sf_real q1 = q[1];
     const sf_real q2 = q[2];
@@ -161,7 +202,6 @@ void sf_nominal(const sf_real q[SF_AXES], const sf_real tool[3], sf_real positio
     const sf_real tool2 = tool[2];
     const sf_real t0 = SF_COS(q3);
     const sf_real t1 = SF_COS(q2);
-
     direction[2] = t1;
     const sf_real t2 = t0 * t1;
     const sf_real t3 = SF_SIN(q3);
@@ -174,11 +214,19 @@ void sf_nominal(const sf_real q[SF_AXES], const sf_real tool[3], sf_real positio
     direction[1] = t7;
     position[1] = (((t0 * tool1) + (tool0 * t6)) + (tool2 * t7)) + ((q4 * t7) + ((t0 * q0) + (q1 * t6)));
     position[2] = ((t1 * tool2) - (t4 * tool0)) + ((t1 * q4) - (t4 * q1));
+
+    return ((given != 0) && (sound(3, position, (sf_real)SF_LARGEST) != 0) && (sound(3, direction, (sf_real)SF_LARGEST) != 0)) ? SF_OK : SF_INVALID;
 }
 
-void sf_axis_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
-                      by_q[3 * SF_AXES], sf_real direction_by_q[3 * SF_AXES])
+int sf_axis_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
+                     by_q[3 * SF_AXES], sf_real direction_by_q[3 * SF_AXES])
 {
+    int given = sound_pose(q, tool);
+
+    if (sound_parameters(p) == 0) {
+        given = 0;
+    }
+
     const sf_real p0 = p[0];
     const sf_real p1 = p[1];
     const sf_real p2 = p[2];
@@ -215,7 +263,6 @@ void sf_axis_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_
     const sf_real t13 = SF_COS(q2);
     const sf_real t14 = t13 * t3;
     const sf_real t15 = (t5 - (t9 * t10)) + (t12 * t14);
-
     by_q[0] = t15;
     const sf_real t16 = t0 * t8;
     const sf_real t17 = t0 * t11;
@@ -298,11 +345,19 @@ void sf_axis_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_
     direction_by_q[9] = (t30 * t61) - t37;
     direction_by_q[10] = t56 - (t30 * t67);
     direction_by_q[11] = (t37 * t67) - (t56 * t61);
+
+    return ((given != 0) && (sound(3 * SF_AXES, by_q, (sf_real)SF_LARGEST) != 0) && (sound(3 * SF_AXES, direction_by_q, (sf_real)SF_LARGEST) != 0)) ? SF_OK : SF_INVALID;
 }
 
-void sf_parameter_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
-                           by_p[3 * SF_PARAMETERS])
+int sf_parameter_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
+                          by_p[3 * SF_PARAMETERS])
 {
+    int given = sound_pose(q, tool);
+
+    if (sound_parameters(p) == 0) {
+        given = 0;
+    }
+
     const sf_real p0 = p[0];
     const sf_real p1 = p[1];
     const sf_real p2 = p[2];
@@ -345,7 +400,6 @@ void sf_parameter_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], cons
     const sf_real t19 = (t14 - (t16 * t17)) + (t5 * t18);
     const sf_real t20 = SF_COS(t8);
     const sf_real t21 = t20 * q1;
-
     by_p[0] = -(k0 * ((t7 * t10) - (t19 * t21)));
     const sf_real t22 = t0 * t3;
     const sf_real t23 = -(t6 * t22);
@@ -409,19 +463,25 @@ void sf_parameter_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], cons
     const sf_real t57 = k1 * t40;
     by_p[24] = -(t0 * t57);
     by_p[25] = -(t4 * t57);
+
+    return ((given != 0) && (sound(3 * SF_PARAMETERS, by_p, (sf_real)SF_LARGEST) != 0)) ? SF_OK : SF_INVALID;
 }
 
-void sf_direction_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
-                           direction_by_p[3 * SF_PARAMETERS])
+int sf_direction_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], const sf_real p[SF_P_SIZE], sf_real
+                          direction_by_p[3 * SF_PARAMETERS])
 {
+    int given = sound_pose(q, tool);
+
+    if (sound_parameters(p) == 0) {
+        given = 0;
+    }
+
     const sf_real p2 = p[2];
     const sf_real p4 = p[4];
     const sf_real q2 = q[2];
     const sf_real q3 = q[3];
     const sf_real k0 = (sf_real)(0.0);
     const sf_real k1 = (sf_real)(1e-06);
-
-    (void)tool;
     direction_by_p[0] = k0;
     direction_by_p[1] = k0;
     direction_by_p[2] = k0;
@@ -472,6 +532,8 @@ void sf_direction_jacobian(const sf_real q[SF_AXES], const sf_real tool[3], cons
     direction_by_p[12] = -(k1 * (t7 * t14));
     direction_by_p[13] = k1 * (t1 * t14);
     direction_by_p[14] = -(k1 * ((t1 * t16) - (t7 * t20)));
+
+    return ((given != 0) && (sound(3 * SF_PARAMETERS, direction_by_p, (sf_real)SF_LARGEST) != 0)) ? SF_OK : SF_INVALID;
 }
 
 static void nominal_slope(const sf_real q[SF_AXES], const sf_real tool[3], sf_real position[3], sf_real slope[9])
@@ -616,30 +678,13 @@ static int solve3(const sf_real m[9], const sf_real right[3], sf_real x[3])
     return solved;
 }
 
-static sf_real largest(const sf_real x[3])
-{
-    sf_real size = SF_FABS(x[0]);
-    int i;
-
-    for (i = 1; i < 3; ++i) {
-        const sf_real other = SF_FABS(x[i]);
-        if (!(other <= size)) { /* true for what is not a number, too */
-            size = other;
-        }
-    }
-    return size;
-}
-
 int sf_inverse_nominal(const sf_real target[3], const sf_real tool[3],
                        sf_real q[SF_AXES])
 {
     const int solved[3] = { 1, 0, 4 };
+    const sf_real farthest = (sf_real)SF_FARTHEST;
     sf_real start[SF_AXES];
-    sf_real position[3];
-    sf_real slope[9];
-    sf_real missing[3];
-    sf_real x[3];
-    int status = SF_SINGULAR;
+    int status = SF_INVALID;
     int i;
 
     for (i = 0; i < SF_AXES; ++i) {
@@ -648,25 +693,52 @@ int sf_inverse_nominal(const sf_real target[3], const sf_real tool[3],
     for (i = 0; i < 3; ++i) {
         start[solved[i]] = (sf_real)0.0;
     }
-    nominal_slope(start, tool, position, slope);
-    for (i = 0; i < 3; ++i) {
-        missing[i] = target[i] - position[i];
-    }
-    if (solve3(slope, missing, x) != 0) {
+    if ((sound_pose(start, tool) != 0) && (sound(3, target, farthest) != 0)) {
+        sf_real position[3];
+        sf_real slope[9];
+        sf_real missing[3];
+        sf_real x[3];
+
+        status = SF_UNREACHABLE;
+        nominal_slope(start, tool, position, slope);
         for (i = 0; i < 3; ++i) {
-            q[solved[i]] = x[i];
+            missing[i] = target[i] - position[i];
         }
-        status = SF_OK;
+        if ((solve3(slope, missing, x) != 0) && (sound(3, x, farthest) != 0)) {
+            for (i = 0; i < 3; ++i) {
+                q[solved[i]] = x[i];
+            }
+            status = SF_OK;
+        }
     }
     return status;
 }
 
-/* Newton's iteration for the point; the last step's error is smaller than the step by the machine's relative error. */
+static sf_real largest(const sf_real x[3])
+{
+    sf_real size = SF_FABS(x[0]);
+    int i;
+
+    for (i = 1; i < 3; ++i) {
+        const sf_real other = SF_FABS(x[i]);
+        if (other > size) {
+            size = other;
+        }
+    }
+    return size;
+}
+
+/*
+ * Newton's iteration for the point. Steps shrink at least as fast from one to the next as they did before, so that what is
+ * missing after a step is known without another one. Anything but SF_OK leaves q somewhere.
+ */
 static int approach(const sf_real target[3], const sf_real tool[3],
                     const sf_real p[SF_P_SIZE], sf_real q[SF_AXES])
 {
     const int solved[3] = { 1, 0, 4 };
-    const sf_real farthest = (sf_real)1.0e5;
+    const sf_real farthest = (sf_real)SF_FARTHEST;
+    const sf_real tolerance = (sf_real)SF_TOLERANCE;
+    sf_real before = (sf_real)0.0;
     int status = SF_NOT_CONVERGED;
     int step = 0;
     int going = 1;
@@ -683,20 +755,37 @@ static int approach(const sf_real target[3], const sf_real tool[3],
             missing[i] = target[i] - position[i];
         }
         if (solve3(slope, missing, x) == 0) {
-            status = SF_SINGULAR;
+            status = SF_UNREACHABLE;
             going = 0;
-        } else if (!(largest(x) <= farthest)) {
+        } else if (sound(3, x, farthest) == 0) {
             going = 0;
         } else {
+            const sf_real size = largest(x);
+
             for (i = 0; i < 3; ++i) {
                 q[solved[i]] += x[i];
             }
-            if (largest(x) <= SF_LAST_STEP) {
-                status = SF_OK;
+            if ((size <= tolerance) || ((size < before) && ((size * size) <= (tolerance * before)))) {
+                status = SF_UNREACHABLE;
                 going = 0;
+                if (sound(SF_AXES, q, farthest) != 0) {
+                    status = SF_OK;
+                }
             }
+            before = size;
         }
         ++step;
+    }
+    return status;
+}
+
+/* The result of a solution that may be used, otherwise q stays as it is. */
+static int taken(int status, const sf_real found[SF_AXES], sf_real q[SF_AXES])
+{
+    int i;
+
+    for (i = 0; ((status == SF_OK) || (status == SF_SINGULAR)) && (i < SF_AXES); ++i) {
+        q[i] = found[i];
     }
     return status;
 }
@@ -704,13 +793,18 @@ static int approach(const sf_real target[3], const sf_real tool[3],
 int sf_inverse(const sf_real target[3], const sf_real tool[3],
                const sf_real p[SF_P_SIZE], sf_real q[SF_AXES])
 {
-    const sf_real goal[3] = { target[0], target[1], target[2] };
-    int status = sf_inverse_nominal(goal, tool, q);
+    sf_real found[SF_AXES];
+    int status;
+    int i;
 
-    if (status == SF_OK) {
-        status = approach(goal, tool, p, q);
+    for (i = 0; i < SF_AXES; ++i) {
+        found[i] = q[i];
     }
-    return status;
+    status = (sound_parameters(p) != 0) ? sf_inverse_nominal(target, tool, found) : SF_INVALID;
+    if (status == SF_OK) {
+        status = approach(target, tool, p, found);
+    }
+    return taken(status, found, q);
 }
 
 int sf_compensate(const sf_real wanted[SF_AXES], const sf_real tool[3],
@@ -718,13 +812,20 @@ int sf_compensate(const sf_real wanted[SF_AXES], const sf_real tool[3],
 {
     sf_real target[3];
     sf_real direction[3];
+    sf_real found[SF_AXES];
+    int status = sf_nominal(wanted, tool, target, direction);
     int i;
 
-    sf_nominal(wanted, tool, target, direction);
     for (i = 0; i < SF_AXES; ++i) {
-        q[i] = wanted[i];
+        found[i] = wanted[i];
     }
-    return approach(target, tool, p, q);
+    if ((status == SF_OK) && (sound_parameters(p) == 0)) {
+        status = SF_INVALID;
+    }
+    if (status == SF_OK) {
+        status = approach(target, tool, p, found);
+    }
+    return taken(status, found, q);
 }
 
 static sf_real dot3(const sf_real a[3], const sf_real b[3])
@@ -753,7 +854,7 @@ static sf_real nearest_turn(sf_real angle, sf_real reference)
  * Two turns about crossing directions (Paden and Kahan's second subproblem): the tool's axis turned by the second axis and
  * the wanted direction turned back by the first one are the same vector c; its components along both axes are known.
  */
-int sf_orient(const sf_real direction[3], sf_real q[SF_AXES])
+static int turned(const sf_real direction[3], sf_real q[SF_AXES])
 {
     const sf_real first[3] = { (sf_real)0.0, (sf_real)0.0, (sf_real)1.0 };
     const sf_real second[3] = { (sf_real)0.0, (sf_real)1.0, (sf_real)0.0 };
@@ -807,89 +908,128 @@ int sf_orient(const sf_real direction[3], sf_real q[SF_AXES])
     return status;
 }
 
-/* Steps of the two rotary axes that turn the direction by `turn`, least squares; 0 near a singular pose. */
-static int solve_direction(const sf_real first[3], const sf_real second[3], const sf_real turn[3],
-                           sf_real x[2])
+int sf_orient(const sf_real direction[3], sf_real q[SF_AXES])
 {
+    const sf_real slack = (sf_real)SF_UNIT_TOLERANCE;
+    const sf_real one = (sf_real)1.0;
+    int status = SF_INVALID;
+
+    if ((sound(3, direction, one + slack) != 0) && (sound(SF_AXES, q, (sf_real)SF_FARTHEST) != 0)) {
+        const sf_real length = SF_SQRT(dot3(direction, direction));
+
+        if (SF_FABS(length - one) <= slack) {
+            const sf_real unit[3] = { direction[0] / length, direction[1] / length, direction[2] / length };
+
+            status = turned(unit, q);
+        }
+    }
+    return status;
+}
+
+/*
+ * What is solved near a wanted pose: the rotary axes' steps x that take away the tilt of the real tool, base' (now - direction) = 0
+ * with the slopes `base` of the direction there. Where their smallest singular value s is below a width w, a tilt asks for
+ * motions that are larger than itself by 1 / s; the factor is then s (2 w^2 - s^2) / w^4, which passes into 1 / s at w without
+ * a kink and is nothing at the singular pose itself. It is what a spring along the weak combination of the axes does:
+ * base' (now - direction) + hold x = 0. With w^2 = 4 tilts the commands turn at most half as far more as is wanted.
+ */
+static int held(const sf_real first[3], const sf_real second[3], sf_real tilt, sf_real hold[3])
+{
+    const sf_real two = (sf_real)2.0;
     const sf_real a = dot3(first, first);
     const sf_real b = dot3(first, second);
     const sf_real c = dot3(second, second);
-    const sf_real determinant = (a * c) - (b * b);
-    const sf_real least = (sf_real)1.0e-4;
-    int solved = 0;
+    const sf_real apart = SF_SQRT(((a - c) * (a - c)) + (two * two * b * b));
+    const sf_real strong = (a + c + apart) / two;
+    const sf_real weak = ((a * c) - (b * b)) / strong; /* the square of s */
+    const sf_real width = SF_NARROWEST + (two * two * tilt);
+    int near = 0;
 
-    if (determinant > least) {
-        const sf_real u = dot3(first, turn);
-        const sf_real v = dot3(second, turn);
+    hold[0] = (sf_real)0.0;
+    hold[1] = (sf_real)0.0;
+    hold[2] = (sf_real)0.0;
+    if ((weak < width) && (apart > (sf_real)0.0)) {
+        const sf_real spring = (((width * width) / ((two * width) - weak)) - weak) / apart;
 
-        x[0] = ((c * u) - (b * v)) / determinant;
-        x[1] = ((a * v) - (b * u)) / determinant;
-        solved = 1;
+        hold[0] = spring * (strong - a);
+        hold[1] = -(spring * b);
+        hold[2] = spring * (strong - c);
+        near = 1;
     }
-    return solved;
-}
-
-/* One sweep: the rotary axes for the direction, then the point at the new rotary positions. */
-static int turn_once(const sf_real target[3], const sf_real direction[3], const sf_real tool[3],
-                     const sf_real p[SF_P_SIZE], sf_real q[SF_AXES], sf_real x[2])
-{
-    sf_real position[3];
-    sf_real now[3];
-    sf_real by_q[3 * SF_AXES];
-    sf_real direction_by_q[3 * SF_AXES];
-    sf_real turn[3];
-    int status = SF_SINGULAR;
-    int i;
-
-    sf_forward(q, tool, p, position, now);
-    sf_axis_jacobian(q, tool, p, by_q, direction_by_q);
-    for (i = 0; i < 3; ++i) {
-        turn[i] = direction[i] - now[i];
-    }
-    if (solve_direction(&direction_by_q[9], &direction_by_q[6], turn, x) != 0) {
-        q[3] += x[0];
-        q[2] += x[1];
-        status = approach(target, tool, p, q);
-    }
-    return status;
+    return near;
 }
 
 int sf_compensate_direction(const sf_real wanted[SF_AXES], const sf_real tool[3],
                             const sf_real p[SF_P_SIZE], sf_real q[SF_AXES])
 {
-    const sf_real small = SF_LAST_TURN;
     sf_real target[3];
     sf_real direction[3];
-    sf_real safe[SF_AXES];
-    int status;
-    int step = 0;
+    sf_real found[SF_AXES];
+    sf_real first[3];
+    sf_real second[3];
+    sf_real hold[3];
+    sf_real x[2] = { (sf_real)0.0, (sf_real)0.0 };
+    int status = sf_nominal(wanted, tool, target, direction);
+    int near = 0;
     int going = 1;
+    int step = 0;
     int i;
 
-    sf_nominal(wanted, tool, target, direction);
     for (i = 0; i < SF_AXES; ++i) {
-        q[i] = wanted[i];
+        found[i] = wanted[i];
     }
-    status = approach(target, tool, p, q);
-    for (i = 0; i < SF_AXES; ++i) {
-        safe[i] = q[i];
+    if ((status == SF_OK) && (sound_parameters(p) == 0)) {
+        status = SF_INVALID;
+    }
+    if (status == SF_OK) {
+        status = approach(target, tool, p, found);
     }
     while ((going != 0) && (status == SF_OK)) {
-        sf_real x[2] = { (sf_real)0.0, (sf_real)0.0 };
+        sf_real position[3];
+        sf_real now[3];
+        sf_real by_q[3 * SF_AXES];
+        sf_real slopes[3 * SF_AXES];
+        sf_real tilt[3];
 
-        status = turn_once(target, direction, tool, p, q, x);
-        if ((status == SF_OK) && (SF_FABS(x[0]) <= small) && (SF_FABS(x[1]) <= small)) {
-            going = 0;
-        } else if (step >= SF_ITERATIONS) {
-            status = SF_NOT_CONVERGED;
-        } else {
-            ++step;
+        (void)sf_forward(found, tool, p, position, now);
+        (void)sf_axis_jacobian(found, tool, p, by_q, slopes);
+        for (i = 0; i < 3; ++i) {
+            tilt[i] = direction[i] - now[i];
         }
-    }
-    if (status == SF_SINGULAR) {
-        for (i = 0; i < SF_AXES; ++i) {
-            q[i] = safe[i];
+        if (step == 0) {
+            for (i = 0; i < 3; ++i) {
+                first[i] = slopes[9 + i];
+                second[i] = slopes[6 + i];
+            }
+            near = held(first, second, SF_SQRT(dot3(tilt, tilt)), hold);
         }
+        {
+            const sf_real u = dot3(first, tilt) - ((hold[0] * x[0]) + (hold[1] * x[1]));
+            const sf_real v = dot3(second, tilt) - ((hold[1] * x[0]) + (hold[2] * x[1]));
+            const sf_real m00 = dot3(first, &slopes[9]) + hold[0];
+            const sf_real m01 = dot3(first, &slopes[6]) + hold[1];
+            const sf_real m10 = dot3(second, &slopes[9]) + hold[1];
+            const sf_real m11 = dot3(second, &slopes[6]) + hold[2];
+            const sf_real determinant = (m00 * m11) - (m01 * m10);
+            const sf_real by[2] = { ((m11 * u) - (m01 * v)) / determinant, ((m00 * v) - (m10 * u)) / determinant };
+
+            if ((step >= SF_ITERATIONS) || (sound(2, by, (sf_real)1.0) == 0)) {
+                status = SF_NOT_CONVERGED;
+            } else {
+                x[0] += by[0];
+                x[1] += by[1];
+                found[3] = wanted[3] + x[0];
+                found[2] = wanted[2] + x[1];
+                status = approach(target, tool, p, found);
+                if (sound(2, by, SF_LAST_TURN) != 0) {
+                    going = 0;
+                }
+            }
+        }
+        ++step;
     }
-    return status;
+    if ((status == SF_OK) && (near != 0)) {
+        status = SF_SINGULAR;
+    }
+    return taken(status, found, q);
 }

@@ -1,16 +1,18 @@
 """sf.py: the C functions of sf.c in Python, by ctypes and NumPy. Made by symfive 0.1.0.
 
     import sf
-    machine = sf.Machine()                 # compiles sf.c beside this file where that was not done yet
+    machine = sf.Machine()                 # compiles sf.c beside this file where that was not done for this model
     position, direction = machine.forward(q, tool)
 
-Compiled by hand: `cc -O2 -shared -fPIC sf.c -o libsf.so -lm`
+Compiled by hand: `cc -O2 -shared -fPIC sf.c -o libsf.so -lm`. A library is loaded only if it states the model of this file,
+belongs to the user or to root, and nobody else can write to it.
 """
 
 from __future__ import annotations
 
 import ctypes
 import os
+import stat
 import subprocess
 from pathlib import Path
 
@@ -30,33 +32,32 @@ PARAMETERS = (
     "EXC.cos2",
     "EXC.sin2",
 )
-STATUS = ("done", "singular", "unreachable", "not converged")
+STATUS = ("done", "singular", "unreachable", "not converged", "an argument is not finite, too large or no unit vector")
 
 
 def build(folder: Path = HERE, compiler: str = os.environ.get("CC", "cc"), flags: tuple[str, ...] = ("-O2",)) -> Path:
     """Compile the scalar functions into a shared library in `folder` and return its path."""
-    library = Path(folder) / "libsf.so"
-    command = [compiler, "-std=c99", *flags, "-shared", "-fPIC", str(HERE / "sf.c"), "-o", str(library), "-lm"]
-    subprocess.run(command, check=True)
-    return library
+    return _compiled(Path(folder) / "libsf.so", [compiler, "-std=c99", *flags], HERE / "sf.c")
+
+
+class WrongLibrary(OSError):
+    """A library of another model, or one that somebody else may have written."""
 
 
 class NotSolved(ArithmeticError):
-    """The C function returned another status than 0; `status` says which."""
+    """The C function returned another status than 0: `status`; after 1 (singular) `q` holds what it found, else None."""
 
-    def __init__(self, function: str, status: int) -> None:
+    def __init__(self, function: str, status: int, q=None) -> None:
         super().__init__(f"{function}: {STATUS[status]}")
         self.status = status
+        self.q = q
 
 
 class Machine:
     """The functions with arrays instead of pointers. q in mm and rad, tool in mm, p in the parameters' units."""
 
     def __init__(self, library: Path | str | None = None) -> None:
-        path = Path(library) if library is not None else HERE / "libsf.so"
-        if library is None and not path.exists():
-            build()
-        self._c = ctypes.CDLL(str(path))
+        self._c = _loaded(library, HERE / "libsf.so", build, "sf_model")
         self._c.sf_parameter_name.restype = ctypes.c_char_p
         self.p = np.zeros(max(1, len(PARAMETERS)))
         self._c.sf_parameters(_pointer(self.p))
@@ -118,7 +119,9 @@ class Machine:
     def _call(self, name, inputs, sizes):
         arrays = [np.ascontiguousarray(value, dtype=float) for value in inputs]
         results = [np.empty(size) for size in sizes]
-        getattr(self._c, f"sf_{name}")(*map(_pointer, (*arrays, *results)))
+        status = getattr(self._c, f"sf_{name}")(*map(_pointer, (*arrays, *results)))
+        if status:
+            raise NotSolved(name, status)
         return tuple(results)
 
     def _solve(self, name, inputs, q):
@@ -126,7 +129,7 @@ class Machine:
         result = np.array(q, dtype=float)
         status = getattr(self._c, f"sf_{name}")(*map(_pointer, (*arrays, result)))
         if status:
-            raise NotSolved(name, status)
+            raise NotSolved(name, status, result if status == 1 else None)
         return result
 
 
@@ -134,10 +137,7 @@ class Batch:
     """Many poses at once by the vector kernel: point, Jacobian, information matrix."""
 
     def __init__(self, library: Path | str | None = None) -> None:
-        path = Path(library) if library is not None else HERE / "libsf_batch.so"
-        if library is None and not path.exists():
-            build_batch()
-        self._c = ctypes.CDLL(str(path))
+        self._c = _loaded(library, HERE / "libsf_batch.so", build_batch, "sf_batch_model")
         self._c.sf_batch_lanes.restype = ctypes.c_size_t
         self.lanes = int(self._c.sf_batch_lanes())
 
@@ -145,7 +145,7 @@ class Batch:
         """Points (N, 3) of the real tool at q (N, axes)."""
         tiles, poses, c = self._tiles(q), len(q), self._prepared(tool, p)
         position = _aligned((len(tiles), 3, self.lanes))
-        self._c.sf_batch_forward(ctypes.c_size_t(len(tiles)), *map(_pointer, (tiles, c, position)))
+        self._function("forward")(ctypes.c_size_t(len(tiles)), *map(_pointer, (tiles, c, position)))
         return _rows(position, poses)
 
     def jacobian(self, q, tool, p, stream=False):
@@ -154,7 +154,7 @@ class Batch:
         position = _aligned((len(tiles), 3, self.lanes))
         by_p = _aligned((len(tiles), 3 * len(PARAMETERS), self.lanes))
         arrays = map(_pointer, (tiles, c, position, by_p))
-        self._c.sf_batch_jacobian(ctypes.c_size_t(len(tiles)), *arrays, ctypes.c_int(stream))
+        self._function("jacobian")(ctypes.c_size_t(len(tiles)), *arrays, ctypes.c_int(stream))
         return _rows(position, poses), _rows(by_p, poses).reshape(poses, -1, 3).transpose(0, 2, 1)
 
     def predict(self, q, tool, p, step):
@@ -162,7 +162,7 @@ class Batch:
         tiles, poses, c = self._tiles(q), len(q), self._prepared(tool, p)
         d = np.ascontiguousarray(step, dtype=float)
         position = _aligned((len(tiles), 3, self.lanes))
-        self._c.sf_batch_predict(ctypes.c_size_t(len(tiles)), *map(_pointer, (tiles, c, d, position)))
+        self._function("predict")(ctypes.c_size_t(len(tiles)), *map(_pointer, (tiles, c, d, position)))
         return _rows(position, poses)
 
     def information(self, q, tool, p, target):
@@ -172,7 +172,7 @@ class Batch:
         normal, work = _aligned((size, size)), _aligned((672, self.lanes))
         normal[:] = 0.0
         arrays = map(_pointer, (tiles, c, wanted, normal, work))
-        self._c.sf_batch_information(ctypes.c_size_t(poses), *arrays)
+        self._function("information")(ctypes.c_size_t(poses), *arrays)
         return normal[:-1, :-1], normal[:-1, -1], normal[-1, -1]
 
     def leverage(self, q, tool, p, factor):
@@ -182,13 +182,16 @@ class Batch:
             raise ValueError(f"the factor has the shape {f.shape}, not ({len(PARAMETERS)}, rank)")
         found, work = _aligned((len(tiles), 6, self.lanes)), _aligned((672, self.lanes))
         rank, count = ctypes.c_size_t(f.shape[1]), ctypes.c_size_t(len(tiles))
-        self._c.sf_batch_leverage(count, _pointer(tiles), _pointer(c), _pointer(f), rank, *map(_pointer, (found, work)))
+        self._function("leverage")(count, _pointer(tiles), _pointer(c), _pointer(f), rank, *map(_pointer, (found, work)))
         return _rows(found, len(q))[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+    def _function(self, name):
+        return getattr(self._c, f"sf_batch_{name}_{self.lanes}")
 
     def _prepared(self, tool, p):
         arrays = [np.ascontiguousarray(value, dtype=float) for value in (tool, p)]
         c = _aligned((17,))
-        self._c.sf_batch_prepare(*map(_pointer, (*arrays, c)))
+        self._function("prepare")(*map(_pointer, (*arrays, c)))
         return c
 
     def _tiles(self, rows):
@@ -201,11 +204,44 @@ class Batch:
 
 def build_batch(folder: Path = HERE, compiler: str = os.environ.get("CC", "cc"), flags: tuple[str, ...] = ()) -> Path:
     """Compile the vector kernel for this processor and return the library's path."""
-    library = Path(folder) / "libsf_batch.so"
-    source = str(HERE / "sf_batch.c")
-    options = ["-std=gnu99", "-O2", "-march=native", *flags, "-shared", "-fPIC"]
-    subprocess.run([compiler, *options, source, "-o", str(library), "-lm"], check=True)
+    options = [compiler, "-std=gnu99", "-O2", "-march=native", *flags]
+    return _compiled(Path(folder) / "libsf_batch.so", options, HERE / "sf_batch.c")
+
+
+def _compiled(library, options, source):
+    """Compile beside the place and move there, so that nobody loads half a library or changes one that is in use."""
+    part = library.with_name(f".{library.name}.{os.getpid()}")
+    try:
+        subprocess.run([*options, "-shared", "-fPIC", str(source), "-o", str(part), "-lm"], check=True)
+        part.chmod(0o755)
+        os.replace(part, library)
+    finally:
+        part.unlink(missing_ok=True)
     return library
+
+
+def _loaded(given, place, build, stated):
+    """The library at `given`, or the one at `place`, which is compiled where it is missing or of another model."""
+    path = Path(given) if given is not None else place
+    if given is None and not (path.exists() and MODEL.encode() in path.read_bytes()):
+        build()
+    _check_owner(path)
+    if MODEL.encode() not in path.read_bytes():
+        raise WrongLibrary(f"{path} was compiled from another model than {MODEL[:12]}...; compile it anew")
+    library = ctypes.CDLL(str(path))
+    getattr(library, stated).restype = ctypes.c_char_p
+    if getattr(library, stated)() != MODEL.encode():
+        raise WrongLibrary(f"this process has an older {path} loaded; start it anew")
+    return library
+
+
+def _check_owner(path):
+    if os.name == "posix":
+        status = path.stat()
+        if status.st_uid not in (0, os.getuid()):
+            raise WrongLibrary(f"{path} belongs to another user; compile your own")
+        if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            raise WrongLibrary(f"others can write to {path}; say chmod go-w or compile your own")
 
 
 def _aligned(shape):

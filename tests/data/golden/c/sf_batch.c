@@ -5,14 +5,24 @@
 #include <math.h>
 #include "sf_batch.h"
 
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wpsabi" /* vectors stay within this file: how others would pass them does not matter */
+#if defined(__AVX512F__)
+#define LANES 8
+#elif defined(__AVX2__)
+#define LANES 4
+#elif defined(__SSE2__) || defined(__aarch64__) || defined(__VSX__)
+#define LANES 2
+#else
+#define LANES 1
 #endif
-
+#if SF_LANES > LANES
+#error "SF_LANES: this instruction set has no registers of so many doubles"
+#endif
+#undef LANES
 #define LANES SF_LANES
 #define COLUMNS 12U
 #define CHUNK 16U
 #define ROWS (3U * CHUNK)
+#define LINE_BYTES 64U /* of a cache */
 #define FETCHED_BYTES 1000000U /* results larger than this are not in the caches: their lines are fetched before they are written */
 #define UNUSED __attribute__((unused))
 #define INLINED static inline __attribute__((always_inline, unused))
@@ -82,15 +92,10 @@ INLINED void store_past_caches(v *place, v value)
 {
 #if defined(__clang__)
     __builtin_nontemporal_store(value, place);
-#elif defined(__AVX512F__) && (SF_LANES == 8)
+#elif defined(__AVX__) && (SF_LANES > 1)
     __asm__("vmovntpd %1, %0" : "=m"(*place) : "v"(value));
-#elif defined(__AVX__)
-    typedef double half __attribute__((vector_size(32), may_alias));
-    const half *const part = (const half *)&value;
-    half *const to = (half *)place;
-    for (int i = 0; i < LANES / 4; ++i) {
-        __asm__("vmovntpd %1, %0" : "=m"(to[i]) : "x"(part[i]));
-    }
+#elif defined(__SSE2__) && (SF_LANES > 1)
+    __asm__("movntpd %1, %0" : "=m"(*place) : "x"(value));
 #else
     *place = value;
 #endif
@@ -106,6 +111,11 @@ INLINED void finish_stores(void)
 size_t sf_batch_lanes(void)
 {
     return LANES;
+}
+
+const char *sf_batch_model(void)
+{
+    return "13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db";
 }
 
 void sf_batch_prepare(const double *tool, const double *p, double *c)
@@ -548,7 +558,7 @@ void sf_batch_jacobian(size_t tiles, const double *q, const double *c, double *p
         const size_t fetched = (tiles * lines * sizeof(v) > FETCHED_BYTES) ? lines : 0U;
 
         for (size_t i = 0; i < tiles; ++i) {
-            for (size_t k = 0; k < fetched; ++k) { /* what is about to be written */
+            for (size_t k = 0; k < fetched; k += LINE_BYTES / sizeof(v)) { /* what is about to be written */
                 __builtin_prefetch(slopes + (i * lines) + k, 1, 3);
             }
             jacobian_kept(from + (i * 5U), c, points + (i * 3U), slopes + (i * 3U * 9U), 3U);

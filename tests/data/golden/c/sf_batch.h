@@ -5,7 +5,12 @@
  * Compile with -std=gnu99 -O2 -march=native, never with -ffast-math. Double precision. Units, signs and orders as in sf.h.
  *
  * Poses stand in tiles of SF_LANES: element i of pose n is at [(n / LANES) * size * LANES + i * LANES + n % LANES]. Every
- * array begins at a multiple of 64 bytes; unused lanes of the last tile must hold finite numbers. Angles up to 1e5 rad.
+ * array begins at a multiple of SF_ALIGNMENT bytes, better of 64; unused lanes of the last tile must hold finite numbers.
+ * Angles up to 1e5 rad.
+ *
+ * SF_LANES is how many doubles a register of the instruction set holds: 8 with AVX-512, 4 with AVX2, 2 with SSE2 or NEON.
+ * Files that are compiled for other instructions than sf_batch.c define it alike (-DSF_LANES=8). The link names end in
+ * it (sf_batch_forward_8), so that a program whose tiles have another size than the kernel's does not link.
  *
  * Operations a pose for point and Jacobian: 182 (what the parameters alone decide is done once, in prepare).
  */
@@ -19,16 +24,35 @@ extern "C" {
 #endif
 
 #ifndef SF_LANES
-#define SF_LANES 8 /* poses in a vector, 8 or 4; the same for every file that includes this one */
+#if defined(__AVX512F__)
+#define SF_LANES 8
+#elif defined(__AVX2__)
+#define SF_LANES 4
+#elif defined(__SSE2__) || defined(__aarch64__) || defined(__VSX__)
+#define SF_LANES 2
+#else
+#define SF_LANES 1
 #endif
+#endif
+#define SF_ALIGNMENT (8 * SF_LANES)
 #define SF_BATCH_AXES 5
 #define SF_BATCH_PARAMETERS 9
 #define SF_CONSTANTS 17
 #define SF_NORMAL (9 + 1)
 #define SF_WORK ((size_t)672 * SF_LANES) /* doubles that the information matrix works in */
 
-/* Lanes that this library was compiled with. */
+#define SF_LINK_NAME(name, lanes) name##_##lanes
+#define SF_LINKED(name, lanes) SF_LINK_NAME(name, lanes)
+#define sf_batch_prepare SF_LINKED(sf_batch_prepare, SF_LANES)
+#define sf_batch_forward SF_LINKED(sf_batch_forward, SF_LANES)
+#define sf_batch_jacobian SF_LINKED(sf_batch_jacobian, SF_LANES)
+#define sf_batch_information SF_LINKED(sf_batch_information, SF_LANES)
+#define sf_batch_leverage SF_LINKED(sf_batch_leverage, SF_LANES)
+#define sf_batch_predict SF_LINKED(sf_batch_predict, SF_LANES)
+
+/* Lanes that this library was compiled with, and the sha256 of its model. */
 size_t sf_batch_lanes(void);
+const char *sf_batch_model(void);
 
 /* What does not depend on the pose: c[SF_CONSTANTS] from tool[3] and p[9]. */
 void sf_batch_prepare(const double *tool, const double *p, double *c);

@@ -14,6 +14,7 @@
  * Jacobians      three rows, column by column: J[3*k + i] is the derivative of component i by unknown k.
  * Memory         all of it belongs to the caller; nothing is allocated, there is no global state; every function may run in
  *                several threads at once and may be given arrays that overlap.
+ * Arguments      all are checked: finite; q, tool and points up to SF_FARTHEST, p up to SF_LARGEST, unit vectors.
  * Precision      double, or float where SF_FLOAT is defined for every file that includes this one.
  *
  * Order of q:
@@ -63,56 +64,65 @@ typedef double sf_real;
 #define SF_P_SIZE 9 /* length of the array p: at least one, since C has no empty arrays */
 #define SF_MODEL "13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db"
 
-/* What functions that can fail return. */
+/*
+ * What the functions return. Results may be used after SF_OK and SF_SINGULAR, and are finite then. After anything else
+ * an array q that is an input too is as it was, and other results must not be used.
+ */
 #define SF_OK 0            /* done */
-#define SF_SINGULAR 1      /* the axes cannot produce the wanted motion here */
-#define SF_UNREACHABLE 2   /* no position of the rotary axes has the wanted direction */
-#define SF_NOT_CONVERGED 3 /* the iteration found no solution; arguments that are not finite end here too */
+#define SF_SINGULAR 1      /* near a singular pose: done as far as the function says there */
+#define SF_UNREACHABLE 2   /* no position of the axes has the wanted point or direction */
+#define SF_NOT_CONVERGED 3 /* the iteration found no solution */
+#define SF_INVALID 4       /* an argument is not finite or too large, or a direction is not a unit vector */
+
+#define SF_FARTHEST 1.0e5 /* mm and rad */
+#define SF_LARGEST 1.0e30
 
 /* The identified values of the parameters (their prior means where nothing was identified). */
 void sf_parameters(sf_real p[SF_P_SIZE]);
+
+/* SF_MODEL of the sources that the library was compiled from. */
+const char *sf_model(void);
 
 /* Name of parameter 0 ... SF_PARAMETERS - 1, an empty text for any other index. */
 const char *sf_parameter_name(int index);
 
 /* Where the real tool is: its point (mm) and direction in the workpiece frame. */
-void sf_forward(const sf_real q[SF_AXES], const sf_real tool[3],
-                const sf_real p[SF_P_SIZE], sf_real position[3], sf_real direction[3]);
+int sf_forward(const sf_real q[SF_AXES], const sf_real tool[3],
+               const sf_real p[SF_P_SIZE], sf_real position[3], sf_real direction[3]);
 
 /* Where the tool of the machine without errors is. */
-void sf_nominal(const sf_real q[SF_AXES], const sf_real tool[3],
-                sf_real position[3], sf_real direction[3]);
+int sf_nominal(const sf_real q[SF_AXES], const sf_real tool[3],
+               sf_real position[3], sf_real direction[3]);
 
 /* Volumetric error: real minus nominal point (mm) and direction (rad), in the workpiece frame. */
-void sf_error(const sf_real q[SF_AXES], const sf_real tool[3],
-              const sf_real p[SF_P_SIZE], sf_real error[3], sf_real tilt[3]);
+int sf_error(const sf_real q[SF_AXES], const sf_real tool[3],
+             const sf_real p[SF_P_SIZE], sf_real error[3], sf_real tilt[3]);
 
 /* Derivatives of the real point (mm per mm or rad) and direction by the axes' commands. */
-void sf_axis_jacobian(const sf_real q[SF_AXES], const sf_real tool[3],
-                      const sf_real p[SF_P_SIZE], sf_real by_q[3 * SF_AXES],
-                      sf_real direction_by_q[3 * SF_AXES]);
+int sf_axis_jacobian(const sf_real q[SF_AXES], const sf_real tool[3],
+                     const sf_real p[SF_P_SIZE], sf_real by_q[3 * SF_AXES],
+                     sf_real direction_by_q[3 * SF_AXES]);
 
 /* Derivatives of the real point by every parameter (mm per unit of the parameter). */
-void sf_parameter_jacobian(const sf_real q[SF_AXES], const sf_real tool[3],
-                           const sf_real p[SF_P_SIZE],
-                           sf_real by_p[3 * SF_PARAMETERS]);
+int sf_parameter_jacobian(const sf_real q[SF_AXES], const sf_real tool[3],
+                          const sf_real p[SF_P_SIZE],
+                          sf_real by_p[3 * SF_PARAMETERS]);
 
 /* Derivatives of the real direction by every parameter (rad per unit of the parameter). */
-void sf_direction_jacobian(const sf_real q[SF_AXES], const sf_real tool[3],
-                           const sf_real p[SF_P_SIZE],
-                           sf_real direction_by_p[3 * SF_PARAMETERS]);
+int sf_direction_jacobian(const sf_real q[SF_AXES], const sf_real tool[3],
+                          const sf_real p[SF_P_SIZE],
+                          sf_real direction_by_p[3 * SF_PARAMETERS]);
 
 /*
  * Nominal inverse. On entry q holds the positions of all axes but X, Y, Z; on success these bring the nominal point to
- * target. Singular where their directions, seen from the workpiece, lie in one plane; q is then unchanged.
+ * target. SF_UNREACHABLE where their directions, seen from the workpiece, lie in one plane.
  */
 int sf_inverse_nominal(const sf_real target[3], const sf_real tool[3],
                        sf_real q[SF_AXES]);
 
 /*
  * Compensated inverse: the same for the real machine, to SF_TOLERANCE mm. It is the inverse of sf_forward at
- * the given rotary positions. Newton's iteration with the exact Jacobian, at most SF_ITERATIONS steps. After
- * anything but SF_OK the contents of q must not be used.
+ * the given rotary positions. Newton's iteration with the exact Jacobian, at most SF_ITERATIONS steps.
  */
 int sf_inverse(const sf_real target[3], const sf_real tool[3],
                const sf_real p[SF_P_SIZE], sf_real q[SF_AXES]);
@@ -128,17 +138,21 @@ int sf_compensate(const sf_real wanted[SF_AXES], const sf_real tool[3],
 #define SF_TOLERANCE 1.0e-10
 #endif
 
+#define SF_UNIT_TOLERANCE 1.0e-3 /* a direction whose length is nearer to 1 is made a unit vector, any other refused */
+
 /*
  * Rotary axes C and B for a tool direction (nominal). q enters as the position to stay near to (whole turns are
- * kept) and leaves with C and B replaced. SF_SINGULAR: the direction lies along axis C, whose
- * position is then free and stays as it was; q is valid. SF_UNREACHABLE: q is unchanged.
+ * kept) and leaves with C and B replaced. SF_SINGULAR: the direction lies along axis C to 1 microradian;
+ * C is then free and stays as it was.
  */
 int sf_orient(const sf_real direction[3], sf_real q[SF_AXES]);
 
 /*
  * Commands q that put the real point and the real direction where sf_nominal(wanted) says; X, Y, Z, C and
- * B differ from wanted. SF_SINGULAR: near a pose where the direction lies along axis C, so that a small
- * tilt would need a large motion; q then compensates the point alone, as sf_compensate does.
+ * B differ from wanted. SF_SINGULAR: near a pose where the direction lies along axis C or at the edge of what
+ * the axes reach, so that a tilt asks for a larger motion; the point is right, and of the tilt that part is taken away for which
+ * commands change smoothly, from all at the region's edge to what the free combination of the axes leaves at the pose itself.
+ * The region is about 2 sqrt(tilt) wide in rad. Commands then move at most 2 times as far as wanted poses.
  */
 int sf_compensate_direction(const sf_real wanted[SF_AXES], const sf_real tool[3],
                             const sf_real p[SF_P_SIZE], sf_real q[SF_AXES]);

@@ -26,23 +26,26 @@ int sf_world(const double joints[SF_JOINTS], double tool_offset, const double p[
     double q[SF_AXES];
     double position[3];
     double direction[3];
+    int status;
 
     q[1] = joints[0];
     q[0] = joints[1];
     q[4] = joints[2];
     q[2] = joints[3] * SF_DEGREE;
     q[3] = joints[4] * SF_DEGREE;
-    sf_forward(q, tool, p, position, direction);
-    world[3] = 0.0;
-    world[4] = joints[3];
-    world[5] = joints[4];
-    world[6] = 0.0;
-    world[7] = 0.0;
-    world[8] = 0.0;
-    world[0] = position[0];
-    world[1] = position[1];
-    world[2] = position[2] + tool_offset;
-    return ((position[0] - position[0]) == 0.0) ? SF_OK : SF_NOT_CONVERGED;
+    status = sf_forward(q, tool, p, position, direction);
+    if (status == SF_OK) {
+        world[3] = 0.0;
+        world[4] = joints[3];
+        world[5] = joints[4];
+        world[6] = 0.0;
+        world[7] = 0.0;
+        world[8] = 0.0;
+        world[0] = position[0];
+        world[1] = position[1];
+        world[2] = position[2] + tool_offset;
+    }
+    return status;
 }
 
 int sf_joints(const double world[SF_WORLD], double tool_offset, const double p[SF_P_SIZE],

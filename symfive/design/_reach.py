@@ -1,0 +1,83 @@
+"""Poses that no clear way leads to give way to others of the same set-ups."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
+from symfive.design._exchange import Candidates, exchange
+from symfive.design._information import Task
+from symfive.design._refine import Rows
+from symfive.design._rounding import on_grid
+from symfive.design._space import Space
+from symfive.design._ways import REMEDY, Ways
+from symfive.errors import InputError
+
+__all__ = ["with_ways_out"]
+
+Array = NDArray[np.float64]
+PASSES = 2
+
+
+class _Reach:
+    """Whether poses of a design's set-ups have a way out; what is in the way where they have none."""
+
+    def __init__(self, space: Space) -> None:
+        self.space = space
+        self._known: dict[bytes, str] = {}
+
+    def in_the_way(self, z: Array, k: Array) -> list[str]:
+        """Of every row (n,): "" or what meets."""
+        keys = [np.concatenate(pair).tobytes() for pair in zip(z, k, strict=True)]
+        new = [i for i, key in enumerate(keys) if key not in self._known]
+        _, group = np.unique(np.hstack([z[new][:, self.space.poses :], k[new]]), axis=0, return_inverse=True)
+        for g in range(int(group.max(initial=-1)) + 1):
+            mine = [new[i] for i in np.flatnonzero(group.ravel() == g)]
+            ways = Ways(self.space.machine, _run(self.space, z[mine], k[mine]))
+            found = [ways.lift(row) for row in range(len(mine))]
+            self._known |= {keys[i]: what if isinstance(what, str) else "" for i, what in zip(mine, found, strict=True)}
+        return [self._known[key] for key in keys]
+
+
+def _run(space: Space, z: Array, k: Array) -> Run:
+    """Rows of one set-up as a run."""
+    bar = space.instrument == "ball_bar"
+    return Run(
+        id="poses", instrument=(space.instrument,), sampling="static", time=np.arange(len(z), dtype=float),
+        commands=space.commands(z, k), table_ball=space.table_ball(z[0]), tool_ball=space.tool_ball(z[0]),
+        length=float(k[0, 0]) if bar else None, noise_um=space.noise_um,
+    )  # fmt: skip
+
+
+def with_ways_out(space: Space, task: Task, rows: Rows) -> Rows:
+    """The design with every pose one from which the tool can be drawn back clear of everything.
+
+    The others are exchanged for the poses of a grid in the same set-ups that tell most. Raises `InputError` where no pose has
+    a way out.
+    """
+    reach = _Reach(space)
+    met = reach.in_the_way(rows.z, rows.k)
+    if not any(met):
+        return rows
+    first = next(what for what in met if what)
+    own = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
+    setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
+    lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
+    grid = candidates_in(space, setups, lengths, on_grid(space, pose_grid(space, PER_SETUP)))
+    joined = Candidates(*(np.concatenate([getattr(own, n), getattr(grid, n)]) for n in ("z", "k", "group", "rows")))
+    count = len(rows.z)
+    chosen, out = np.arange(count), np.zeros(len(joined), dtype=bool)
+    while True:
+        out[[i for i, what in zip(chosen, met, strict=True) if what]] = True
+        left = np.flatnonzero(~out)
+        if not left.size:
+            raise InputError(f"no pose has a clear way out: {first} is in the way", remedy=REMEDY)
+        place = {int(i): n for n, i in enumerate(left)}
+        start = np.array([place.get(int(i), -1) for i in chosen])
+        start[start < 0] = np.resize(np.arange(left.size)[::-1], int((start < 0).sum()))
+        chosen = left[exchange(task, joined.take(left), rows.groups, start, PASSES)]
+        met = reach.in_the_way(joined.z[chosen], joined.k[chosen])
+        if not any(met):
+            return Rows.of(joined.z[chosen], joined.k[chosen], joined.group[chosen], rows.poses)

@@ -1,0 +1,38 @@
+"""How long a path takes: no axis faster than a share of its greatest feed and acceleration, along the path itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.machine import Machine
+
+__all__ = ["CAUTION", "pace"]
+
+Array = NDArray[np.float64]
+CAUTION = 0.5
+"""Share of an axis' greatest feed and acceleration that a program asks for."""
+
+
+def pace(machine: Machine, path: Array) -> tuple[float, float]:
+    """Seconds of the blocks, and seconds more for getting up to speed and to rest again.
+
+    `path` (n + 1, axes), mm and degree, the ends of n straight blocks that take the same time T each. With the change Δ of an
+    axis in a block, T is the least with |Δ| ≤ T v and |Δ' - Δ| ≤ T² a, and not less than what makes the whole shortest from rest
+    to rest: n T + |Δ|/(T a) has its minimum at T = √(|Δ|/(n a)), for one straight move the triangle of 2 √(way/a).
+    """
+    blocks = len(path) - 1
+    steps = np.abs(np.diff(path, axis=0)).max(axis=0, initial=0.0)
+    turns = np.abs(np.diff(path, n=2, axis=0)).max(axis=0, initial=0.0) if blocks > 1 else np.zeros_like(steps)
+    least, limits = 0.0, []
+    for name, step, turn in zip(machine.axis_names, steps.tolist(), turns.tolist(), strict=True):
+        axis = machine.axes[name]
+        speed = CAUTION * axis.max_feed / 60.0 if axis.max_feed else math.inf
+        push = CAUTION * axis.max_acceleration if axis.max_acceleration else math.inf
+        limits.append((step, push))
+        least = max(least, step / speed, math.sqrt(turn / push), math.sqrt(step / push / blocks))
+    if least == 0.0:
+        return 0.0, 0.0
+    return blocks * least, max(step / least / push for step, push in limits)

@@ -1,0 +1,99 @@
+"""The way out of the nest and around: where the tool is drawn back to, and over the top to the next pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import FIRST_LINE, Run
+from symfive.errors import InputError
+from symfive.machine import Machine
+from symfive.procedures import Nominal
+
+__all__ = ["Positions", "Way", "at_the_top", "lifts", "over_the_top", "top_of", "upright_axis", "usual_lift"]
+
+Array = NDArray[np.float64]
+Positions = Mapping[str, float]
+Way = tuple[Positions, ...]
+"""Positions of all axes on a way out of the nest, one after the other; the first and the last are lifted poses."""
+FLAT = 0.2
+"""Sine of the angle between tool and table below which drawing back along the tool would not lead away from the table."""
+LEAST_LIFT_MM = 10.0
+TOP_MM = 1.0
+"""So far below the end of its travel the upright axis stays: the work offset is set by hand."""
+
+
+def upright_axis(machine: Machine) -> str:
+    """The linear axis along the tool's axis with all axes at zero."""
+    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
+    return max(linear, key=lambda name: abs(machine.axes[name].direction[2]))
+
+
+def top_of(machine: Machine) -> float:
+    """Position of the upright axis at the upper end of its travel, mm."""
+    axis = machine.axes[upright_axis(machine)]
+    low, high = axis.travel
+    inside = min(TOP_MM, 0.1 * (high - low))
+    return high - inside if axis.direction[2] > 0.0 else low + inside
+
+
+def lifts(nominal: Nominal, run: Run, row: int, mm: float) -> Iterator[dict[str, float]]:
+    """The pose with the tool drawn back by `mm`, rotary axes at rest, in every direction that the travel allows.
+
+    Directions: along the tool and up from the table (first, where the tool lies flat), up in the machine, between the first
+    two, along the bar, sideways from the table ball.
+    """
+    machine = nominal.machine
+    pose = {name: np.array([run.commands[name][row]]) for name in machine.axis_names}
+    place = nominal.ball(pose, run.tool_ball)[0]
+    workpiece, tool = (f(pose)[0] for f in (nominal.workpiece_rotation, nominal.tool_rotation))
+    along, up = workpiece.T @ tool[:, 2], np.array([0.0, 0.0, 1.0])
+    ways = [along, up] if along[2] >= FLAT else [up, along]
+    bar, above = place - np.asarray(run.table_ball), workpiece.T @ up
+    ways += [above, along + up, bar, bar - (bar @ above) * above]
+    fixed = {name: q for name, q in pose.items() if machine.axes[name].rotary}
+    for way in ways:
+        size = float(np.linalg.norm(way))
+        if size < 1e-6:
+            continue
+        try:
+            moved = nominal.follow((place + mm * way / size)[None, :], run.tool_ball, fixed, "the retract")
+        except InputError:
+            continue
+        found = {name: float(q[0]) for name, q in moved.items()}
+        if all(_inside(machine, name, value) for name, value in found.items()):
+            yield found
+
+
+def usual_lift(nominal: Nominal, run: Run, row: int, mm: float) -> dict[str, float]:
+    """The first of the lifts, shorter where the travel allows no more. Raises `InputError` where it allows none."""
+    for share in np.linspace(1.0, 0.0, 11):
+        if share * mm >= min(LEAST_LIFT_MM, mm):
+            for found in lifts(nominal, run, row, float(share * mm)):
+                return found
+    problem = (
+        f"run {run.id}: at line {row + FIRST_LINE} no travel is left to draw the tool back by {LEAST_LIFT_MM:g} mm"
+    )
+    raise InputError(problem, remedy="move the ball or nest, or use another tool length")
+
+
+def at_the_top(machine: Machine, place: Positions) -> dict[str, float]:
+    """The place with the upright axis at the top, or where it is if that is higher."""
+    upright, top = upright_axis(machine), top_of(machine)
+    higher = max if machine.axes[upright].direction[2] > 0.0 else min
+    return {**place, upright: higher(top, place[upright])}
+
+
+def over_the_top(machine: Machine, before: Positions, after: Positions, *, rotary_first: bool = True) -> Way:
+    """From one lifted pose to another: up alone, the rotary axes and the other linear ones (in either order), down alone."""
+    upright = upright_axis(machine)
+    high, there = (at_the_top(machine, place) for place in (before, after))
+    first = {n: (there if axis.rotary == rotary_first else high)[n] for n, axis in machine.axes.items() if n != upright}
+    return before, high, {**first, upright: high[upright]}, {**there, upright: high[upright]}, there, after
+
+
+def _inside(machine: Machine, name: str, value: float) -> bool:
+    low, high = machine.axes[name].travel
+    return low - 1e-9 <= value <= high + 1e-9

@@ -1,0 +1,37 @@
+"""How things of symfive stand on a screen: in a prompt, printed, in a notebook."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+__all__ = ["MOST", "OnScreen", "listed", "plural"]
+
+MOST = 30
+"""Entries of one kind that a screen holds beside all else."""
+
+
+class OnScreen:
+    """`str` fits a screen, `repr` is one line, a notebook shows what `print` does.
+
+    A subclass writes `__str__`, whose first line says what the thing is; a dataclass has `repr=False`.
+    """
+
+    def __repr__(self) -> str:
+        noun, head = type(self).__name__, str(self).partition("\n")[0]
+        rest = head.removeprefix(f"{noun.lower()} ")
+        return f"<{noun}: {head}>" if rest == head else f"<{noun} {rest}>"
+
+    def _repr_html_(self) -> str:
+        return f'<pre style="white-space: pre-wrap">{html.escape(str(self))}</pre>'
+
+
+def listed(entries: Sequence[str], where: str, most: int = MOST) -> list[str]:
+    """The first `most` entries, and how many more there are and `where`."""
+    left = len(entries) - most
+    return list(entries) if left <= 1 else [*entries[:most], f"… and {left} more: {where}"]
+
+
+def plural(count: int, noun: str) -> str:
+    """`1 run`, `2 runs`."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

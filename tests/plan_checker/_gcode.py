@@ -1,0 +1,222 @@
+"""Reads ISO (Fanuc-like), LinuxCNC and Siemens programs. A word that is not known is a finding, never passed over."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from ._events import Arc, Control
+
+WORD = re.compile(
+    r"([A-Z])\s*(?:=\s*)?([-+]?(?:\d+\.?\d*|\.\d+))|([A-Z][A-Z0-9_]*)(?:\s*=\s*([A-Z_][A-Z0-9_]*|[-+]?[\d.]+))?"
+)
+MACRO_TEXT = 26
+"""Characters of #3006 that the screen shows."""
+PLANES = {"17": ("X", "Y"), "18": ("Z", "X"), "19": ("Y", "Z")}
+DATUMS = {"iso": r"5[4-9]", "linuxcnc": r"5[4-9](\.[123])?", "siemens": r"5[4-7]|50[5-9]|5[1-9]\d"}
+SETTINGS = re.compile(r"17|18|19|21|40|49|50|6[01]|61\.1|64|69|71|80|9[012]\.1|500|60[1-3]|64[25]|710|43(\.4)?|9[0134]")
+NAMED = set("TRAORI TRAFOOF STOPRE DIAMOF SOFT BRISK FFWON FFWOF COMPOF ORIMKS ORIWKS CYCLE800 TRANS ROT SUPA".split())  # noqa: SIM905
+IGNORED_M = {"2", "5", "9", "19", "30", "17"}
+
+
+@dataclass
+class Block:
+    """Words of a line: `g` and `m` codes, `axes`, other addresses, names without a number, comment and message on the screen."""
+
+    line: int
+    g: list[str] = field(default_factory=list)
+    m: list[str] = field(default_factory=list)
+    axes: dict[str, float | str] = field(default_factory=dict)
+    other: dict[str, float] = field(default_factory=dict)
+    names: list[str] = field(default_factory=list)
+    comment: str = ""
+    message: str | None = None
+
+
+class GCode:
+    """One program: `read` goes through its lines and leaves events and findings in the control."""
+
+    def __init__(self, control: Control, dialect: str) -> None:
+        self.control, self.dialect = control, dialect
+        self.motion, self.plane, self.incremental = "", "17", False
+        self.shown, self.last_comment = "", ""
+
+    def read(self, text: str) -> None:
+        """All lines, counted from 1."""
+        for number, line in enumerate(text.splitlines(), 1):
+            self._line(number, line.strip())
+
+    def _line(self, number: int, line: str) -> None:
+        if not line or line == "%":
+            return
+        block = self._split(number, line)
+        if block.message is not None:
+            self.shown = block.message
+        self._states(block)
+        self._stops(block)
+        self._motion(block)
+        if block.g or block.m or block.axes or block.names:
+            self.last_comment = ""
+        elif block.comment:
+            self.last_comment = block.comment
+
+    def _split(self, number: int, line: str) -> Block:
+        block = Block(number)
+        if found := re.search(r'MSG\(\s*"?(.*?)"?\s*\)', line) if self.dialect == "siemens" else None:
+            block.message, line = found[1], line[: found.start()] + line[found.end() :]
+        if found := re.search(r"#3006\s*=\s*1\s*\((.*?)\)", line) if self.dialect == "iso" else None:
+            if len(found[1]) > MACRO_TEXT:
+                self.control.fault(number, f"#3006 shows {MACRO_TEXT} characters, the text has {len(found[1])}", "stop")
+            block.message, line = found[1], line[: found.start()] + " M0 " + line[found.end() :]
+        if self.dialect == "siemens":
+            line, _, block.comment = line.partition(";")
+        else:
+            comments = re.findall(r"\(([^)]*)\)", line)
+            block.comment = " ".join(comments).strip()
+            if self.dialect == "linuxcnc" and comments and (said := re.match(r"\s*MSG\s*,\s*(.*)", comments[-1], re.I)):
+                block.message = said[1]
+            line = re.sub(r"\([^)]*\)", " ", line)
+        line = line.upper().replace("()", "")
+        rest = WORD.sub(lambda found: self._word(block, found), line)
+        if rest.strip():
+            self.control.fault(number, f"the checker cannot read {rest.strip()!r}")
+        return block
+
+    def _word(self, block: Block, found: re.Match[str]) -> str:
+        letter, value, name, given = found.groups()
+        if letter is None:
+            self._name(block, name, given)
+            return " "
+        if letter in "GM":
+            (block.g if letter == "G" else block.m).append(re.sub(r"^0+(?=\d)", "", value))
+        elif letter in "XYZABCUVW" and not (letter in "XU" and "4" in block.g):
+            block.axes[letter] = float(value)
+            self.control.decimals = max(self.control.decimals, len(value.partition(".")[2]))
+        elif letter not in "NO":
+            block.other[letter] = float(value)
+        return " "
+
+    def _name(self, block: Block, name: str, given: str | None) -> None:
+        if given is not None and len(name) == 1:
+            block.axes[name] = given
+        elif given is not None:
+            block.other[name] = float(given) if re.fullmatch(r"[-+]?[\d.]+", given) else np.nan
+        else:
+            block.names.append(name)
+
+    def _states(self, block: Block) -> None:
+        control, dialect = self.control, self.dialect
+        for code in block.g:
+            if code in ("90", "91"):
+                self.incremental = code == "91"
+            if code in PLANES:
+                self.plane = code
+            if code in ("93", "94"):
+                control.inverse_time = code == "93"
+            if code in ("43", "49"):
+                control.length_on = code == "43"
+            if code == "43.4":
+                control.centred = True
+            if code == "49":
+                control.centred = False
+            if re.fullmatch(DATUMS[dialect], code):
+                control.switch(block.line, "datum")
+            elif SETTINGS.fullmatch(code):
+                control.switch(block.line, f"G{code}")
+            elif code not in ("0", "1", "2", "3", "4", "28", "30", "53", "75", "153"):
+                control.fault(block.line, f"the checker does not know G{code}")
+        for name in block.names:
+            if name in ("TRAORI", "TRAFOOF"):
+                control.centred = name == "TRAORI"
+            if name not in NAMED:
+                control.fault(block.line, f"the checker does not know {name}")
+            if name != "SUPA":
+                control.switch(block.line, name)
+        if dialect == "siemens" and "D" in block.other:
+            control.length_on = block.other["D"] != 0.0
+            control.switch(block.line, f"D{int(block.other['D'] != 0.0)}")
+        if "F" in block.other and "4" not in block.g:
+            control.feed = block.other["F"]
+        elif (
+            control.inverse_time
+            and block.axes
+            and (set(block.g) & {"1", "2", "3"} or (not block.g and self.motion != "0"))
+        ):
+            control.feed = 0.0  # G93 wants F in every block
+
+    def _stops(self, block: Block) -> None:
+        control = self.control
+        for code in block.m:
+            if code in ("0", "1"):
+                control.say("stop", block.line, self._text(block))
+            elif code not in IGNORED_M:
+                control.fault(block.line, f"the checker does not know M{code}")
+            if code in ("2", "30"):
+                control.say("end", block.line)
+            if code == "5":
+                control.switch(block.line, "M5")
+        if "4" in block.g:
+            seconds = block.other.get({"iso": "X", "linuxcnc": "P", "siemens": "F"}[self.dialect])
+            if self.dialect == "iso" and seconds is None:
+                seconds = block.other.get("U", block.other.get("P", np.nan) / 1000.0)
+            if seconds is None or not np.isfinite(seconds):
+                control.fault(block.line, "a dwell without a time")
+            control.say("dwell", block.line, seconds=float(seconds or 0.0))
+
+    def _text(self, block: Block) -> str:
+        """What this control shows while it stands: a message, on ISO controls also the comment at the stop."""
+        shown = self.shown if self.dialect != "iso" or block.message else block.comment or self.last_comment
+        if self.dialect != "siemens":
+            self.shown = ""
+        return shown
+
+    def _motion(self, block: Block) -> None:
+        control = self.control
+        for code in block.g:
+            if code in ("0", "1", "2", "3"):
+                self.motion = code
+        if not block.axes:
+            return
+        if set(block.g) & {"28", "30", "75"}:
+            if {"28", "30"} & set(block.g) and not (self.incremental and all(v == 0.0 for v in block.axes.values())):
+                control.fault(
+                    block.line, "the reference point is reached by way of a position in the block", "first move"
+                )
+            control.retract(block.line, dict.fromkeys(block.axes, 0.0))
+            return
+        if set(block.g) & {"53", "153"} or "SUPA" in block.names:
+            if self.motion != "0":
+                control.fault(block.line, "machine coordinates at a feed are not expected")
+            control.retract(block.line, block.axes)
+            return
+        words = {axis: value for axis, value in block.axes.items() if isinstance(value, float)}
+        if len(words) < len(block.axes) or not self.motion:
+            control.fault(block.line, "axis words without a number, or before any of G0 to G3")
+            return
+        if self.motion in "01":
+            control.move("feed" if self.motion == "1" else "rapid", block.line, words, incremental=self.incremental)
+        else:
+            arc = self._arc(block, words)
+            control.move("feed", block.line, words, incremental=self.incremental, arc=arc)
+
+    def _arc(self, block: Block, words: dict[str, float]) -> Arc | None:
+        """From I J K, incremental to the centre; P turns (LinuxCNC), TURN more turns (Siemens)."""
+        control, names = self.control, PLANES[self.plane]
+        i, j = (control.machine.names.index(n) for n in names)
+        start = control.here()
+        end, _ = control.to_axes(words, self.incremental, block.line)
+        offset = [block.other.get({"X": "I", "Y": "J", "Z": "K"}[n], 0.0) for n in names]
+        centre = (start[i] + offset[0], start[j] + offset[1])
+        radii = [float(np.hypot(p[i] - centre[0], p[j] - centre[1])) for p in (start, end)]
+        if not {"I", "J", "K"} & set(block.other) or not np.isfinite(radii).all() or abs(radii[0] - radii[1]) > 0.01:
+            control.fault(block.line, f"an arc whose ends lie {radii[0]:.4f} and {radii[1]:.4f} mm from its centre")
+            return None
+        angles = [np.arctan2(p[j] - centre[1], p[i] - centre[0]) for p in (start, end)]
+        sense = 1.0 if self.motion == "3" else -1.0
+        sweep = float(next(b - a for a, b in pairwise(angles)) * sense) % (2.0 * np.pi)
+        sweep = 2.0 * np.pi if sweep < 1e-6 or sweep > 2.0 * np.pi - 1e-6 else sweep
+        turns = block.other.get("TURN", 0.0) if self.dialect == "siemens" else block.other.get("P", 1.0) - 1.0
+        return Arc((i, j), centre, sense * (sweep + 2.0 * np.pi * turns))

@@ -1,0 +1,66 @@
+"""What the set-up sheet tells the operator, against the files and the programs."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from ._events import Finding
+from ._path import Path
+from ._plan import Plan, Run
+
+NUMBER = r"(-?[\d.]+)"
+NO_LENGTH = r"no tool (length|offset)"
+LEAST_MM = 1.01
+"""Places are set to the millimetre."""
+
+
+def sheet(plan: Plan, paths: list[Path]) -> Iterator[Finding]:
+    """Each run's ball, tool and bar as in campaign.toml, and the programs' datum and tool length as the sheet says."""
+    file = plan.folder / "setup.html"
+    if not file.exists():
+        return
+    text = re.sub(r"<(svg|style|script).*?</\1>|<[^>]+>", " ", file.read_text(encoding="utf-8"), flags=re.S)
+    text = re.sub(r"\s+", " ", html.unescape(text))
+    starts = [(run, text.find(f"Run {run.table['id']} ")) for run in plan.runs]
+    for k, (run, start) in enumerate(starts):
+        if start < 0:
+            yield Finding("sheet", file, 0, f"run {run.table['id']} is not on the sheet")
+            continue
+        end = starts[k + 1][1] if k + 1 < len(starts) else len(text)
+        part = text[start : end if end > start else len(text)]
+        for says in _differs(plan, run, part):
+            yield Finding("sheet", file, 0, f"run {run.table['id']}: {says}")
+    offsets = {path.dialect for path in paths if any(e.text in ("G43", "D1", "length on") for e in path.events)}
+    if offsets and re.search(NO_LENGTH, text, re.I):
+        yield Finding(
+            "sheet",
+            file,
+            0,
+            f"it says that no tool length is called, the {', '.join(sorted(offsets))} programs call one",
+        )
+    if not offsets and paths and not re.search(NO_LENGTH, text, re.I):
+        yield Finding("sheet", file, 0, "it does not say that X Y Z are of the spindle nose, without a tool length")
+
+
+def _differs(plan: Plan, run: Run, part: str) -> Iterator[str]:
+    if not (run.bar or run.nest):
+        return
+    wanted = [(rf"x = {NUMBER}, y = {NUMBER}, z = {NUMBER} mm", "the table ball or nest", run.table_ball)]
+    wanted += [(rf"ball at {NUMBER} mm below the spindle nose", "the tool's length", -run.tool_ball[2:])]
+    wanted += [(rf"Bar of {NUMBER} mm", "the bar", np.array([run.table.get("length", 0.0)]))] if run.bar else []
+    for pattern, name, value in wanted:
+        found = re.search(pattern, part)
+        if found is None:
+            yield f"{name} is not on the sheet"
+        elif np.abs(np.array(found.groups(), float) - value).max() > LEAST_MM:
+            yield f"{name} is {' '.join(found.groups())} mm on the sheet, {np.round(value, 3).tolist()} mm in campaign.toml"
+    if found := re.search(rf"control shows X {NUMBER}, Y {NUMBER}, Z {NUMBER} mm", part):
+        at_zero = np.zeros((1, len(plan.machine.names)))
+        there = plan.machine.following(at_zero, run.table_ball[None, :], run.tool_ball)[0]
+        there = there[[plan.machine.names.index(name) for name in "XYZ"]]
+        if np.abs(np.array(found.groups(), float) - there).max() > 0.01:
+            yield f"the control would show {np.round(there, 3).tolist()} mm with the ball in its place, the sheet says {found[0]}"

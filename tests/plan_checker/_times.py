@@ -1,0 +1,73 @@
+"""How long a program takes, against what the file and the plan state."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from ._events import Event, Finding
+from ._order import rests_of
+from ._path import Path
+from ._plan import Run
+
+
+def seconds(path: Path) -> float:
+    """Time of the program without the operator's: blocks at their feeds, rapids at the axes' limits, dwells."""
+    return float(sum(duration(path, e) for e in path.events))
+
+
+def duration(path: Path, event: Event) -> float:
+    """Of one event, s; a move from an unknown position counts nothing."""
+    if event.kind == "dwell" or (event.kind == "feed" and np.isfinite(event.seconds)):
+        return event.seconds
+    if event.kind != "rapid" or not np.isfinite(event.end - event.start).all():
+        return 0.0
+    return fastest(path, np.abs(event.end - event.start))
+
+
+def fastest(path: Path, way: np.ndarray) -> float:
+    """Shortest time of a move from rest to rest over `way` (n,) at the axes' greatest feeds and accelerations, s."""
+    speed, gain = path.machine.limit("max_feed") / 60.0, path.machine.limit("max_acceleration")
+    triangle = way * gain < speed**2
+    with np.errstate(invalid="ignore"):
+        times = np.where(
+            triangle, 2.0 * np.sqrt(way / gain), way / speed + np.where(np.isfinite(gain), speed / gain, 0.0)
+        )
+    return float(np.nan_to_num(times).max())
+
+
+def time_table(path: Path) -> Iterator[Finding]:
+    """In a static run the program needs between its first and last reading the time that the file's t_s says, within 5 % and
+    a minute for each stop, and no move is asked to be faster than the axes can."""
+    if not path.run.static or len(path.run.t) < 2:
+        return
+    rests = [i for i, _ in rests_of(path)]
+    if not rests:
+        return
+    between = path.events[rests[0] : rests[-1]]
+    taken = sum(duration(path, e) for e in between)
+    pauses = 60.0 * sum(e.kind == "stop" for e in between)
+    stated = float(path.run.t[-1] - path.run.t[0])
+    if not 0.95 * taken - 1.0 <= stated <= 1.05 * (taken + pauses) + 1.0:
+        says = f"{path.run.file.name} says {stated:.1f} s from first to last reading, the program takes {taken:.1f} s"
+        yield path.fault("time", path.events[rests[-1]].line, says)
+    for first, second in pairwise(rests):
+        moves = [e for e in path.events[first:second] if e.kind == "feed" and np.isfinite(e.seconds)]
+        if moves and all(e.kind != "rapid" for e in path.events[first:second]):
+            needed, given = fastest(path, np.abs(moves[-1].end - moves[0].start)), sum(e.seconds for e in moves)
+            if needed > 1.05 * given:
+                says = f"the move takes {given:.2f} s by its feeds, the axes need {needed:.2f} s"
+                yield path.fault("time", moves[-1].line, says)
+                return
+
+
+def minutes(paths: list[Path], runs: tuple[Run, ...]) -> tuple[float, float]:
+    """Least and most minutes that a plan may state for one dialect's programs: with 5 min of set-up a run and up to one a stop;
+    plans of recordings state the minutes without set-up."""
+    taken = sum(seconds(p) for p in paths)
+    setup = 300.0 * len(runs)
+    pauses = 60.0 * sum(sum(e.kind == "stop" for e in p.events) for p in paths)
+    least = taken + (setup if all(run.static for run in runs) else 0.0)
+    return 0.95 * least / 60.0, 1.05 * (taken + setup + pauses) / 60.0

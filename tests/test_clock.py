@@ -1,0 +1,140 @@
+"""Time that was not recorded is no coordinate: `clock = "none"` in a run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_outliers import NOISE_UM, campaign, positioning
+from test_real_recordings import recordings
+
+from symfive.campaign import Campaign, read_campaign, write_campaign
+from symfive.check import check
+from symfive.convert import convert
+from symfive.diagnose import diagnose
+from symfive.diagnose._catalogue import catalogue
+from symfive.diagnose._detect import detect
+from symfive.diagnose._groups import partitions
+from symfive.diagnose._locate import locate
+from symfive.diagnose._unknown import unknowns
+from symfive.effects import make_effect
+from symfive.errors import InputError
+from symfive.identify import identify
+from symfive.inference import Noise
+from symfive.machine import preset
+from symfive.model import Model
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.report._tables import noise_table
+from symfive.simulate import simulate
+
+
+def unclocked(plan: Campaign) -> Campaign:
+    """The same without its clock."""
+    return replace(plan, runs=tuple(replace(run, clock="none", start_s=0.0) for run in plan.runs))
+
+
+def tour(seed: int = 1) -> Campaign:
+    """An R-test at rest during which the tool drifts."""
+    machine = preset("oyama-2010")
+    plan = campaign_of(machine, r_test_grid(machine, step_deg=60.0))
+    span = max(run.start_s + run.time[-1] for run in plan.runs)
+    drift = {"thermal_drift.amplitude.x": 15.0, "thermal_drift.time_constant_s": 0.4 * span}
+    return simulate(plan, truth=drift, effects=[make_effect("thermal_drift")], seed=seed).campaign
+
+
+def test_the_declaration_survives_the_disk_and_is_written_only_where_it_is_made(tmp_path: Path) -> None:
+    plan = tour()
+    first = replace(plan.runs[0], clock="none")
+    write_campaign(replace(plan, runs=(first, *plan.runs[1:])), tmp_path / "c")
+    text = (tmp_path / "c" / "campaign.toml").read_text(encoding="utf-8")
+    assert text.count("clock") == 1 and 'clock = "none"' in text
+    again = read_campaign(tmp_path / "c")
+    assert [run.has_clock for run in again.runs] == [False] + [True] * (len(plan.runs) - 1)
+    assert again.notes == ()
+    assert "static, clock not recorded" in str(check(tmp_path / "c"))
+
+
+@pytest.mark.parametrize(("clock", "said"), [('"none"', "constant rate"), ('"utc"', "clock"), ("7", "clock")])
+def test_a_wrong_declaration_is_one_sentence_with_its_place(clock: str, said: str, tmp_path: Path) -> None:
+    machine = preset("three-axis")
+    write_campaign(campaign_of(machine, planar_circle(machine, direction="ccw")), tmp_path / "c")
+    file = tmp_path / "c" / "campaign.toml"
+    file.write_text(file.read_text().replace("[[run]]", f"[[run]]\nclock = {clock}"))
+    with pytest.raises(InputError, match=rf"campaign.toml, line \d+: .*{said}"):
+        read_campaign(tmp_path / "c")
+
+
+def test_nothing_that_acts_over_time_is_looked_for_where_there_is_none() -> None:
+    plan = tour()
+    timed = {"thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "vibration"}
+
+    def looked_for(plan: Campaign) -> tuple[set[str], set[str]]:
+        scores = locate(detect(plan)).survey.scores
+        effects = {score.effect.id for score in scores} | {effect.id for effect in catalogue(plan)}
+        terms = [*unknowns(plan, ()), *(s.effect for s in scores if s.effect.id == "unknown")]
+        return effects & timed, {name for term in terms for name in term.over}
+
+    assert {"thermal_drift", "setup_shift"} <= looked_for(plan)[0] and "t" in looked_for(plan)[1]
+    assert looked_for(unclocked(plan)) == (set(), looked_for(plan)[1] - {"t"})
+    assert "time" not in " ".join(partitions(unclocked(plan)))
+
+
+def test_an_effect_over_time_leaves_a_run_without_a_clock_alone() -> None:
+    plan = tour()
+    mixed = replace(plan, runs=(replace(plan.runs[0], clock="none"), *plan.runs[1:]))
+    for effect, size in (
+        (make_effect("thermal_drift"), {"thermal_drift.amplitude.x": 9.0}),
+        (make_effect("location_error", component="EX0C", drift=True), {"location_error.EX0C.value": 9.0}),
+        (make_effect("unknown", over=("t",)), None),
+    ):
+        model = Model(mixed, [effect])
+        size = size or {p.name: 9.0 for p in model.effects[0].parameters(mixed)}
+        change = model.contribution(model.effects[0], model.vector(size))
+        assert np.abs(change[plan.runs[0].id]).max() == 0.0 < np.abs(change[plan.runs[1].id]).max()
+
+
+def test_numbers_that_only_order_the_rows_change_nothing() -> None:
+    plan = unclocked(campaign(positioning()))
+    rng = np.random.default_rng(3)
+    other = [replace(run, time=np.cumsum(rng.uniform(0.1, 90.0, run.rows))) for run in plan.runs]
+    first, second = (identify(c, noise="repeats") for c in (plan, replace(plan, runs=tuple(other))))
+    assert plan.repeats == replace(plan, runs=tuple(other)).repeats != ()
+    np.testing.assert_allclose(first.values, second.values, rtol=1e-12)
+    np.testing.assert_allclose(first.std, second.std, rtol=1e-12)
+
+
+def test_slow_noise_without_a_clock_lasts_rows() -> None:
+    found = identify(unclocked(campaign(positioning())))
+    slow = Noise(NOISE_UM, 0.5, 7.0, NOISE_UM)
+    found = replace(found, noises=dict.fromkeys(found.noises, slow))
+    assert "7.00 rows" in noise_table(found)
+    noise = found.to_data()["noise"]["cycle-1.laser"]
+    assert noise["rows_correlated"] == 7.0 and "time_constant_s" not in noise
+    clocked = replace(found, model=Model(campaign(positioning())))
+    assert "rows" not in clocked.to_data()["noise"]["cycle-1.laser"]
+
+
+def test_a_diagnosis_without_a_clock_finds_nothing_over_time() -> None:
+    """With it, the drift has its name."""
+    with_clock = diagnose(tour())
+    assert [f.name for f in with_clock.findings] == ["thermal_drift"]
+    found = diagnose(unclocked(tour()))
+    assert not {"time", "t"} & {f.coordinate for f in found.findings}
+    assert not {"thermal_drift", "setup_shift", "vibration"} & {f.name for f in found.findings}
+    assert " s " not in " ".join(f.says for f in found.findings)
+
+
+@pytest.mark.parametrize("name", ["ecmc-iso230", "irb120-tracker", "mukca/panda_1"])
+def test_converters_declare_what_was_not_recorded(name: str) -> None:
+    recordings(name)
+    assert not any(run.has_clock for run in convert(name).runs)
+
+
+def test_converters_keep_the_clocks_that_were() -> None:
+    recordings("ess-xyz")
+    assert {run.has_clock: run.id[-4:] for run in convert("ess-xyz").runs if "stops" in run.id or run.dynamic} == {
+        True: "scan"
+    }
+    assert not any(run.has_clock for run in convert("ess-xyz").runs if not run.dynamic and "stops" not in run.id)

@@ -1,0 +1,144 @@
+"""What is an outlier and what is the machine's; how many readings were excluded is said, and every rms counts all of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_real_recordings import recordings
+
+from symfive.campaign import Campaign, Run
+from symfive.convert import convert
+from symfive.diagnose import diagnose
+from symfive.identify import fitted_model, identify, predict
+from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
+from symfive.procedures import campaign_of, planar_circle
+from symfive.report import diagnosis_text, identification_text
+from symfive.report._diagnosis import diagnosis_report
+from symfive.simulate import simulate
+
+NOISE_UM = 0.3
+TARGETS = np.linspace(0.0, 300.0, 31)
+
+
+def positioning(cycles: int = 5, seed: int = 1) -> list[np.ndarray]:
+    """Deviations of an ISO 230-2 test, cycle by cycle, up and down: a straight line, and at one target on the way up a dent."""
+    rng = np.random.default_rng(seed)
+    way = np.concatenate([TARGETS, TARGETS[::-1]])
+    dent = np.zeros(len(way))
+    dent[12] = 9.0
+    return [0.02 * way + dent + NOISE_UM * rng.standard_normal(len(way)) for _ in range(cycles)]
+
+
+def campaign(deviations: list[np.ndarray]) -> Campaign:
+    """Each cycle as a run of its own."""
+    machine = Machine(
+        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-10.0, 310.0))},
+        errors={"EXX": ErrorTerm(name="EXX", sigma=50.0, basis=("polynomial",), order=(1,))},
+    )  # fmt: skip
+    way = np.concatenate([TARGETS, TARGETS[::-1] - 1e-6])
+    runs = [
+        Run(
+            id=f"cycle-{k}", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), start_s=100.0 * k,
+            commands={"X": way}, readings={"X_dev_um": deviation}, noise_um=NOISE_UM, options={"axis": "X"},
+        )
+        for k, deviation in enumerate(deviations, start=1)
+    ]  # fmt: skip
+    return Campaign(machine=machine, runs=tuple(runs))
+
+
+@pytest.mark.parametrize("noise", ["estimate", "repeats"])
+def test_what_every_cycle_shows_at_one_target_is_no_outlier(noise: str) -> None:
+    assert identify(campaign(positioning()), noise=noise).outliers == ()
+
+
+def test_what_one_cycle_shows_alone_is_one() -> None:
+    deviations = positioning()
+    deviations[2][40] -= 8.0  # also beside the dent, which the other cycles show
+    found = identify(campaign(deviations), noise="repeats")
+    assert [(o.run, o.row) for o in found.outliers] == [("cycle-3", 40)]
+
+
+def test_what_comes_back_on_one_of_two_ways_is_the_way_s() -> None:
+    """Four of five cycles are enough, and the other way, where nothing is, says nothing against it."""
+    deviations = positioning()
+    deviations[4][12] -= 9.0
+    found = identify(campaign(deviations), noise="repeats")
+    assert {(o.run, o.row) for o in found.outliers} <= {("cycle-5", 12)}
+
+
+def test_another_instrument_s_reading_of_a_pose_is_no_repeat() -> None:
+    """One cycle with the dent, four at another height of the laser's beam without it."""
+    flat = [d - 9.0 * (np.arange(len(d)) == 12) for d in positioning()[1:]]
+    other = campaign([positioning()[0], *flat])
+    raised = [other.runs[0], *(replace(run, tool_ball=(0.0, 0.0, -50.0)) for run in other.runs[1:])]
+    assert [(o.run, o.row) for o in identify(replace(other, runs=tuple(raised))).outliers] == [("cycle-1", 12)]
+
+
+def test_a_spike_that_comes_back_in_every_repeated_recording_is_no_outlier() -> None:
+    machine = preset("three-axis")
+    (once,) = planar_circle(machine, direction="ccw", radius=50.0, feed=3000.0)
+    plan = campaign_of(machine, [replace(once, id=f"turn-{k}", file="") for k in range(3)])
+    measured = simulate(plan, seed=2).campaign
+
+    def spiked(spoiled: tuple[int, ...]) -> Campaign:
+        runs = list(measured.runs)
+        for k in spoiled:
+            readings = runs[k].readings["dL_um"].copy()
+            readings[101:103] += 8.0
+            runs[k] = runs[k].with_readings({"dL_um": readings})
+        return replace(measured, runs=tuple(runs))
+
+    assert identify(spiked((0, 1, 2))).outliers == ()
+    alone = {(o.run, o.row) for o in identify(spiked((1,))).outliers}
+    assert alone and alone <= {("turn-1", 101), ("turn-1", 102)}
+
+
+def test_every_rms_counts_all_readings() -> None:
+    deviations = positioning()
+    deviations[2][40] -= 30.0
+    found = identify(campaign(deviations), noise="repeats")
+    every = np.concatenate([r.ravel() for r in found.residuals.values()])
+    assert found.rms_um == pytest.approx(float(np.sqrt(np.mean(every**2))), rel=1e-12)
+    kept = np.sort(np.abs(every))[:-1]
+    assert found.rms_kept["um"] == pytest.approx(float(np.sqrt(np.mean(kept**2))), rel=1e-12)
+    assert found.to_data()["rms"]["um"] == found.rms_um > found.to_data()["rms_kept"]["um"]
+    said = "Excluded outliers: 1 of 310 readings (0.323 %); without them rms "
+    assert said in str(found) and said in identification_text(found)
+    predicted = predict(fitted_model(found), campaign(deviations))
+    last = predicted.campaign.run("cycle-3").readings["X_dev_um"] - deviations[2]
+    assert predicted.rms["cycle-3"] == pytest.approx(float(np.sqrt(np.mean(last**2))), rel=1e-9)
+    assert predicted.rms["cycle-3"] > 2.0 * predicted.rms_kept["cycle-3"]
+
+
+def test_a_diagnosis_counts_all_readings_and_says_what_is_excluded(tmp_path: Path) -> None:
+    deviations = positioning()
+    deviations[2][40] -= 30.0
+    found = diagnose(campaign(deviations))
+    for rms, fit in ((found.fit.rms_before_um, found.before), (found.fit.rms_after_um, found.after)):
+        every = np.concatenate([r.ravel() for r in fit.residuals.values()])
+        assert rms == pytest.approx(float(np.sqrt(np.mean(every**2))), rel=1e-12)
+    assert found.fit.heldout_rms_after_um > 1.5  # 30 µm in one of 310 readings
+    assert len(found.after.outliers) == 1
+    said = "Excluded outliers: 1 of 310 (0.323 %) readings; without them rms "
+    assert said in " ".join(diagnosis_text(found).split()) and said in found.letter
+    diagnosis_report(found, tmp_path)
+    assert said in (tmp_path / "report.html").read_text(encoding="utf-8")
+    data = json.loads(json.dumps(found.to_data()))
+    assert data["outliers"]["after"]["excluded"] == 1 and data["outliers"]["after"]["readings"] == 310
+    assert data["outliers"]["after"]["share"] == pytest.approx(1 / 310)
+    assert data["outliers"]["after"]["rms_kept_um"] < data["fit"]["rms_after_um"] == found.fit.rms_after_um
+
+
+def test_a_laser_test_keeps_its_readings_when_each_cycle_is_a_run() -> None:
+    """50 readings; the axis needed the first one of the first cycle to warm to its place."""
+    recordings("ecmc-iso230")
+    whole = convert("ecmc-iso230")
+    (run,) = whole.runs
+    cycles = [replace(run.part(10 * k, 10 * k + 10), id=f"cycle-{k}", file="") for k in range(5)]
+    cycles = [replace(c, time=np.arange(10.0), start_s=10.0 * k) for k, c in enumerate(cycles)]
+    found = identify(replace(whole, runs=tuple(cycles)), noise="repeats")
+    assert [(o.run, o.row) for o in found.outliers] in ([], [("cycle-0", 0)])

@@ -1,0 +1,299 @@
+"""The independent checker of plans: it passes a plan that is in order, finds every planted fault, and passes symfive's plans."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symfive.design import plan
+from symfive.errors import InputError
+from symfive.machine import Machine as MachineFile
+from symfive.machine import preset, presets, read_machine
+from tests.plan_checker import check, read_plan, read_program
+from tests.plan_checker._bodies import Cylinder, clearance
+from tests.plan_checker._plan import Machine
+from tests.plan_checker.example import write_example
+from tests.plan_checker.machines import random_machine
+from tests.plan_checker.refusals import share_with_a_way_out
+
+ROOT = Path(__file__).resolve().parent.parent
+MACHINE = (ROOT / "designs" / "machines" / "table-bc.toml").read_text(encoding="utf-8")
+PYTHON = [sys.executable, "-m"]
+SUFFIX = {"iso": ".nc", "siemens": ".mpf", "heidenhain": ".h", "linuxcnc": ".ngc"}
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_example(tmp_path_factory.mktemp("plan"), MACHINE)
+
+
+def test_a_plan_that_is_in_order_has_no_findings(good: Path) -> None:
+    assert [str(finding) for finding in check(good)] == []
+
+
+def edit(file: str, pattern: str, becomes: str, count: int = 1) -> Callable[[Path], None]:
+    """Replaces text in one file of the plan; the pattern must be there."""
+
+    def spoil(folder: Path) -> None:
+        path = folder / file
+        text, n = re.subn(pattern, becomes, path.read_text(encoding="utf-8"), count=count, flags=re.M | re.S)
+        assert n, f"{pattern} is not in {file}"
+        path.write_text(text, encoding="utf-8")
+
+    return spoil
+
+
+def swap_rows(folder: Path) -> None:
+    path = folder / "nest.csv"
+    head, a, b, c, *rest = path.read_text().splitlines()
+    (_, b), (_, c) = b.split(",", 1), c.split(",", 1)
+    times = [line.split(",", 1)[0] for line in path.read_text().splitlines()[2:4]]
+    path.write_text("\n".join([head, a, f"{times[0]},{c}", f"{times[1]},{b}", *rest]) + "\n")
+
+
+def no_blocks_between(file: str) -> Callable[[Path], None]:
+    """All blocks but the last of the first way are taken out: one straight block from pose to pose."""
+    return edit(file, r"(G4 X2\.000\n)(?:G1 [^\n]*\n)*(G1 [^\n]*\nG4)", r"\1\2")
+
+
+FAULTS: dict[str, tuple[str, Callable[[Path], None]]] = {
+    "a rapid plunges into the table": ("clearance", edit("nc/iso/nest.nc", r"^G0 Z\S+", "G0 Z-60.0000")),
+    "a rapid leaves the travel": ("travel", edit("nc/iso/nest.nc", r"^G0 X\S+", "G0 X400.0000")),
+    "a travel is shorter than the plan": ("travel",
+        edit("machine.toml", r"(axes.Z.\ntravel = \[-100.0, )450.0", r"\g<1>300.0")),
+    "a stop is removed": ("bar", edit("nc/iso/bar.nc", r"M0 \(Remove the bar\)\n", "")),
+    "the bar is never mounted again": ("stop",
+        edit("nc/siemens/bar.mpf", r'(Remove.*?)MSG\("Mount the bar"\)\nM0\nMSG\(\)\n', r"\1")),
+    "a feed is twelve times as high": ("feed", edit("nc/iso/nest.nc", r"F900$", "F10800")),
+    "one dialect is twice as fast": ("dialects", edit("nc/siemens/nest.mpf", r"F900$", "F1800", 0)),
+    "every feed is twice as high": ("time", edit("nc/iso/nest.nc", r"F900$", "F1800", 0)),
+    "a feed word is missing": ("feed", edit("nc/linuxcnc/nest.ngc", r" F900$", "")),
+    "a Klartext feed is too high": ("feed", edit("nc/heidenhain/bar.h", r"( R0 F)(\d+)\.", r"\g<1>9\g<2>.", 0)),
+    "the table is smaller": ("table", edit("machine.toml", r"table_radius = 150.0", "table_radius = 50.0")),
+    "the table turns elsewhere": ("table",
+        edit("machine.toml", r"(axes.C.\norigin = )\[0.0, 0.0", r"\1[250.0, 200.0")),
+    "the ball stands too high": ("table",
+        edit("machine.toml", r"ball_height = \[40.0, 160.0\]", "ball_height = [40.0, 90.0]")),
+    "the first move is a five-axis rapid": ("first move", edit("nc/iso/nest.nc", r"G53 G0 Z0\n", "")),
+    "the plane moves before the rotary axes": ("first move",
+        edit("nc/linuxcnc/bar.ngc", r"(G0 B[^\n]*\n)(G0 X[^\n]*\n)", r"\2\1")),
+    "the tool goes down before the plane": ("first move",
+        edit("nc/siemens/bar.mpf", r"(G0 X[^\n]*\n)(G0 Z[^\n]*\n)", r"\2\1")),
+    "the tool axis stops half-way": ("first move",
+        edit("nc/heidenhain/nest.h", r"L Z-1 R0 FMAX M91", "L Z-200 R0 FMAX M91")),
+    "two rows are swapped": ("poses", swap_rows),
+    "a pose is left out": ("poses", edit("nc/iso/nest.nc", r"G1 [^\n]*\nG4 X2.000\n(G1)", r"\1")),
+    "a pose is off by a hundredth": ("poses", edit("nc/linuxcnc/nest.ngc", r"(B20\.00)0", r"\g<1>9")),
+    "a length offset is on": ("poses", edit("nc/iso/bar.nc", r"^G54$", "G54 G43 H1")),
+    "an axis turns the other way": ("poses", edit("nc/iso/bar.nc", r" C(-?)(\d)", r" C-\2", 0)),
+    "no datum is called": ("modal", edit("nc/siemens/nest.mpf", r"^G54\n", "")),
+    "tool-centre control may be on": ("modal", edit("nc/heidenhain/nest.h", r"^\d+ M129\n", "")),
+    "LinuxCNC shows no text": ("stop", edit("nc/linuxcnc/bar.ngc", r"\(MSG, ", "(")),
+    "Sinumerik shows no text": ("stop", edit("nc/siemens/bar.mpf", r"^MSG\(\"[^\n]*\n", "; mount the bar\n")),
+    "the program ends with the bar on": ("stop",
+        edit("nc/iso/bar.nc", r"M0 \(Remove the bar\)(?!.*M0)", "M0 (Check the readings)")),
+    "a datum is called under the bar": ("stop", edit("nc/iso/bar.nc", r"(M0 \(Mount the bar\)\n)", r"\1G55\n")),
+    "inverse time stays on": ("end", edit("nc/linuxcnc/bar.ngc", r"^G94\n", "")),
+    "the tool stays down": ("end", edit("nc/siemens/bar.mpf", r"SUPA G0 Z0\nG94", "G94")),
+    "the bar is longer": ("bar", edit("campaign.toml", r"length = 100.0", "length = 103.0")),
+    "the ball is dragged through its nest": ("nest", no_blocks_between("nc/iso/nest.nc")),
+    "the bar is stretched on the way": ("bar", no_blocks_between("nc/iso/bar.nc")),
+    "a rapid into the nest": ("nest", edit("nc/iso/nest.nc", r"^G1( X[^\n]*) F10$", r"G0\1")),
+    "a rapid with the bar on": ("bar", edit("nc/iso/bar.nc", r"^G1( X[^\n]*) F900$", r"G0\1")),
+    "the nose reaches low": ("clearance",
+        edit("machine.toml", r"radius = 40.0, above_ball = 60.0", "radius = 300.0, above_ball = -40.0")),
+    "the tool is as thick as the post": ("clearance",
+        edit("machine.toml", r"\[workspace\]", "[workspace]\npost_radius = 60.0\ntool_radius = 60.0")),
+    "the minutes are those of another plan": ("time", edit("plan.json", r"[\d.]+", "20.0")),
+    "the sheet puts the ball elsewhere": ("sheet", edit("setup.html", "x = 80", "x = 85")),
+    "the sheet names another tool": ("sheet", edit("setup.html", "150 mm below", "155 mm below")),
+    "the sheet says no tool length": ("sheet", edit("nc/linuxcnc/bar.ngc", r"^G54$", "G54 G43 H1")),
+    "the spindle nose is thick": ("clearance",
+        edit("machine.toml", r"radius = 40.0, above_ball = 60.0", "radius = 250.0, above_ball = 2.0")),
+    "a code that nobody knows": ("program", edit("nc/iso/nest.nc", r"^G54$", "G54 G68.2")),
+    "a program is missing": ("program", lambda folder: (folder / "nc" / "iso" / "bar.nc").unlink()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_is_found(good: Path, tmp_path: Path, fault: str) -> None:
+    kind, spoil = FAULTS[fault]
+    folder = tmp_path / "plan"
+    shutil.copytree(good, folder)
+    spoil(folder)
+    found = check(folder)
+    assert kind in {finding.check for finding in found}, "\n".join(map(str, found))
+    assert all(re.search(r"\w", finding.says) and finding.file.is_relative_to(folder) for finding in found)
+
+
+def test_cylinders_keep_apart_by_their_distance() -> None:
+    """Lines and cylinders whose distance is known: parallel, crossed, one above the other, an edge over an edge, one inside."""
+    up, along = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]
+    for start, axis, length, radius, distance in (
+        ([5.0, 0.0, 0.0], up, 10.0, 1.0, 2.0), ([5.0, 0.0, 0.0], up, 10.0, 3.0, 0.0), ([-9.0, 4.5, 5.0], along, 20.0, 0.0, 2.5),
+        ([0.0, 0.0, 13.0], up, 4.0, 8.0, 3.0), ([2.0 + 3.0, 0.0, 14.0], up, 4.0, 0.0, 5.0), ([0.0, 0.0, 5.0], up, 1.0, 0.0, -2.0),
+    ):  # fmt: skip
+        a = Cylinder(np.array([[0.0, 0.0, 0.0]]), np.array([up]), np.array([10.0]), 2.0)
+        b = Cylinder(np.array([start]), np.array([axis]), np.array([length]), radius)
+        assert clearance(a, b, near=100.0)[0] == pytest.approx(distance, abs=1e-3)
+
+
+def test_arcs_have_their_length_and_place(good: Path, tmp_path: Path) -> None:
+    """Two turns of a circle of 150 mm by I J and P, by TURN, and about a pole; each at 1000 mm/min."""
+    good_plan = read_plan(good)
+    programs = {
+        "linuxcnc": "G53 G0 Z0\nG0 B0 C0\nG0 X-150 Y0\nG94\nG3 X-150 Y0 I150 J0 P2 F1000\n",
+        "siemens": "SUPA G0 Z0\nG0 B0 C0\nG0 X-150 Y0\nG94\nG3 X-150 Y0 I150 J0 TURN=1 F1000\n",
+        "iso": "G53 G0 Z0\nG0 B0 C0\nG0 X-150 Y0\nG94\nG2 X150 Y0 I150 J0 F1000\nG2 X-150 Y0 I-150 J0\nG2 X-150 Y0 I150 J0\n",
+        "heidenhain": "1 L Z-1 R0 FMAX M91\n2 L B+0 C+0 R0 FMAX\n3 L X-150 Y+0 R0 FMAX\n4 CC X+0 Y+0\n5 CP IPA+720 DR+ F1000\n",
+    }
+    for dialect, text in programs.items():
+        file = tmp_path / f"arc{SUFFIX[dialect]}"
+        file.write_text(text)
+        path = read_program(good_plan.machine, good_plan.runs[0], file, dialect)
+        assert not path.control.findings
+        feeds = [event for event in path.events if event.kind == "feed"]
+        assert sum(event.seconds for event in feeds) == pytest.approx(
+            2.0 * 2.0 * np.pi * 150.0 / 1000.0 * 60.0, rel=1e-9
+        )
+        x, y = (path.q[:, good_plan.machine.names.index(name)] for name in "XY")
+        arcs = np.isin(path.owner, [i for i, event in enumerate(path.events) if event.kind == "feed"])
+        assert np.ptp(np.hypot(x[arcs], y[arcs])) < 1e-9
+        assert [y[arcs].min(), y[arcs].max()] == pytest.approx([-150.0, 150.0], abs=0.1)
+
+
+@pytest.mark.linuxcnc
+@pytest.mark.skipif(
+    shutil.which("rs274") is None, reason="LinuxCNC's interpreter rs274 is not installed (linuxcnc-uspace)"
+)
+def test_linuxcncs_interpreter_reads_the_same_positions(good: Path) -> None:
+    good_plan = read_plan(good)
+    for run in good_plan.runs:
+        file = good / "nc" / "linuxcnc" / f"{run.table['id']}.ngc"
+        theirs = interpreted(file)
+        theirs = theirs[theirs[:, 2] != 0.0][:, [0, 1, 2, 4, 5]]  # without what is at the top, Z 0 of the machine
+        path = read_program(good_plan.machine, run, file, "linuxcnc")
+        order = [good_plan.machine.names.index(name) for name in "XYZBC"]
+        mine = np.array(
+            [
+                event.end[order]
+                for event in path.events
+                if event.motion and not event.machine and np.isfinite(event.end).all()
+            ]
+        )
+        mine = mine[mine[:, 2] != good_plan.machine.top]
+        assert len(mine) > 50 and np.abs(theirs[-len(mine) :] - mine).max() <= 1e-4
+
+
+def interpreted(path: Path) -> np.ndarray:
+    """End points of all straight moves as LinuxCNC's interpreter reads them, X Y Z A B C."""
+    answer = subprocess.run(
+        ["rs274", "-g", str(path)], capture_output=True, text=True, timeout=60, cwd=path.parent, check=False
+    )
+    assert answer.returncode == 0, answer.stdout[-500:] + answer.stderr[-500:]
+    found = re.findall(r"STRAIGHT_(?:FEED|TRAVERSE)\(([^)]*)\)", answer.stdout)
+    return np.array([[float(v) for v in line.split(",")[:6]] for line in found])
+
+
+QUICK = [("table-bc", "r_test"), ("three-axis", "ball_bar")]
+READY = sorted(path.parent for path in (ROOT / "designs" / "plans").glob("*/campaign.toml"))
+
+
+def made(folder: Path, machine: MachineFile, instrument: str, points: int, starts: int = 1) -> Path:
+    """A plan of symfive's with programs of all dialects."""
+    plan(machine, instrument=instrument, points=points, starts=starts).write(folder, nc=tuple(SUFFIX))
+    return folder
+
+
+def in_order(folder: Path) -> bool:
+    """No findings, and LinuxCNC's interpreter takes the programs where it is installed; what is wrong is printed."""
+    found = check(folder)
+    print(*found, sep="\n")
+    if shutil.which("rs274") is not None:
+        for file in (folder / "nc").glob("linuxcnc/*"):
+            interpreted(file)
+    return not found
+
+
+@pytest.mark.parametrize(("name", "instrument"), QUICK)
+def test_a_quick_plan_is_in_order(name: str, instrument: str, tmp_path: Path) -> None:
+    assert in_order(made(tmp_path / "plan", preset(name), instrument, 6))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("instrument", ["r_test", "ball_bar"])
+@pytest.mark.parametrize("name", presets())
+def test_every_preset_with_default_points_is_in_order(name: str, instrument: str, tmp_path: Path) -> None:
+    try:
+        folder = made(tmp_path / "plan", preset(name), instrument, 40, starts=2)
+    except InputError as refusal:
+        pytest.skip(f"refused: {refusal}")
+    assert in_order(folder)
+
+
+OFF_CENTRE = {
+    "table": (r"(axes.C.\norigin = )\[[^]]*\]", r"\1[250.0, 200.0, 0.0]"),
+    "a little": (r"(axes.C.\norigin = )\[[^]]*\]", r"\1[30.0, -20.0, 0.0]"),
+    "cradle": (r"(axes.B.\norigin = )\[[^]]*\]", r"\1[20.0, 0.0, -60.0]"),
+    "nutating": (r"\[axes.B\]", "[axes.B]\ndirection = [0.0, 1.0, 1.0]"),
+    "tilted": (r"\[axes.C\]", "[axes.C]\ndirection = [0.0, 0.1, 1.0]"),
+    "centre": (r"\[workspace\]", "[workspace]\ntable_centre = [40.0, 30.0]"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("instrument", ["r_test", "ball_bar"])
+@pytest.mark.parametrize("where", OFF_CENTRE)
+def test_tables_that_turn_elsewhere_are_in_order(where: str, instrument: str, tmp_path: Path) -> None:
+    text, n = re.subn(*OFF_CENTRE[where], MACHINE, count=1)
+    assert n == 1
+    text = re.sub(r"travel = \[-(300|250).0, (300|250).0\]", "travel = [-700.0, 700.0]", text)
+    (tmp_path / "machine.toml").write_text(text, encoding="utf-8")
+    assert in_order(made(tmp_path / "plan", read_machine(tmp_path / "machine.toml"), instrument, 12))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("chunk", range(20))
+def test_random_machines_are_in_order_or_refused(chunk: int, tmp_path: Path) -> None:
+    """Ten machines each. A refusal is one sentence; where it says that poses have no clear way, few random ones have one."""
+    refused = []
+    for seed in range(10 * chunk, 10 * chunk + 10):
+        file = tmp_path / f"{seed}.toml"
+        file.write_text(random_machine(seed), encoding="utf-8")
+        try:
+            folder = made(tmp_path / str(seed), read_machine(file), ("r_test", "ball_bar")[seed % 2], 10)
+        except InputError as refusal:
+            assert "\n" not in str(refusal)
+            refused.append(f"{seed}: {refusal}")
+            if "way" in str(refusal):
+                assert share_with_a_way_out(Machine(tomllib.loads(file.read_text(encoding="utf-8")))) < 0.1, refused
+            continue
+        assert in_order(folder), f"machine {seed}"
+    print(*refused, sep="\n")
+    assert len(refused) < 5, refused
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", READY, ids=[folder.name for folder in READY])
+def test_the_ready_plans_are_in_order(folder: Path) -> None:
+    assert in_order(folder)
+
+
+def test_the_command_ends_with_one_where_there_are_findings(good: Path, tmp_path: Path) -> None:
+    spoilt = tmp_path / "spoilt"
+    shutil.copytree(good, spoilt)
+    FAULTS["a rapid plunges into the table"][1](spoilt)
+    for folder, code in ((good, 0), (spoilt, 1)):
+        answer = subprocess.run(
+            [*PYTHON, "tests.plan_checker", str(folder)], capture_output=True, text=True, cwd=ROOT, check=False
+        )  # fmt: skip
+        assert answer.returncode == code, answer.stdout + answer.stderr
+    assert "spindle nose and table meet by" in answer.stdout
