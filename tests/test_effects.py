@@ -319,17 +319,13 @@ def test_plant_agrees(case: Case) -> None:
     shift = {p: 40.0 for p in ("EX0C", "EA0C") if p in machine["errors"]}
     values, told = own(model, case.sizes) | shift, {run["id"]: dict(spec) for run in runs}
     for run in runs:
-        if spec.get("start") == START:
-            steps = np.diff(run["command"][spec["axis"] or spec["component"][2:]])
-            told[run["id"]]["start"] = first = float(np.sign(steps[np.abs(steps) > 1e-6][0]))
-        elif model.effects[-1].starts(
-            model.campaign.run(run["id"])
-        ):  # before its first move an axis counts as it then goes
+        sides = model.effects[-1].starts(model.campaign.run(run["id"]))
+        if spec.get("start") == START or (sides and case.where == "static"):
             steps = np.diff(run["command"][spec["axis"] or spec["component"][2:]])
             first = float(np.sign(steps[np.abs(steps) > 1e-6][0]))
-        else:
-            continue
-        values |= {p.name: first for p in model.effects[-1].starts(model.campaign.run(run["id"]))}
+            if "start" in spec:
+                told[run["id"]]["start"] = first
+            values |= {p.name: first for p in sides}  # the plant's static axes count as they first go
     predicted = model.predict(values)
     for run in runs:
         truth = plant.simulate_run(machine, run, shift, effects=[told[run["id"]]], noise_options=plant.QUIET).values

@@ -7,6 +7,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from symfive.effects._base import STAGES, Effect
+from symfive.effects._form import AXIS, BALL, CARRIED, TOOL, Form, Scan, Tone
 from symfive.effects._options import fits
 from symfive.effects._quantity import Quantity
 from symfive.effects.backlash import Backlash
@@ -41,7 +42,10 @@ from symfive.files import shown
 if TYPE_CHECKING:
     from symfive.machine import Machine
 
-__all__ = ["EFFECTS", "STAGES", "VOCABULARY", "Effect", "Quantity", "baseline_effects", "make_effect"]
+__all__ = [
+    "AXIS", "BALL", "CARRIED", "EFFECTS", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form", "Quantity", "Scan", "Tone",
+    "baseline_effects", "make_effect",
+]  # fmt: skip
 
 _TABLE: tuple[type[Effect], ...] = (
     # the vocabulary (docs/conventions.md, section 7)

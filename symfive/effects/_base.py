@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.effects._form import AXIS, TOOL, Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
+from symfive.effects._rates import rate_of
 from symfive.errors import InputError
 from symfive.motion import unmoved
 from symfive.parameters import Parameter
@@ -50,6 +52,8 @@ class Effect:
     needs_axis: ClassVar[bool] = False
     dynamic_only: ClassVar[bool] = False
     departs: ClassVar[bool] = False
+    nameless: ClassVar[bool] = False
+    coordinate: ClassVar[str] = "pose"
     over_time: ClassVar[bool] = False
     axis: str | None = None
     tag: str = ""
@@ -62,6 +66,35 @@ class Effect:
 
     def _key(self, *parts: str | None) -> str:
         return ".".join(part for part in (self.id, *parts, self.tag) if part)
+
+    @property
+    def belongs_to(self) -> str | None:
+        """The axis it is about: its own, or that of its component."""
+        symbol = getattr(self, "component", None)
+        return symbol[2:].lstrip("0") if self.axis is None and isinstance(symbol, str) else self.axis
+
+    @property
+    def rate(self) -> float:
+        """How common it is beside other names."""
+        return rate_of(self.vocabulary)
+
+    @property
+    def answers(self) -> tuple[str, str] | None:
+        """The channel by which readings answer to it and the coordinate over which it acts, where a form that is a little off
+        would show; None where neither is one of the machine's."""
+        kind = self.coordinate.format(axis=self.belongs_to)
+        words = kind.replace(" velocity sign", " since reversal") if kind != "time" else "t"
+        channels = {"drive": AXIS, "axis": AXIS, "structure": TOOL}
+        return (channels[self.stage], words) if self.stage in channels and words not in ("pose", "reading") else None
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        """The forms in which it may act in this campaign. Those that cannot join (`prepare` raises) are left out by who asks.
+
+        Default: its plain form, of an effect of axes one per axis that moves.
+        """
+        axes: Iterable[str | None] = moving(campaign) if cls.needs_axis else (None,)
+        return [Form(effect=cls(axis=axis)) for axis in axes]
 
     @property
     def vocabulary(self) -> str:

@@ -30,9 +30,9 @@ def owner(name: str) -> str:
     return name
 
 
-def steps(share: Any, library: Any) -> Any:
-    """A distance as a share of the travel, 0…1 and beyond, in equal steps of its logarithm down to FINEST."""
-    return library.log1p(share / FINEST) / float(np.log1p(1.0 / FINEST))
+def steps(share: Any, library: Any, finest: float = FINEST) -> Any:
+    """A distance as a share of the travel, 0…1 and beyond, in equal steps of its logarithm down to `finest`."""
+    return library.log1p(share / finest) / float(np.log1p(1.0 / finest))
 
 
 def coordinate_values(name: str, run: Run, machine: Machine) -> Array:

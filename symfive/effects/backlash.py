@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, reversing
 from symfive.effects._quantity import Values
-from symfive.motion import Play, Position, PreSliding
+from symfive.motion import Direction, Play, Position, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
-SHAPES = ("play", "pre_sliding", "wind_up")
+SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")
 AHEAD = 0.1
 """How often the axis is ahead instead: where the control compensates for more than there is."""
 
@@ -29,6 +31,8 @@ class Backlash(Effect):
     - `play`: s is ±1 at the flanks and in between while the play is crossed and the output stands.
     - `pre_sliding` (lost motion, low hysteresis): s = ±(1 - 2·exp(-ξ/distance)), ξ the distance since the
       reversal (P. R. Dahl 1968); the contact creeps over `distance`.
+    - `gradual`: s changes in proportion to ξ until `distance`, a contact that is softer than a free play.
+    - `step`: s = ±1 at once, as circular tests are read (ISO 230-4, Annex B).
     - `wind_up` (unequal backlash): a play whose width grows along the axis, width + slope·q.
 
     Where in the play a recording begins is a parameter of the run. Static rows: s is the direction from which the axis
@@ -39,6 +43,7 @@ class Backlash(Effect):
     stage = "axis"
     says = "play behind the drive"
     hidden_by = "a servo mismatch where only one feed was run; a rotary axis' location errors"
+    coordinate = "{axis} velocity sign"
     needs_axis = True
     shape: str = "play"
 
@@ -46,11 +51,18 @@ class Backlash(Effect):
         self.choose("shape", SHAPES)
         return super().prepare(campaign)
 
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in reversing(campaign):
+            shapes = {shape: cls(axis=axis, shape=shape) for shape in SHAPES}
+            yield Form(effect=shapes.pop("play"), shapes=tuple(shapes.values()))
+            yield Form(effect=replace(shapes.pop("step"), tag="step"), shapes=tuple(shapes.values()))
+
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary
         small = "urad" if rotary else "um"
         found = [self.own("width", small, 100.0 if rotary else 20.0, start=1.0)]
-        if self.shape == "pre_sliding":
+        if self.shape in ("pre_sliding", "gradual"):
             distance = 300.0 if rotary else 50.0
             found.append(self.own("distance", small, distance, mean=distance, lower=0.02 * distance))
         if self.shape == "wind_up":
@@ -66,6 +78,10 @@ class Backlash(Effect):
     def signals(self) -> tuple[Signal, ...]:
         if self.shape == "pre_sliding":
             return (PreSliding(str(self.axis), f"{self.key}.distance", self.started),)
+        if self.shape == "step":
+            return (Direction(str(self.axis), self.started),)
+        if self.shape == "gradual":
+            return (Play(str(self.axis), f"{self.key}.distance", start=self.started),)
         slope = f"{self.key}.slope" if self.shape == "wind_up" else ""
         return (Play(str(self.axis), f"{self.key}.width", slope, self.started),)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, reversing
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.motion import Direction, Position
 from symfive.parameters import Parameter
@@ -14,6 +16,9 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign, Run
     from symfive.model._row import Row
     from symfive.motion import Signal
+
+UPRIGHT = 0.7
+"""Cosine to the vertical from which an axis carries its weight."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +34,15 @@ class Counterbalance(Effect):
     stage = "axis"
     says = "a vertical axis drops in one direction of motion"
     hidden_by = "backlash growing along the axis and its scale; the drive's current tells up from down"
+    coordinate = "{axis} velocity sign"
     reported_as = "backlash"
     needs_axis = True
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in reversing(campaign):
+            if abs(campaign.machine.axes[axis].direction[2]) > UPRIGHT and not campaign.machine.axes[axis].rotary:
+                yield Form(effect=cls(axis=axis))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         if self.its_axis(campaign).rotary:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, moving
 from symfive.effects._gravity import DOWN, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase
 from symfive.errors import InputError
@@ -34,6 +36,7 @@ class EccentricMass(Effect):
     id = "eccentric_mass"
     says = "a mass off the axis tilts the table as it turns"
     hidden_by = "axis tilt and tilt error motion; the mass moved by half a turn parts them"
+    coordinate = "{axis}"
     reported_as = "error_motion"
     needs_axis = True
     down: tuple[float, float, float] = DOWN
@@ -48,6 +51,10 @@ class EccentricMass(Effect):
         if alone and any(t is not None and t.over == (self.axis,) and t.basis == ("fourier",) for t in held):
             raise InputError(f"the baseline already holds the tilt of {self.axis} once a turn", remedy="leave it there")
         return self
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        yield from (Form(effect=cls(axis=axis)) for axis in moving(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("cos", "urad", 10.0), self.own("sin", "urad", 10.0))

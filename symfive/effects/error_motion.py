@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
+from symfive.effects._form import Form, Scan, Tone, goes_round, moving
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
 
 
+FINER = (6, 12)
+"""Orders of finer forms of the same name."""
 SMALLEST_SHARE = 0.05
 """Less of a travel than this says nothing about a polynomial over all of it."""
 
@@ -44,6 +47,7 @@ class ErrorMotion(Effect):
     id = "error_motion"
     says = "an error motion that the baseline lacks"
     hidden_by = "others that read alike on one circle (straightness, pitch); a second place or height parts them"
+    coordinate = "{axis}"
     component: str
     basis: str | tuple[str, ...] = "fourier"
     order: int | tuple[int, ...] = 2
@@ -95,6 +99,15 @@ class ErrorMotion(Effect):
         if held is not None and held.over == self._term.over and held.basis == self._term.basis == ("bspline",):
             known = basis.names if (held.order, held.knots) == (self._term.order, self._term.knots) else ()
         return basis, tuple(name for name in basis.names if name not in known)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in moving(campaign):
+            basis, order = ("fourier", 3) if goes_round(campaign, axis) else ("polynomial", 3)
+            for letter in "XYZABC":
+                symbol = f"E{letter}{axis}"
+                finer = tuple(cls(component=symbol, basis=basis, order=n) for n in FINER)
+                yield Form(effect=cls(component=symbol, basis=basis, order=order), shapes=finer)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         component = component_of(self.component, campaign.machine)

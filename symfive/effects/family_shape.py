@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self
@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form
 from symfive.effects._series import share_of
 from symfive.effects.inertial_compliance import commanded_acceleration
 from symfive.motion import Acceleration, Direction, Position, ReversalDistance, ReversalTime, Velocity
@@ -75,6 +76,11 @@ class FamilyShape(Effect):
     def _turning(self) -> str:
         """The axis over whose coordinate the functions run."""
         return self.axis or ""
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form]:
+        """None: it only joins another effect."""
+        return ()
 
     @property
     def over_time(self) -> bool:  # type: ignore[override]

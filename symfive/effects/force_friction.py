@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.motion import Velocity
@@ -33,6 +35,7 @@ class ForceFriction(Effect):
     stage = "reading"
     says = "friction that the drive has to overcome"
     hidden_by = "viscous friction and mass, where an axis moves at one speed"
+    coordinate = "{axis} velocity sign"
     reported_as = "friction"
     needs_axis = True
     dynamic_only = True
@@ -59,6 +62,11 @@ class ForceFriction(Effect):
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and self._seen(run)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        driven = {axis for run in campaign.runs if (axis := driven_axis(run)) is not None}
+        yield from (Form(effect=cls(axis=axis)) for axis in sorted(driven))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         unit = "Nm" if self.its_axis(campaign).rotary else "N"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, reversing
 from symfive.errors import InputError
 from symfive.motion import FRICTION
 from symfive.parameters import Parameter
@@ -37,6 +38,7 @@ class Friction(Effect):
     stage = "drive"
     says = "friction: lag and spike at reversal"
     hidden_by = "a reversal spike of a compensation that comes too late; pre-sliding behind the drive"
+    coordinate = "{axis} velocity sign"
     needs_axis = True
     dynamic_only = True
     shape: str = "coulomb"
@@ -47,6 +49,11 @@ class Friction(Effect):
         if self.its_axis(campaign).drive is None:
             raise InputError(f"{self.key} needs the drive of axis {self.axis}", remedy=f"add [axes.{self.axis}.drive]")
         return self
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in reversing(campaign):
+            yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
+from symfive.effects._form import Form, Scan, Tone, moving
 from symfive.effects._gravity import DOWN, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from symfive.motion import Signal
 
 PARTS = ("sin", "one_minus_cos", "sin_cubed", "branch")
+OTHERS = (("sin",), ("one_minus_cos",), ("sin", "sin_cubed"), ("sin", "branch"), ("sin", "one_minus_cos", "branch"))
+"""Parts of other shapes."""
 FURTHER = 0.3
 """What makes a sag other than elastic and linear is the smaller part: prior 1σ of `sin_cubed` and `branch` over that of `sin`."""
 
@@ -48,6 +52,7 @@ class GravitySag(Effect):
     id = "gravity_sag"
     says = "what a tilting axis carries sags as gravity turns in its frame"
     hidden_by = "location errors of the rotary axes (99 % of it where the axis only tilts one way)"
+    coordinate = "{axis}"
     needs_axis = True
     component: str
     parts: tuple[str, ...] = PARTS[:2]
@@ -75,6 +80,15 @@ class GravitySag(Effect):
                 remedy="choose another component",
             )
         return self
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in moving(campaign):
+            for letter in "XYZABC":
+                symbol = f"E{letter}{axis}"
+                others = tuple(cls(axis=axis, component=symbol, parts=parts) for parts in OTHERS)
+                yield Form(effect=cls(axis=axis, component=symbol), shapes=others)
+                yield Form(effect=cls(axis=axis, component=symbol, parts=PARTS, tag="yielding"), shapes=others)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         component = component_of(self.component, campaign.machine)

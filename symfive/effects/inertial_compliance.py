@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
@@ -9,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, seen_length
 from symfive.motion import Acceleration
 from symfive.parameters import Parameter
@@ -37,6 +39,7 @@ class InertialCompliance(Effect):
     id = "inertial_compliance"
     says = "deflection proportional to an axis' acceleration"
     hidden_by = "squareness and scale at one feed (all of it), a missing acceleration feed-forward at two"
+    coordinate = "{axis} acceleration"
     needs_axis = True
     dynamic_only = True
     shape: str = "linear"
@@ -55,6 +58,11 @@ class InertialCompliance(Effect):
 
     def _unit(self, campaign: Campaign) -> str:
         return "um/(rad/s^2)" if self.its_axis(campaign).rotary else "um/(m/s^2)"
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in moving(campaign):
+            yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = tuple(self.own(f"compliance.{c}", self._unit(campaign), 5.0) for c in "xyz")

@@ -26,6 +26,7 @@ class Latency(Effect):
     stage = "drive"
     says = "the instrument's clock is late"
     hidden_by = "a servo mismatch of all axes alike; with one direction of travel only, the set-up"
+    coordinate = "time"
     dynamic_only = True
 
     def applies(self, run: Run) -> bool:

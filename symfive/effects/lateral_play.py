@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
+from symfive.effects._form import Form, Scan, Tone, across, reversing
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.motion import Direction, Play, PreSliding
@@ -32,6 +34,7 @@ class LateralPlay(Effect):
     id = "lateral_play"
     says = "the carriage moves sideways when it reverses"
     hidden_by = "radius and scale (99 % of it) where circles run in one direction only"
+    coordinate = "{axis} velocity sign"
     component: str
     shape: str = "step"
 
@@ -52,6 +55,14 @@ class LateralPlay(Effect):
         if not axis.rotary and abs(along) > 0.999:
             raise InputError(f"{self.component} lies along the motion", remedy="that is backlash")
         return super().prepare(campaign)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in reversing(campaign):
+            for symbol in across(campaign.machine, axis):
+                yield Form(
+                    effect=cls(component=symbol), shapes=tuple(cls(component=symbol, shape=s) for s in SHAPES[1:])
+                )
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         component = component_of(self.component, campaign.machine)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -9,6 +10,7 @@ import casadi as ca
 
 from symfive.effects._base import Effect
 from symfive.effects._component import location_of
+from symfive.effects._form import Form, Scan, Tone, own_component
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.parameters import Parameter
@@ -30,6 +32,7 @@ class LocationError(Effect):
     id = "location_error"
     says = "a location error that the baseline holds at zero"
     hidden_by = "set-up errors and the instrument's zero where poses are few"
+    coordinate = "pose"
     component: str
     drift: bool = False
 
@@ -48,6 +51,15 @@ class LocationError(Effect):
         if self.component in campaign.machine.errors and not self.drift:
             raise InputError(f"the baseline already varies {self.component}", remedy="choose a component that it lacks")
         return super().prepare(campaign)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in campaign.machine.axis_names:
+            own, rotary = own_component(campaign.machine, axis), campaign.machine.axes[axis].rotary
+            for letter in "XYZABC" if rotary else "ABC":
+                # a rotary axis has no place along itself, a linear one no tilt about itself
+                if "XYZABC".index(letter) % 3 != "XYZABC".index(own) % 3 or (rotary and letter == own):
+                    yield Form(effect=cls(component=f"E{letter}0{axis}"))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         component = location_of(self.component, campaign.machine)

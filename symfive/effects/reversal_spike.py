@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, reversing
 from symfive.motion import ReversalAhead, ReversalTime
 from symfive.parameters import Parameter
 
@@ -34,6 +36,7 @@ class ReversalSpike(Effect):
     stage = "axis"
     says = "a spike after each reversal"
     hidden_by = "friction; backlash where the rows after a reversal are few"
+    coordinate = "{axis} velocity sign"
     reported_as = "friction"
     needs_axis = True
     dynamic_only = True
@@ -42,6 +45,11 @@ class ReversalSpike(Effect):
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("shape", SHAPES)
         return super().prepare(campaign)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in reversing(campaign):
+            yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary

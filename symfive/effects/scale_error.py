@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, moving
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
@@ -29,6 +31,7 @@ class ScaleError(Effect):
     stage = "axis"
     says = "positioning error growing with travel"
     hidden_by = "the bar's length and the other axes' scale: a ball bar sees their difference alone"
+    coordinate = "{axis}"
     needs_axis = True
     at: float = 0.0
     growth: bool = False
@@ -52,6 +55,10 @@ class ScaleError(Effect):
                     remedy="use growth = true for one that grows with time",
                 )
         return self
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        yield from (Form(effect=cls(axis=axis)) for axis in moving(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         scale = self.own("ppm", "ppm", 20.0)

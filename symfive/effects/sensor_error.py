@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -34,6 +36,7 @@ class SensorError(Effect):
     stage = "reading"
     says = "gain or cross-sensitivity of the instrument"
     hidden_by = "everything proportional to the deviation; a known shift of 50 µm parts them"
+    coordinate = "reading"
     shape: str = "gain"
     instrument: str = "r_test"
 
@@ -63,6 +66,13 @@ class SensorError(Effect):
                 if not instrument.on_control and (self.shape == "gain" or instrument.name == self.instrument):
                     found |= dict.fromkeys(column.name for column in instrument.columns(run, campaign.machine))
         return tuple(found)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        probes = [i for run in campaign.runs for i in instruments_of(run) if not i.on_control]
+        several = sorted({i.name for i in probes if len(i.columns(campaign.runs[0], campaign.machine)) > 1})
+        yield from (Form(effect=cls(instrument=name, shape="matrix")) for name in several[:1])
+        yield Form(effect=cls(tag="gain"))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         columns = self._columns(campaign)

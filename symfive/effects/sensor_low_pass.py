@@ -33,6 +33,7 @@ class SensorLowPass(Effect):
     stage = "recording"
     says = "the instrument's low-pass filter rounds off what changes fast"
     hidden_by = "latency and servo mismatch at slow motion"
+    coordinate = "time"
     reported_as = "latency"
     dynamic_only = True
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, moving
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 
@@ -35,6 +36,7 @@ class ServoMismatch(Effect):
     stage = "drive"
     says = "the position loop differs from the machine file"
     hidden_by = "squareness with one direction of travel, backlash with one feed, location errors of a rotary axis"
+    coordinate = "{axis} velocity"
     needs_axis = True
     dynamic_only = True
     departs = True
@@ -48,6 +50,11 @@ class ServoMismatch(Effect):
         if self.its_axis(campaign).drive is None:
             raise InputError(f"{self.key} needs the drive of axis {self.axis}", remedy=f"add [axes.{self.axis}.drive]")
         return self
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in moving(campaign):
+            yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, gains=(gain,)) for gain in cls.gains))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         drive = self.its_axis(campaign).drive

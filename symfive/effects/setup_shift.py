@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
+from symfive.effects._form import BALL, Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
 from symfive.parameters import Parameter
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 
 ARTEFACTS = ("table", "tool")
 SHAPES = ("step", "creep")
+MOST_PLACES = 150
+"""Instants of a run that are scanned, evenly spread."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +40,7 @@ class SetupShift(Effect):
     over_time = True
     says = "the artefact moved within the run"
     hidden_by = "the run's set-up errors where it happened near its start or end"
+    coordinate = "time"
     run: str
     t_s: float
     artefact: str = "table"
@@ -59,6 +64,24 @@ class SetupShift(Effect):
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and run.id == self.run
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for run in campaign.runs:
+            margin = max(3, run.rows // 50)  # nearer to an end it could not be told from the set-up
+            rows = np.arange(margin, run.rows - margin, max(1, run.rows // MOST_PLACES))
+            if run.rows < 4 * margin or not run.measured:
+                continue
+
+            def form(k: int, run: Run = run, rows: Any = rows) -> Form:
+                instant = 0.5 * float(run.time[rows[k] - 1] + run.time[rows[k]])
+                plain = cls(run=run.id, t_s=instant)
+                return Form(effect=plain, shapes=(replace(plain, shape="creep"),), places=campaign.rows)
+
+            def courses(of: Run, run: Run = run, rows: Any = rows) -> Any:
+                return np.asarray(np.arange(of.rows)[:, None] >= rows, dtype=float) * (of.id == run.id)
+
+            yield Scan(channel=BALL, count=len(rows), courses=courses, form=form, run=run.id)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = [self.own(f"shift.{c}", "um", 10.0) for c in "xyz"]

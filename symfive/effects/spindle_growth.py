@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.parameters import Parameter
 
@@ -29,7 +31,14 @@ class SpindleGrowth(Effect):
     over_time = True
     says = "the spindle grows along its axis as it warms"
     hidden_by = "the tool ball's height, a location error along the spindle, the bar's length"
+    coordinate = "time"
     reported_as = "thermal_drift"
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        # where no rotary axis turns the spindle it is a drift along z
+        if any(campaign.machine.axes[axis].rotary for axis in campaign.machine.structure.tool):
+            yield Form(effect=cls())
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         tau = 0.5 * self.clock_span(campaign)

@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import cont2discrete, lfilter
 
 from symfive.effects._base import Effect
+from symfive.effects._form import TOOL, Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity
 from symfive.errors import InputError
-from symfive.motion import Resonance
+from symfive.motion import FINE_S, Resonance, RunMotion
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.campaign import Campaign, Run
     from symfive.model._row import Row
     from symfive.motion import Signal
+
+Array = NDArray[np.float64]
+LOWEST_HZ, HIGHEST_HZ, SPACING = 5.0, 120.0, 1.08
+"""Where a mode of a structure is looked for; one that is off by its damping still rings in step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +42,7 @@ class StructuralResonance(Effect):
     id = "structural_resonance"
     says = "a lightly damped vibration excited by the motion"
     hidden_by = "vibration of the floor where it hardly decays; reversal spikes"
+    coordinate = "{axis} acceleration"
     needs_axis = True
     dynamic_only = True
     frequency_hz: float
@@ -52,6 +62,24 @@ class StructuralResonance(Effect):
 
     def _unit(self, campaign: Campaign) -> str:
         return "mm" if self.its_axis(campaign).rotary else "1"
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        runs = [run for run in campaign.runs if run.dynamic]
+        for axis in moving(campaign) if runs else ():
+            count = int(math.log(HIGHEST_HZ / LOWEST_HZ) / math.log(SPACING)) + 1
+            frequencies = LOWEST_HZ * SPACING ** np.arange(count)
+
+            def form(k: int, axis: str = axis, frequencies: Any = frequencies) -> Form:
+                return Form(effect=cls(axis=axis, frequency_hz=float(frequencies[k])), places=len(frequencies))
+
+            def courses(run: Run, axis: str = axis, frequencies: Any = frequencies) -> Any:
+                if not run.dynamic or np.ptp(run.commands[axis]) == 0.0:
+                    return np.zeros((run.rows, len(frequencies)))
+                acceleration, rows, step = RunMotion(run, campaign.machine, {}, {}).fine_acceleration(axis, FINE_S)
+                return np.stack([_ringing(acceleration.value, f, cls.damping, step)[rows] for f in frequencies], axis=1)
+
+            yield Scan(channel=TOOL, count=count, courses=courses, form=form)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         sigma = 100.0 if self.its_axis(campaign).rotary else 1.0
@@ -76,3 +104,11 @@ class StructuralResonance(Effect):
             "participation": size,
             "direction": direction,
         }
+
+
+def _ringing(acceleration: Array, frequency: float, damping: float, step: float) -> Array:
+    """What a mode does beyond bending in proportion to the acceleration, which is an inertial compliance."""
+    omega = 2.0 * math.pi * frequency
+    mode = ([-1.0], [1.0, 2.0 * damping * omega, omega**2])
+    numerator, denominator, _ = cont2discrete(mode, step, method="foh")
+    return np.asarray(lfilter(numerator.ravel(), denominator, acceleration) + acceleration / omega**2)

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
+from symfive.effects._form import AXIS, Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.campaign import Campaign, Run
     from symfive.model._row import Row
 
 SHAPES = ("step", "dent", "late", "early", "gradual")
 NEAREST = 1e-6
+INNER, MOST_PLACES, FEWEST_PLACES = 0.05, 100, 5
+"""A step is looked for with this share of the readings on either side, at so many places at most, if there are a few."""
 WIDE = 0.05
 """Usual length of a ramp that is not known, as a share of the way that the axis goes."""
 
@@ -40,6 +44,7 @@ class TableStep(Effect):
     stage = "axis"
     says = "a step of the positioning error at one place of the axis"
     hidden_by = "straightness of the other axis and scale where the place is passed only once or twice"
+    coordinate = "{axis}"
     reported_as = "error_motion"
     needs_axis = True
     at: float
@@ -75,6 +80,29 @@ class TableStep(Effect):
         if not max(ways, default=0.0) > 0.0:
             raise InputError(f"effect {self.id}: no run in which {self.axis} moves", remedy='write shape = "step"')
         return WIDE * float(max(ways))
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in moving(campaign):
+            ranked = np.sort(np.concatenate([run.commands[axis] for run in campaign.runs]))
+            gaps = 1 + np.flatnonzero(np.diff(ranked) > NEAREST * np.ptp(ranked))  # first row after a step
+            gaps = gaps[(gaps >= INNER * len(ranked)) & (gaps <= (1.0 - INNER) * len(ranked))]
+            chosen = gaps[np.unique(np.linspace(0, len(gaps) - 1, min(len(gaps), MOST_PLACES)).astype(int))]
+            middles = 0.5 * (ranked[chosen - 1] + ranked[chosen])
+
+            def form(
+                k: int, axis: str = axis, ranked: Any = ranked, chosen: Any = chosen, count: int = len(gaps)
+            ) -> Form:
+                at = float(ranked[chosen[k] - 1])
+                ramp = max(float(ranked[chosen[k]]) - at, cls.ramp)
+                plain = cls(axis=axis, at=at, ramp=ramp)
+                return Form(effect=plain, shapes=tuple(replace(plain, shape=s) for s in SHAPES[2:]), places=count)
+
+            def courses(run: Run, axis: str = axis, middles: Any = middles) -> Any:
+                return np.asarray(run.commands[axis][:, None] > middles, dtype=float)
+
+            if len(chosen) > FEWEST_PLACES:
+                yield Scan(channel=AXIS, axis=axis, count=len(chosen), courses=courses, form=form)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         axis = self.its_axis(campaign)

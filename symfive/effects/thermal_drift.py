@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagate
 from symfive.errors import InputError
 from symfive.parameters import Parameter
@@ -39,6 +41,7 @@ class ThermalDrift(Effect):
     over_time = True
     says = "tool relative to table drifts with time"
     hidden_by = "location errors (89 % of it) and the bar's own growth; a first pose repeated at the end parts them"
+    coordinate = "time"
     shape: str = "exponential"
     onset_s: float = 0.0
     onset_sigma_s: float = 0.0
@@ -60,6 +63,11 @@ class ThermalDrift(Effect):
 
     def places(self, campaign: Campaign, looks: int) -> float:
         return self._usual_onset(campaign) / self.onset_sigma_s if self.shape == "delayed" else looks
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        yield Form(effect=cls(), shapes=tuple(cls(shape=shape) for shape in ("mixture", "delayed")))
+        yield Form(effect=cls(shape="linear", tag="linear"))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         if self.shape == "linear":

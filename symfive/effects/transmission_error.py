@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import casadi as ca
+import numpy as np
 
 from symfive.effects._base import Effect
+from symfive.effects._form import AXIS, Form, Scan, Tone, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase, own_quantity
 from symfive.errors import InputError
 from symfive.motion import Position
@@ -17,6 +20,12 @@ from symfive.parameters import Parameter
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
     from symfive.model._row import Row
+
+READINGS = 2.5
+"""Readings per cycle, at least (H. Nyquist 1928: 2)."""
+RICHER, MULTIPLES = (2, 3, 8, 16), ((2, 2), (2, 4), (3, 3))
+"""Numbers of harmonics of other shapes; multiples of a period that was found (the largest harmonic need not be the first), each
+with its harmonics."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +44,7 @@ class TransmissionError(Effect):
     stage = "axis"
     says = "periodic error of worm, gear, screw or encoder"
     hidden_by = "straightness where the period is near the circle's diameter; vibration where only one feed was run"
+    coordinate = "{axis}"
     needs_axis = True
     period: float = 0.0
     period_sigma: float | None = None
@@ -55,6 +65,27 @@ class TransmissionError(Effect):
     def _orders(self) -> tuple[tuple[int, str], ...]:
         """Harmonics with the ending of their parameters' names; the first has none."""
         return tuple((n, "" if n == 1 else str(n)) for n in range(1, self.harmonics + 1))
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in moving(campaign):
+            ways = [np.asarray(run.commands[axis]) for run in campaign.runs]
+            steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
+            reach = max(float(way.max()) for way in ways) - min(float(way.min()) for way in ways)
+            shortest = READINGS * float(np.median(steps[steps > 0.0]))
+
+            def form(cycles: float, resolution: float, places: int, axis: str = axis) -> Form:
+                period, sigma = 1.0 / cycles, 0.5 * resolution / cycles**2
+                plain = cls(axis=axis, period=period, period_sigma=sigma)
+                richer = [replace(plain, harmonics=n) for n in RICHER]
+                richer += [replace(plain, period=m * period, period_sigma=m * sigma, harmonics=n) for m, n in MULTIPLES]
+                return Form(effect=plain, shapes=tuple(richer), places=places)
+
+            if reach > 3.0 * shortest:
+                yield Tone(
+                    channel=AXIS, axis=axis, coordinate=lambda run, axis=axis: np.asarray(run.commands[axis]),  # type: ignore[misc]
+                    lowest=1.0 / reach, highest=1.0 / shortest, form=form,
+                )  # fmt: skip
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         axis = self.its_axis(campaign)

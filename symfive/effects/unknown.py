@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import combinations
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from symfive.effects._base import Effect
 from symfive.effects._coordinates import (
     ACCELERATION,
+    FINEST,
     SIGN,
     SINCE,
     VELOCITY,
@@ -23,6 +25,7 @@ from symfive.effects._coordinates import (
     steps,
     usual_span,
 )
+from symfive.effects._form import AXIS, CARRIED, TOOL, Form, goes_round, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
@@ -43,6 +46,8 @@ PLACES = ("axis", "structure", "reading", "force")
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
 FASTER = "faster"
+SIDES, CLOSEST = 16, 1e-5
+"""Intervals of a term over the way since a reversal, each twice as long as the last; the first is a few µm, as a play is."""
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 
 
@@ -52,7 +57,8 @@ class Unknown(Effect):
 
     A coordinate is an axis (`B`), its velocity (`B velocity`) or acceleration (`B acceleration`), the side from which it came
     (`B velocity sign`), its way since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
-    logarithm) or `t` (the campaign's clock, s). With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
+    logarithm down to `finest` of the longest) or `t` (the campaign's clock, s).
+    With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
     and fixed) it is the phase in a cycle that counts, and `basis` is fourier. Functions as in the
     machine file: `basis` and `order` one per coordinate (a single one holds for all), products for several; `bspline` of order
     n has n intervals. They have no constant part, which zeros and set-ups hold. `faster` is +1 while the first of two velocities
@@ -71,6 +77,7 @@ class Unknown(Effect):
     id = "unknown"
     says = "none of the known effects explains it"
     hidden_by = "nothing names it; error motions over the same coordinates take its place"
+    nameless = True
     over: tuple[str, ...]
     basis: str | tuple[str, ...] = "bspline"
     order: int | tuple[int, ...] = 8
@@ -84,6 +91,7 @@ class Unknown(Effect):
     period_sigma: float = 0.0
     less: tuple[tuple[float, ...], ...] = ()
     sigma_force: float = 0.0
+    finest: float = FINEST
 
     @property
     def key(self) -> str:
@@ -99,6 +107,57 @@ class Unknown(Effect):
     def stage(self) -> str:  # type: ignore[override]
         """Where it enters."""
         return "reading" if self.place == "force" else self.place
+
+    @property
+    def coordinate(self) -> str:  # type: ignore[override]
+        """What its functions are of."""
+        return ", ".join(self.over)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form]:
+        """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration,
+        its way since it reversed, two rotary axes together, and time."""
+        machine, axes = campaign.machine, moving(campaign)
+        drafts = [cls(over=("t",))]
+        for axis in axes:
+            words = [axis, f"{axis}{SINCE}"]
+            if any(run.dynamic for run in campaign.runs):
+                words += [f"{axis}{VELOCITY}", f"{axis}{ACCELERATION}"]
+            for word in words:
+                order = SIDES if word.endswith(SINCE) else cls.order
+                drafts += [
+                    cls(over=(word,), order=order, finest=CLOSEST),
+                    cls(over=(word,), order=order, finest=CLOSEST, place="axis", tag="axis"),
+                ]
+        for pair in combinations([axis for axis in axes if machine.axes[axis].rotary], 2):
+            round_ = [goes_round(campaign, axis) for axis in pair]
+            basis, order = tuple("fourier" if r else "polynomial" for r in round_), tuple(3 if r else 4 for r in round_)
+            pose = cls(over=pair, basis=basis, order=order)
+            drafts += [pose, *(replace(pose, carrier=axis, tag=f"carried-{axis}") for axis in pair)]
+        for draft in drafts:
+            try:
+                effect = draft.prepare(campaign)
+            except InputError:
+                continue  # the campaign does not move there
+            yield effect._form(campaign)
+
+    def _form(self, campaign: Campaign) -> Form:
+        def basis(run: Run) -> Array:
+            shares = np.array([share_of(name) for name in self._basis(campaign.machine).names])
+            return (
+                self._table(campaign.machine, [run]) * shares
+                if self.applies(run)
+                else np.zeros((run.rows, len(shares)))
+            )
+
+        channel = AXIS if self.place == "axis" else CARRIED if self.carrier else TOOL
+        return Form(
+            effect=self,
+            channel=channel,
+            axis=self.axis or self.carrier or None,
+            basis=basis,
+            sigma=self.parameters(campaign)[0].sigma,
+        )
 
     @property
     def over_time(self) -> bool:  # type: ignore[override]
@@ -323,7 +382,8 @@ class Unknown(Effect):
         if name.endswith(SINCE):
             axis = owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
-            return row.signal(Direction(axis, self.started)) * steps(row.signal(ReversalDistance(axis)) / reach, ca)
+            since = row.signal(ReversalDistance(axis)) / reach
+            return row.signal(Direction(axis, self.started)) * steps(since, ca, self.finest)
         if name.endswith(SIGN):
             return row.signal(Direction(owner(name), self.started))
         if name.endswith((VELOCITY, ACCELERATION)):
@@ -345,7 +405,9 @@ class Unknown(Effect):
             if period:
                 unit = 2.0 * np.pi / period
             there = unit * (np.clip(there, low, high) if self._bases[number] == "polynomial" else there)
-            points.append(np.sign(there) * steps(np.abs(there) / high, np) if name.endswith(SINCE) else there)
+            points.append(
+                np.sign(there) * steps(np.abs(there) / high, np, self.finest) if name.endswith(SINCE) else there
+            )
         table = self._basis(machine).matrix(*points)
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
+from symfive.effects._form import TOOL, Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity, seen_length
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 PLACES = ("structure", "reading")
+LEAST_CYCLES = 4.0
+"""Cycles in the longest run, at least: fewer are a cycle over the campaign, not a vibration."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +40,7 @@ class Vibration(Effect):
     id = "vibration"
     says = "a tone at a fixed frequency in time"
     hidden_by = "a periodic error of a screw or gear where only one feed was run"
+    coordinate = "time"
     dynamic_only = True
     frequency_hz: float
     place: str = "structure"
@@ -75,6 +80,22 @@ class Vibration(Effect):
                 if not instrument.on_control:
                     found |= {column.name: column.unit for column in instrument.columns(run, campaign.machine)}
         return found
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        runs = [run for run in campaign.runs if run.dynamic]
+        longest = max((run.duration for run in runs), default=0.0)
+        shortest = max((2.0 * run.interval for run in runs), default=1.0)
+        if longest < LEAST_CYCLES * shortest:
+            return
+
+        def form(frequency: float, resolution: float, places: int) -> Form:
+            return Form(effect=cls(frequency_hz=frequency), places=places)
+
+        yield Tone(
+            channel=TOOL, coordinate=lambda run: run.start_s + run.time, lowest=LEAST_CYCLES / longest,
+            highest=0.98 / shortest, form=form, runs=tuple(run.id for run in runs),
+        )  # fmt: skip
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = [

@@ -1,7 +1,7 @@
 """Identification: parameters with uncertainties, what cannot be told apart, outliers, noise."""
 
 from symfive.identify._calibration import BallRunout, SensorCalibration, ball_runout, calibrate_sensors
-from symfive.identify._identify import identify
+from symfive.identify._identify import identify, summarise
 from symfive.identify._predict import Prediction, fitted_model, predict
 from symfive.identify._redundancy import all_location_errors, redundancies
 from symfive.identify._result import Identification, MotionCurve
@@ -12,5 +12,5 @@ __all__ = [
     "BallRunout", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier",
     "Prediction", "Problem", "SensorCalibration", "Stage", "all_location_errors", "ball_runout", "calibrate_sensors",
     "confounded_combinations", "data_rank", "fitted_model", "identify", "identify_by_position", "identify_sequentially",
-    "predict", "redundancies",
+    "predict", "redundancies", "summarise",
 ]  # fmt: skip

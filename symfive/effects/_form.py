@@ -1,0 +1,112 @@
+"""What an effect says of itself to a diagnosis: the forms it may take, where it could be, how common it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from symfive.campaign import Campaign, Run
+    from symfive.effects._base import Effect
+    from symfive.machine import Machine
+
+__all__ = [
+    "AXIS", "BALL", "CARRIED", "TOOL", "Form", "Scan", "Tone", "across", "goes_round", "moving", "own_component",
+    "reversing",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+TOOL, AXIS, CARRIED, BALL = "tool", "axis", "carried", "ball"
+"""Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3)."""
+ROUND = 200.0
+"""An axis that goes further than this (degree) in one run is described by harmonics and not by polynomials."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """One way in which an effect may act. `shapes`: the same cause in other shapes, which only an exact refit can weigh.
+
+    `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
+    the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
+    prior 1σ `sigma`.
+    """
+
+    effect: Effect
+    shapes: tuple[Effect, ...] = ()
+    places: float = 1.0
+    channel: str = ""
+    axis: str | None = None
+    basis: Callable[[Run], Array] | None = None
+    sigma: float = 1.0
+
+    @property
+    def placed(self) -> bool:
+        """Whether a scan picked its place; then others of its name may act at other places."""
+        return self.places > 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scan:
+    """Forms of which one parameter is a place, to be found on a grid: `count` places, each a course in time of a `channel`.
+
+    `courses` (run) → (N, count); `form` makes the exact form of one place. `axis`: of the channel `axis`.
+    `run`: the only one in which it acts.
+    """
+
+    channel: str
+    count: int
+    courses: Callable[[Run], Array]
+    form: Callable[[int], Form]
+    axis: str | None = None
+    run: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tone:
+    """Forms that are a sine over a coordinate, (run) → (N,): cycles per unit from `lowest` to `highest` are looked for.
+
+    `form` (cycles per unit, their resolution, number of places) makes the exact form.
+    """
+
+    channel: str
+    coordinate: Callable[[Run], Array]
+    lowest: float
+    highest: float
+    form: Callable[[float, float, int], Form]
+    axis: str | None = None
+    runs: tuple[str, ...] = field(default=())
+
+
+def moving(campaign: Campaign) -> tuple[str, ...]:
+    """Axes whose command changes within a run."""
+    return tuple(a for a in campaign.machine.axis_names if any(np.ptp(r.commands[a]) > 0.0 for r in campaign.runs))
+
+
+def reversing(campaign: Campaign) -> tuple[str, ...]:
+    """Axes that are approached from both sides within the campaign."""
+    found = []
+    for axis in moving(campaign):
+        signs = np.concatenate([np.sign(np.diff(run.commands[axis])) for run in campaign.runs])
+        if signs.min() < 0.0 < signs.max():
+            found.append(axis)
+    return tuple(found)
+
+
+def goes_round(campaign: Campaign, axis: str) -> bool:
+    """Whether harmonics describe what happens along a rotary axis."""
+    return campaign.machine.axes[axis].rotary and max(float(np.ptp(r.commands[axis])) for r in campaign.runs) > ROUND
+
+
+def own_component(machine: Machine, axis: str) -> str:
+    """The letter of the component along (about) which an axis itself moves."""
+    found = machine.axes[axis]
+    return ("ABC" if found.rotary else "XYZ")[int(np.argmax(np.abs(found.direction)))]
+
+
+def across(machine: Machine, axis: str) -> tuple[str, ...]:
+    """The components of what an axis carries but for its own motion, as `EYX`."""
+    return tuple(f"E{letter}{axis}" for letter in "XYZABC" if letter != own_component(machine, axis))

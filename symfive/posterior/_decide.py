@@ -1,0 +1,94 @@
+"""Decide: one rule from stated losses for every member of the most probable subset: name, class, unknown or nothing.
+
+The loss of a report is `WRONG` where the cause is another one, one for every further name in a class (each is one more thing to
+look after), `UNKNOWN` where a cause is there and stays without a name, and `MISSED` where it is there and nothing is said. What
+is reported has the least expected loss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from symfive.posterior._explore import Posterior
+from symfive.posterior._terms import Name
+
+__all__ = ["Verdict", "decide"]
+
+WRONG, UNKNOWN, MISSED = 10.0, 4.0, 5.0
+"""In units of testing one more cause: a repair in vain; a fault that the diagnosis only places; one that it overlooks."""
+SAME = 2.0
+"""Nats: χ² of 4, 2 σ, by which a fit must be worse to be told from another one."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said of one member (number `term`): its `names`, one or a class, the most probable first; none: unknown.
+
+    `probability` of the first name (of unknown: that something acts there), `rivals` the probabilities of all others, `alias` the
+    terms that cannot be distinguished from it in these readings, `by_experience` whether only their priors put it first.
+    """
+
+    term: int
+    names: tuple[Name, ...]
+    probability: float
+    rivals: Mapping[Name, float]
+    alias: tuple[int, ...]
+    by_experience: bool
+
+
+def decide(posterior: Posterior) -> tuple[Verdict, ...]:
+    """The verdicts on what the fit holds, the most probable first."""
+    held = frozenset(range(posterior.moments.held))
+    found = [_verdict(posterior, held, term) for term in sorted(held)]
+    return tuple(sorted((v for v in found if v is not None), key=lambda v: -v.probability))
+
+
+def _verdict(posterior: Posterior, held: frozenset[int], term: int) -> Verdict | None:
+    terms = posterior.moments.terms
+    own, nameless = terms[term].name, terms[term].effect.nameless
+    others = {terms[t].name for t in held} - {own}
+    shares: dict[Name, float] = {}
+    nothing = 0.0
+    for subset, weight in posterior.weights.items():
+        names = {terms[t].name for t in subset}
+        if own in names:
+            shares[own] = shares.get(own, 0.0) + weight
+        elif names - others:
+            for name in names - others:
+                shares[name] = shares.get(name, 0.0) + weight / len(names - others)
+        else:
+            nothing += weight
+    ranked = sorted(shares, key=lambda name: (-shares[name], name != own))
+    losses, known = [(MISSED * (1.0 - nothing), 0), (UNKNOWN * (1.0 - nothing) + WRONG * nothing, -1)], 0.0
+    for count, name in enumerate(n for n in ranked if n[0] != own[0] or not nameless):
+        known += shares[name]
+        losses.append((count + WRONG * (1.0 - known), count + 1))
+    choice = min(losses)[1]
+    if choice == 0:
+        return None
+    told = tuple(n for n in ranked if n[0] != own[0] or not nameless)[: max(choice, 0)]
+    alias, alone = _alias(posterior, held, term)
+    first = told[0] if told else own
+    probability = shares[first] if told else 1.0 - nothing
+    rivals = {name: share for name, share in shares.items() if name != first}
+    return Verdict(term, told, probability, rivals, alias, alone)
+
+
+def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple[int, ...], bool]:
+    """Terms that take the place of a member without a worse fit; and whether one of another name is among them."""
+    terms, rest = posterior.moments.terms, held - {term}
+
+    def evidence(subset: frozenset[int]) -> float:
+        masses = [mass for s, mass in posterior.mass.items() if frozenset(t for t, _ in s) == subset]
+        return max(masses, default=-np.inf) - sum(terms[t].log_prior for t in subset)
+
+    mine = evidence(held)
+    found = []
+    for subset in posterior.weights:
+        extra = subset - rest
+        if rest <= subset and len(extra) == 1 and term not in extra and mine - evidence(subset) < SAME:
+            found += [t for t in extra if not terms[t].effect.nameless]
+    return tuple(found), any(terms[t].name != terms[term].name for t in found)

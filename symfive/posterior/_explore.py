@@ -1,0 +1,142 @@
+"""Explore: subsets of terms by birth, death, swap and width, and the posterior that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from symfive.posterior._evidence import WIDTHS, Blocks, Member, discrepancies, log_evidence, sweep, widths_of
+from symfive.posterior._moments import Moments
+from symfive.posterior._terms import Name
+
+__all__ = ["Posterior", "Subset", "explore", "log_prior", "weighed"]
+
+Array = NDArray[np.float64]
+Subset = tuple[Member, ...]
+MOST = 5
+"""Effects at once."""
+BEAM = 6
+"""Subsets that are expanded side by side; the search ends when the best so many have been."""
+BIRTHS, SWAPS = 12, 4
+"""Terms that are joined to a subset, and put in the place of one of its own, by the sweep's order."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Subsets of terms with the log of their posterior mass, up to what they share: prior times evidence."""
+
+    moments: Moments
+    mass: Mapping[Subset, float]
+
+    @cached_property
+    def best(self) -> Subset:
+        """The most probable subset."""
+        return max(self.mass, key=lambda s: self.mass[s])
+
+    @cached_property
+    def weights(self) -> dict[frozenset[int], float]:
+        """Probability of each set of terms, its widths together."""
+        logs: dict[frozenset[int], list[float]] = {}
+        for subset, mass in self.mass.items():
+            logs.setdefault(frozenset(t for t, _ in subset), []).append(mass)
+        total = logsumexp(list(self.mass.values()))
+        return {terms: float(np.exp(logsumexp(each) - total)) for terms, each in logs.items()}
+
+    def names(self) -> dict[Name, float]:
+        """Marginal probability of every name: the mass of the subsets that hold it."""
+        found: dict[Name, float] = {}
+        for terms, weight in self.weights.items():
+            for name in {self.moments.terms[t].name for t in terms}:
+                found[name] = found.get(name, 0.0) + weight
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+@dataclass
+class _Search:
+    moments: Moments
+    mass: dict[Subset, float] = field(default_factory=dict)
+    blocks: dict[Subset, Blocks] = field(default_factory=dict)
+    swept: dict[Subset, tuple[list[int], Array]] = field(default_factory=dict)
+
+    def see(self, members: Iterable[Member]) -> None:
+        """Weigh a subset, unless it was."""
+        subset = tuple(sorted(members))
+        if subset not in self.mass:
+            evidence, self.blocks[subset] = weighed(self.moments, subset)
+            self.mass[subset] = evidence + log_prior(self.moments, subset)
+
+    def sweep(self, subset: Subset) -> tuple[list[int], Array]:
+        """Terms that may join a subset, and the log mass with each of them, by width (W, terms)."""
+        if subset not in self.swept:
+            terms = self.moments.terms
+            held = [terms[t] for t, _ in subset]
+            free = [k for k, term in enumerate(terms)
+                    if k >= self.moments.held and not any(term.excludes(h) for h in held)]  # fmt: skip
+            prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
+            self.see(subset)
+            evidence = sweep(self.moments, subset, free, self.blocks[subset])
+            self.swept[subset] = free, evidence + log_prior(self.moments, subset) + prior
+        return self.swept[subset]
+
+    def join(self, subset: Subset, most: int) -> None:
+        """The best so many subsets with one term more, each in its best width."""
+        free, mass = self.sweep(subset)
+        best = mass.max(axis=0, initial=-np.inf)
+        for k in np.argsort(-best)[:most]:
+            self.see((*subset, (free[k], WIDTHS[int(np.argmax(mass[:, k]))])))
+        held = [t for t in range(self.moments.held) if t not in {member for member, _ in subset}]
+        for t in held:
+            if not any(self.moments.terms[t].excludes(self.moments.terms[o]) for o, _ in subset):
+                self.see((*subset, (t, self.usual(t))))
+
+    def usual(self, term: int) -> float:
+        """The width that the fit gives a term which it holds."""
+        spread = self.moments.terms[term].effect.spread
+        return min(WIDTHS, key=lambda w: abs(np.log(w / spread)))
+
+    def expand(self, subset: Subset) -> None:
+        """All neighbours of a subset that may matter."""
+        if len(subset) < MOST:
+            self.join(subset, BIRTHS)
+        for k, (t, width) in enumerate(subset):
+            rest = (*subset[:k], *subset[k + 1 :])
+            self.see(rest)
+            self.join(rest, SWAPS)
+            at = WIDTHS.index(width)
+            for other in widths_of(self.moments, t)[max(at - 1, 0) : at + 2]:
+                self.see((*rest, (t, other)))
+
+
+def log_prior(moments: Moments, subset: Iterable[Member]) -> float:
+    """Of a subset, each width of a term as probable as any other."""
+    return sum(moments.terms[t].log_prior - float(np.log(len(widths_of(moments, t)))) for t, _ in subset)
+
+
+def weighed(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
+    """Log evidence of a subset whose forms may or may not be a little off, the mean of both; the discrepancies, if they help."""
+    plain = log_evidence(moments, subset)
+    blocks = discrepancies(moments, subset, plain) if subset else ()
+    if not blocks:
+        return plain.total, ()
+    other = log_evidence(moments, subset, blocks).total
+    return float(np.logaddexp(plain.total, other) - np.log(2.0)), blocks if other > plain.total else ()
+
+
+def explore(moments: Moments, start: Sequence[int] = ()) -> Posterior:
+    """Beam search from a set of terms (numbers) that are held by the fit, and from nothing."""
+    search, done = _Search(moments), set[Subset]()
+    search.see(())
+    search.see((t, search.usual(t)) for t in start)
+    while True:
+        best = sorted(search.mass, key=lambda s: -search.mass[s])[:BEAM]
+        fresh = [s for s in best if s not in done]
+        if not fresh:
+            return Posterior(moments, search.mass)
+        for subset in fresh:
+            search.expand(subset)
+            done.add(subset)

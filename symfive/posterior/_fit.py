@@ -1,0 +1,104 @@
+"""Exact fits of subsets: under the noise of a node, isolated outliers left out, from where the linear solution leads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.effects import Form
+from symfive.identify import Identification, summarise
+from symfive.inference import Problem, gauss_newton
+from symfive.model import Model
+from symfive.posterior._evidence import log_evidence, solution
+from symfive.posterior._explore import Subset
+from symfive.posterior._moments import Moments
+from symfive.posterior._noise import Node
+from symfive.threads import one_thread
+
+__all__ = ["WHITE", "Expansion", "baseline", "expansion", "fitted", "refitted", "settled"]
+
+Array = NDArray[np.float64]
+STEPS, TOLERANCE = 15, 1e-2
+"""Of Gauss-Newton, and the share of its posterior 1σ by which no parameter moves any more: a hundredth changes no evidence."""
+WHITE = Node(0.0, 0.0, 0.0)
+"""The noise that is declared."""
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """A fit, the forms of the effects that it holds beyond the machine file's, in its order, and the noise it was made under."""
+
+    fit: Identification
+    held: tuple[Form, ...]
+    node: Node
+    kappa2: float
+
+
+def baseline(campaign: Campaign) -> Identification:
+    """The fit of what the machine file describes, under white noise as declared."""
+    return fitted(Model(campaign), [{}], WHITE, 1.0)
+
+
+@one_thread
+def fitted(
+    model: Model, starts: Sequence[Mapping[str, float]], node: Node, kappa2: float, like: Identification | None = None
+) -> Identification:
+    """The fit from the best of some starts. Readings that no noise explains and that stand alone are left out; of a fit that is
+    compared with another one `like` it, the same."""
+    problem = like.problem(model) if like is not None else Problem.of(model)
+    for key, noise in problem.noises.items():
+        problem.noises[key] = replace(node.noise(noise.declared * kappa2**0.5), declared=noise.declared)
+    vectors = [model.vector({n: v for n, v in start.items() if n in model.index}) for start in starts]
+    with np.errstate(all="ignore"):  # a trial may make a drive unstable
+        squares = [problem.information_at(v).square for v in vectors] if len(vectors) > 1 else [0.0]
+        values = vectors[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))]
+        values, converged = gauss_newton(problem, values, TOLERANCE, STEPS)
+        if like is None and problem.flag_outliers(problem.survey(values)):
+            values, converged = gauss_newton(problem, values, TOLERANCE, STEPS)
+        fit = summarise(problem, values, converged)
+    return fit if like is None else replace(fit, outliers=like.outliers)
+
+
+def refitted(moments: Moments, subset: Subset) -> Expansion:
+    """The exact fit of a subset under the noise that fits it best, its amplitudes' priors as wide as the subset says."""
+    weighed = log_evidence(moments, subset)
+    forms = [replace(f := moments.terms[t].form, effect=replace(f.effect, spread=width)) for t, width in subset]
+    still = dict(moments.fit.named)
+    moved = dict(still)
+    for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
+        if t >= moments.held and moments.terms[t].form.basis is None:
+            moved |= _stepped(moments, t, part)
+    starts = [moved, still] if any(moments.terms[t].frees for t, _ in subset) else [moved]
+    model = Model(moments.fit.model.campaign, [form.effect for form in forms])
+    node = moments.nodes[weighed.node]
+    return expansion(fitted(model, starts, node, weighed.kappa2, moments.fit), forms, node, weighed.kappa2)
+
+
+def settled(here: Expansion) -> Expansion:
+    """The same with the outliers that it leaves by itself, and the noise found anew."""
+    fit = fitted(here.fit.model, [here.fit.named], here.node, here.kappa2)
+    return replace(here, fit=fit)
+
+
+def expansion(fit: Identification, forms: Sequence[Form], node: Node, kappa2: float) -> Expansion:
+    """A fit with the forms of its effects, in its order."""
+    by_key = {form.effect.key: form for form in forms}
+    held = tuple(replace(by_key[effect.key], effect=effect) for effect in fit.model.added)
+    return Expansion(fit, held, node, kappa2)
+
+
+def _stepped(moments: Moments, term: int, step: Array) -> dict[str, float]:
+    """Parameters of a fresh term where the linear solution puts them, within their bounds."""
+    effect, columns = moments.terms[term].effect, moments.columns[term]
+    parameters = replace(effect, spread=1.0).parameters(moments.fit.model.campaign)
+    found = {}
+    for p, x, size in zip(parameters, step, columns.amplitude, strict=True):
+        value = p.mean + p.sigma * x if size else p.initial
+        if p.start is not None and p.lower > -np.inf:
+            value = max(value, p.start)  # at its bound it would have no slope
+        found[p.name] = float(np.clip(value, p.lower, p.upper))
+    return found

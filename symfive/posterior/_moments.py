@@ -1,0 +1,121 @@
+"""Moments: all that the search sees of the readings.
+
+Whitened Gram matrices of [set-up | geometry | terms | exact contributions | residual] per noise node, columns times their prior
+1σ, rows over the declared noise. Each run's set-up is eliminated in its own matrix, the runs are added up, and the geometry is
+eliminated from the sum (Schur complements, priors included): M_tt - M_ts (M_ss + I)⁻¹ M_st, with log|M_ss + I| to the constant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.effects import Form
+from symfive.identify import Identification
+from symfive.posterior._noise import Node, grams, nodes_of
+from symfive.posterior._tables import Tables
+from symfive.posterior._terms import Term, terms_of
+
+__all__ = ["Columns", "Moments", "moments_of"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Where a term stands in the moments: `where` (n,) its columns, `amplitude` (n,) which of them say how large it is,
+    `departure` (n,) of its shape parameters from their prior means in 1σ; `exact` the column of its exact contribution less its
+    tangent, -1 where it is not in the fit."""
+
+    where: NDArray[np.int64]
+    amplitude: NDArray[np.bool_]
+    departure: Array
+    exact: int = -1
+
+    def scaled(self, width: float) -> Array:
+        """The factor (n,) of each column for a prior of so many times the usual width."""
+        return np.where(self.amplitude, width, 1.0)
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Reduced Gram matrices `gram` (J, m, m) of the terms' columns, the exact contributions and, last, the residual, by noise
+    node; `const` (J,) what every subset has in -2·log evidence, `log_prior` (J,) of the nodes, `count` of readings.
+
+    `terms`: those that are held by the fit come first (`held` of them). `blocks`: the number of the unidentified term that is a
+    named one's discrepancy, -1 where there is none; `raw` (m, m) the Gram matrix under white noise before anything is eliminated.
+    """
+
+    fit: Identification
+    terms: tuple[Term, ...]
+    columns: tuple[Columns, ...]
+    held: int
+    nodes: tuple[Node, ...]
+    gram: Array
+    const: Array
+    log_prior: Array
+    count: int
+    blocks: tuple[int, ...]
+    raw: Array
+
+    @property
+    def size(self) -> int:
+        """Columns, the residual's included."""
+        return int(self.gram.shape[1])
+
+
+def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form]) -> Moments:
+    """The moments of a fit: `held` the forms of its effects beyond the machine file's, in order, `fresh` those that may join."""
+    campaign = fit.model.campaign
+    nodes = nodes_of(max(run.duration for run in campaign.runs))
+    tables = Tables(fit, [form.effect for form in held], fresh)
+    total = np.zeros((len(nodes), tables.size, tables.size))
+    raw = np.zeros((tables.size, tables.size))
+    const, count = np.zeros(len(nodes)), 0
+    for table in tables:
+        whitened, logs = grams(table.rows, table.interval, nodes)
+        const += logs
+        count += table.count
+        reduced, logs = eliminated(whitened, table.setup, table.departure)
+        const += logs
+        total[:, table.where[:, None], table.where] += reduced
+        raw[table.where[:, None], table.where] += whitened[0, table.setup :, table.setup :]
+    reduced, logs = eliminated(total, tables.geometry, tables.departure)
+    columns = tuple(Columns(c.where - tables.geometry, c.amplitude, c.departure, _shifted(c.exact, tables.geometry))
+                    for c in tables.columns)  # fmt: skip
+    prior = np.array([node.log_prior for node in nodes])
+    terms = terms_of([*held, *fresh])
+    raw = raw[tables.geometry :, tables.geometry :]
+    blocks = _blocks(terms, columns)
+    return Moments(fit, terms, columns, len(held), nodes, reduced, const + logs, prior, count, blocks, raw)
+
+
+def _blocks(terms: Sequence[Term], columns: Sequence[Columns]) -> tuple[int, ...]:
+    """Of every term the unidentified one that is its discrepancy, if the readings see any of that."""
+    free = [k for k, (t, c) in enumerate(zip(terms, columns, strict=True)) if t.form.basis is not None and len(c.where)]
+    places = {(terms[k].form.channel, terms[k].effect.coordinate): k for k in free}
+    return tuple(places.get(t.covers, -1) for t in terms)
+
+
+def _shifted(column: int, by: int) -> int:
+    return column - by if column >= 0 else -1
+
+
+def eliminated(gram: Array, first: int, departure: Array) -> tuple[Array, Array]:
+    """Gram matrices (J, m, m) without their `first` columns, whose prior is N(0, 1) about -departure, and log|A| (J,).
+
+    The last column is the residual: the prior reads as further rows, 1·x = -departure.
+    """
+    if first == 0:
+        return gram, np.zeros(len(gram))
+    a = gram[:, :first, :first] + np.eye(first)
+    cross = gram[:, :first, first:].copy()
+    cross[:, :, -1] -= departure
+    factor = np.linalg.cholesky(a)
+    solved = np.linalg.solve(factor, cross)
+    rest = gram[:, first:, first:] - np.swapaxes(solved, 1, 2) @ solved
+    rest[:, -1, -1] += departure @ departure
+    return rest, 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)

@@ -1,0 +1,90 @@
+"""Noise as a node of the model: white noise, or white and Gauss-Markov noise of one of several sizes and times.
+
+The spectrum of row k's cosine (DCT-II, ω = πk/N) in units of the declared noise is
+
+    S(ω) = 1 + s²·(1 - φ²)/(1 - 2φ·cos ω + φ²),   φ = exp(-Δt/τ).
+
+The cosines are nearly the eigenvectors of such noise (N. Ahmed, T. Natarajan & K. Rao 1974), so one Gram matrix per band of
+them serves every node: Σ_bands mean(1/S)·B. Short recordings are whitened exactly (Kalman filter).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from symfive.inference import Noise, whiten
+
+__all__ = ["Node", "grams", "nodes_of"]
+
+Array = NDArray[np.float64]
+SIZES, SHARES = (0.3, 1.0, 3.0), (0.003, 0.03, 0.3)
+"""Coloured noise: 1σ in units of the declared noise, correlation time as a share of the longest run; half a decade and a decade
+apart, so that no noise is further from a node than what its size and time are known to from one campaign."""
+EXACT_ROWS = 1000
+"""Rows below which whitening by the filter costs less than the bands."""
+SINGLE, RATIO = 8, 1.35
+"""The lowest cosines are bands of their own, where 1/S changes fast; then each is so much wider than the one before."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """Coloured noise of `size` (declared noise) and `time` s beside the white noise; `log_prior` of it."""
+
+    size: float
+    time: float
+    log_prior: float
+
+    def noise(self, declared: float) -> Noise:
+        """The noise of an instrument that declares so much."""
+        return Noise(declared, self.size * declared, self.time, declared)
+
+    def spectrum(self, rows: int, interval: float) -> Array:
+        """S of the DCT's cosines (rows,)."""
+        if self.size == 0.0:
+            return np.ones(rows)
+        phi = np.exp(-interval / self.time)
+        omega = np.pi * np.arange(rows) / rows
+        return np.asarray(1.0 + self.size**2 * (1.0 - phi**2) / (1.0 - 2.0 * phi * np.cos(omega) + phi**2))
+
+
+def nodes_of(longest: float) -> tuple[Node, ...]:
+    """White noise with a prior of ½, and coloured ones that share the rest, larger ones less: exp(-size), E. T. Jaynes 1957."""
+    pairs = [(size, share * max(longest, 1e-9)) for size in SIZES for share in SHARES]
+    weight = np.exp(-np.array([size for size, _ in pairs]))
+    logs = np.log(0.5 * weight / weight.sum())
+    return (
+        Node(0.0, 0.0, float(np.log(0.5))),
+        *(Node(s, t, float(p)) for (s, t), p in zip(pairs, logs, strict=True)),
+    )
+
+
+def grams(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, Array]:
+    """Whitened Gram matrices (J, k, k) of a table (N, ny, k) in declared noise, and Σ log of the noise's variances (J,)."""
+    rows, columns, size = table.shape
+    if rows < EXACT_ROWS:
+        found = [whiten(table, node.noise(1.0), interval) for node in nodes]
+        flat = [white.reshape(-1, size) for white, _ in found]
+        return np.stack([f.T @ f for f in flat]), columns * np.array([logs for _, logs in found])
+    cosines = dct(table, axis=0, norm="ortho")
+    edges = _edges(rows)
+    bands = np.empty((len(edges) - 1, size, size))
+    for band, (first, last) in zip(bands, pairwise(edges), strict=True):
+        part = cosines[first:last].reshape(-1, size)
+        np.matmul(part.T, part, out=band)
+    spectra = np.stack([node.spectrum(rows, interval) for node in nodes])
+    weights = np.add.reduceat(1.0 / spectra, edges[:-1], axis=1) / np.diff(edges)
+    return np.einsum("jb,bkl->jkl", weights, bands, optimize=True), columns * np.log(spectra).sum(axis=1)
+
+
+def _edges(rows: int) -> NDArray[np.int64]:
+    """Where the bands begin, and the end of the last one."""
+    edges = list(range(SINGLE + 1))
+    while edges[-1] < rows:
+        edges.append(min(rows, max(edges[-1] + 1, int(RATIO * edges[-1]))))
+    return np.array(edges)

@@ -1,0 +1,206 @@
+"""Polish: exact refits of the best few, relinearised about them, until nothing moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from symfive.effects import Effect, Form
+from symfive.errors import InputError
+from symfive.identify import Identification
+from symfive.model import Model
+from symfive.posterior._evidence import WIDTHS, Member, log_evidence
+from symfive.posterior._explore import Posterior, Subset, explore, log_prior, weighed
+from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
+from symfive.posterior._moments import moments_of
+from symfive.posterior._scan import placed
+from symfive.posterior._terms import Candidates
+
+__all__ = ["Expansion", "expanded", "polish"]
+
+ROUNDS = 6
+"""Expansions at most: each about the best subset of the one before, as Gauss-Newton steps they settle in two or three;
+one more for each member that a rival replaces."""
+TRIES = 3
+"""Subsets that are refitted in one round, until one holds what the moments promise."""
+DECISIVE = 3.0
+"""Nats by which another shape has to be better (H. Jeffreys 1961: strong evidence)."""
+CLEAR = 10.0
+"""Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that."""
+Progress = Callable[[str], None]
+
+
+def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) -> tuple[Expansion, float]:
+    """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy."""
+    covers = {form.effect.answers for form in held if not form.effect.nameless}
+    blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
+    moments = moments_of(fit, held, blocks)
+    members = tuple((k, _width(moments.terms[k].effect)) for k in range(moments.held))
+    evidence, blocks_used = weighed(moments, members)
+    best = log_evidence(moments, members, blocks_used)
+    return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2), evidence
+
+
+def _width(effect: Effect) -> float:
+    return min(WIDTHS, key=lambda w: abs(np.log(w / effect.spread)))
+
+
+def polish(
+    before: Identification, candidates: Candidates, progress: Progress = lambda message: None
+) -> tuple[Posterior, Expansion]:
+    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset."""
+    here = Expansion(before, (), WHITE, 1.0)
+    for number in range(ROUNDS):
+        progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
+        now = _Round.at(here, candidates, progress)
+        ahead = next((there for mass, there in map(now.exact, _ahead(now.posterior)) if mass > now.own), None)
+        rivals = {} if ahead else {subset: now.exact(subset) for subset in _rivals(now.posterior)}
+        best, rival = max(rivals.values(), key=lambda each: each[0], default=(now.own, None))
+        if number == ROUNDS - 1 or (ahead is None and (rival is None or best <= now.own)):
+            break
+        here = settled(ahead or rival or here)
+    return _corrected(now.posterior, now.exactly), now.here
+
+
+def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior:
+    """The posterior with what exact refits say of some subsets; of the same terms in other widths as much more or less."""
+    gains = {frozenset(t for t, _ in s): mass - posterior.mass[s] for s, mass in exact.items() if s in posterior.mass}
+    return replace(
+        posterior, mass={s: m + gains.get(frozenset(t for t, _ in s), 0.0) for s, m in posterior.mass.items()}
+    )
+
+
+@dataclass(frozen=True)
+class _Round:
+    """One expansion: its fit, the posterior about it, the log mass `own` of what it holds, and `exactly` those of
+    the subsets that were refitted."""
+
+    here: Expansion
+    posterior: Posterior
+    own: float
+    candidates: Candidates
+    progress: Progress
+    exactly: dict[Subset, float] = field(default_factory=dict)
+
+    @classmethod
+    def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
+        here, evidence = expanded(here.fit, here.held, candidates)
+        moments = moments_of(here.fit, here.held, _fresh(here, candidates))
+        own = evidence + log_prior(moments, [(t, 1.0) for t in range(moments.held)])
+        return cls(here, explore(moments, range(moments.held)), own, candidates, progress)
+
+    def exact(self, subset: Subset) -> tuple[float, Expansion]:
+        """The log mass of a subset by an exact refit in its best shapes, and that fit."""
+        known = {form.effect.key for form in self.here.held}
+        there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
+        mass = self.exactly[subset] = evidence + log_prior(self.posterior.moments, subset)
+        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {mass - self.own:+.1f} nats")
+        return mass, there
+
+
+def _ahead(posterior: Posterior) -> Iterator[Subset]:
+    """The most probable subsets that the fit should hold instead of what it holds, cut to what is clear."""
+    held, tried = set(range(posterior.moments.held)), set[frozenset[int]]()
+    for subset in sorted(posterior.mass, key=lambda s: -posterior.mass[s]):
+        terms = frozenset(t for t, _ in subset)
+        if terms == held or len(tried) == TRIES:
+            return
+        if terms not in tried:
+            tried.add(terms)
+            yield _clear(posterior, subset)
+
+
+def _fresh(here: Expansion, candidates: Candidates) -> list[Form]:
+    """What may join a fit: forms of other keys than it holds, that free no quantity which is free."""
+    taken = {effect.key for effect in here.fit.model.effects}
+    freed = {place for effect in here.fit.model.effects for place in effect.frees()}
+    forms = [*candidates.forms, *placed(here.fit, candidates.scans, here.node)]
+    return [f for f in forms if f.effect.key not in taken and not freed & set(f.effect.frees())]
+
+
+def _shaped(
+    here: Expansion, candidates: Candidates, progress: Progress, known: Collection[str]
+) -> tuple[Expansion, float]:
+    """The fit, and its evidence, with each of its effects, but for those `known` (keys), in the best of its shapes."""
+    here, mass = expanded(here.fit, here.held, candidates)
+    for number in (k for k, form in enumerate(here.held) if form.effect.key not in known):
+        for shape in here.held[number].shapes:
+            trial = _reshaped(here, number, shape)
+            if trial is None:
+                continue
+            other, evidence = expanded(trial.fit, trial.held, candidates)
+            progress(f"{shape.key} in another shape: {evidence - mass:+.1f} nats")
+            if evidence > mass + DECISIVE:
+                here, mass = other, evidence
+    return here, mass
+
+
+def _reshaped(here: Expansion, number: int, shape: Effect) -> Expansion | None:
+    """The fit with one of its effects in another shape; None where the shape cannot be."""
+    form = here.held[number]
+    try:
+        effect = replace(shape, spread=form.effect.spread, tag=form.effect.tag).prepare(here.fit.model.campaign)
+        forms = [*here.held[:number], replace(form, effect=effect), *here.held[number + 1 :]]
+        model = Model(here.fit.model.campaign, [f.effect for f in forms])
+        trial = fitted(model, [here.fit.named], here.node, here.kappa2, here.fit)
+        return expansion(trial, forms, here.node, here.kappa2) if _sane(trial) else None
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
+def _rivals(posterior: Posterior) -> list[Subset]:
+    """For each member of what the fit holds the nearest subset that has another name in its place, where an exact refit may lift
+    it; without members the nearest subset of all."""
+    moments, ranked = posterior.moments, sorted(posterior.mass, key=lambda s: -posterior.mass[s])
+    terms, held, found = moments.terms, frozenset(range(moments.held)), list[Subset]()
+    for member in sorted(held) or [-1]:
+        rest = held - {member}
+        for subset in ranked:
+            (*_, extra) = sorted({t for t, _ in subset} - rest) or [-1]
+            swapped = rest <= {t for t, _ in subset} and len(subset) == len(rest) + 1 and extra >= moments.held
+            if swapped and (member < 0 or terms[extra].name != terms[member].name) and _promising(posterior, subset):
+                found.append(subset)
+                break
+    return found
+
+
+def _clear(posterior: Posterior, best: Subset) -> Subset:
+    """The members of a subset that stand out, of several over one coordinate the clearest; what the linear model needs beside
+    them, relinearising or another shape may explain."""
+    mass, _ = weighed(posterior.moments, best)
+    gains = {m: mass - weighed(posterior.moments, tuple(o for o in best if o != m))[0] for m in best}
+    terms, kept = posterior.moments.terms, list[Member]()
+    for member in sorted(best, key=lambda m: (m[0] >= posterior.moments.held, -gains[m])):
+        covered = {terms[t].covers for t, _ in kept} - {("", "")}
+        if (
+            not kept
+            or member[0] < posterior.moments.held
+            or (gains[member] > CLEAR and terms[member[0]].covers not in covered)
+        ):
+            kept.append(member)
+    return tuple(sorted(kept))
+
+
+def _promising(posterior: Posterior, subset: Subset) -> bool:
+    """Whether an exact refit may lift a subset above the best: it has a form of which the moments hold the slope alone, and
+    explains by it at least half of what it does without."""
+    moments, best = posterior.moments, {t for t, _ in posterior.best}
+    if all(t < moments.held or linear(moments.terms[t].form) for t, _ in subset):
+        return False
+    common = tuple(m for m in subset if m[0] in best)
+    mine, theirs, both = (weighed(moments, s)[0] for s in (subset, posterior.best, common))
+    return mine - both > max(DECISIVE, 0.5 * (theirs - both))
+
+
+def _sane(fit: Identification) -> bool:
+    return all(np.isfinite(residual).all() for residual in fit.residuals.values())
+
+
+def linear(form: Form) -> bool:
+    """Whether the moments hold all of a form: it has no parameter beside its amplitudes, and moves no drive and no play."""
+    effect = form.effect
+    return form.basis is not None or not (
+        form.shapes or effect.frees() or any(signal.parameters for signal in effect.signals())
+    )

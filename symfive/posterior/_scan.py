@@ -1,0 +1,163 @@
+"""Scans: where on its grid of places an effect would explain most of what a fit leaves.
+
+With the whitened columns X of one place (a channel's tangent times a course along the run) and J of all that is fitted,
+
+    Δ = sᵀ(H + 1)⁻¹s,   H = XᵀX - XᵀJ(JᵀJ + 1)⁻¹JᵀX,   s = Xᵀr - XᵀJ(JᵀJ + 1)⁻¹(Jᵀr - δ),
+
+is what it takes off the cost (C. R. Rao 1948). Sines over a coordinate are scored on a whole grid of frequencies by one FFT of
+the twice whitened residual's answer. The best places become forms; what they are worth, the moments say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.effects import BALL, Form, Scan, Tone
+from symfive.errors import InputError
+from symfive.identify import Identification
+from symfive.inference import whiten
+from symfive.model import Model
+from symfive.posterior._noise import Node
+from symfive.posterior._tangents import Channel, probes, tangent
+
+__all__ = ["placed"]
+
+Array = NDArray[np.float64]
+USUAL = 10.0
+"""1σ of a channel's answer in a scan, µm or µrad: of usual size. It only keeps directions out that are not seen."""
+FINE = 8
+"""Cells of the grid per shortest period, so that sharing a reading between two of them loses 5 % of it at most (sinc²)."""
+
+
+def placed(fit: Identification, scans: Sequence[Scan | Tone], node: Node) -> tuple[Form, ...]:
+    """The best place of each scan, as a form that can join the fit."""
+    seen = _Seen(fit, scans, node)
+    taken, found = {effect.key for effect in fit.model.effects}, []
+    for scan in scans:
+        for form in seen.tone(scan) if isinstance(scan, Tone) else seen.course(scan):
+            effect = form.effect
+            while effect.key in taken:  # a second one beside the one that is held
+                effect = replace(effect, tag=f"{effect.tag or 1}+")
+            try:
+                found.append(replace(form, effect=effect.prepare(fit.model.campaign)))
+                taken.add(effect.key)
+            except InputError:
+                continue
+    return tuple(found)
+
+
+class _Seen:
+    """A fit, whitened: per run what is fitted J (rows, k) and the residual, and the answers of the channels."""
+
+    def __init__(self, fit: Identification, scans: Sequence[Scan | Tone], node: Node) -> None:
+        self.campaign, self._node = fit.model.campaign, node
+        channels = [(scan.channel, scan.axis) for scan in scans if scan.channel != BALL]
+        self._model = Model(self.campaign, (*fit.model.added, *probes(channels)))
+        values, self._problem = self._model.vector(fit.named), fit.problem()
+        self._noise = {run.id: fit.model.noise(run) for run in self.campaign.runs}
+        self._answers: dict[tuple[str, Channel], tuple[Array, Array]] = {}
+        self._lines, self._fitted, self._residual, self._twice = {}, {}, {}, {}
+        fitted = np.array([p.name in fit.model.index for p in self._model.parameters])
+        sigma, size = self._model.prior_sigma, len(self._model.parameters)
+        self._normal, self._slope = np.eye(size), np.zeros(size)
+        self._slope[fitted] = -((fit.values - fit.model.prior_mean) / fit.model.prior_sigma)
+        for run in self.campaign.runs:
+            line = self._lines[run.id] = self._model.linearise(run, values)
+            own = fitted[line.columns]
+            where = line.columns[own]
+            flat = self._white(run, self._scaled(run, line.jacobian[:, :, own] * sigma[where]))
+            residual = self._white(run, self._scaled(run, np.array(fit.residuals[run.id])[:, :, None]))
+            self._twice[run.id] = self._white(run, residual[::-1])[::-1, :, 0]
+            self._fitted[run.id] = where, flat.reshape(-1, flat.shape[2])
+            self._residual[run.id] = residual.ravel()
+            self._normal[np.ix_(where, where)] += self._fitted[run.id][1].T @ self._fitted[run.id][1]
+            self._slope[where] += self._fitted[run.id][1].T @ self._residual[run.id]
+
+    def _scaled(self, run: Run, table: Array) -> Array:
+        """Readings (N, ny, m) in declared noise; columns that are not fitted, and outliers, at zero."""
+        kept = np.zeros(table.shape[:2])
+        for _, part in self._problem.parts(run):
+            kept[:, part] = ~self._problem.left_out[run.id][:, part] / self._noise[run.id][part]
+        return np.asarray(table * kept[:, :, None])
+
+    def _white(self, run: Run, table: Array) -> Array:
+        return whiten(table, self._node.noise(1.0), run.interval)[0]
+
+    def _tangent(self, run: Run, channel: Channel) -> Array:
+        return USUAL * self._scaled(run, tangent(self._model, self._lines[run.id], run, channel))
+
+    def course(self, scan: Scan) -> Iterator[Form]:
+        """The place with the largest Δ."""
+        drop = self._drops(scan)
+        if len(drop) and drop.max() > 0.0:
+            yield scan.form(int(np.argmax(drop)))
+
+    def _drops(self, scan: Scan) -> Array:
+        """Δ of every place (count,)."""
+        cross, own, slope = list[Array](), np.zeros(()), np.zeros(())
+        rows = list[NDArray[np.int64]]()
+        for run in self.campaign.runs:
+            if scan.run not in (None, run.id):
+                continue
+            answer = self._tangent(run, (scan.channel, scan.axis))
+            courses = scan.courses(run)
+            parts = answer.shape[2]
+            if not parts or not courses.any():
+                continue
+            moved = answer[:, :, None, :] * courses[:, None, :, None]
+            white = self._white(run, moved.reshape(*answer.shape[:2], -1)).reshape(-1, scan.count * parts)
+            where, fitted = self._fitted[run.id]
+            cross.append(fitted.T @ white)
+            rows.append(where)
+            each = white.reshape(-1, scan.count, parts)
+            own = own + np.einsum("nkd,nke->kde", each, each, optimize=True)
+            slope = slope + white.T @ self._residual[run.id]
+        if not cross:
+            return np.zeros(0)
+        total = np.zeros((len(self._normal), cross[0].shape[1]))
+        for where, part in zip(rows, cross, strict=True):
+            total[where] += part
+        solved = np.linalg.solve(self._normal, total)
+        parts = total.shape[1] // scan.count
+        taken = np.einsum("pkd,pke->kde", *(t.reshape(-1, scan.count, parts) for t in (total, solved)), optimize=True)
+        s = (slope - solved.T @ self._slope).reshape(scan.count, parts)
+        h = own - taken + np.eye(parts)
+        return np.asarray(np.sum(s * np.linalg.solve(h, s[:, :, None])[:, :, 0], axis=1))
+
+    def tone(self, tone: Tone) -> Iterator[Form]:
+        """The highest peak of the spectrum."""
+        runs = [run for run in self.campaign.runs if not tone.runs or run.id in tone.runs]
+        at = {run.id: tone.coordinate(run) for run in runs}
+        low = min(float(x.min()) for x in at.values())
+        reach = max(float(x.max()) for x in at.values()) - low
+        step = 1.0 / (FINE * tone.highest)
+        count = int(2 ** np.ceil(np.log2(2.0 * reach / step + 2.0)))
+        score = np.zeros(count // 2 + 1)
+        for part in range(self._tangent(runs[0], (tone.channel, tone.axis)).shape[2]):
+            total, power = np.zeros(count // 2 + 1, dtype=complex), 1.0
+            for run in runs:
+                answer = self._tangent(run, (tone.channel, tone.axis))[:, :, part]
+                total += _spectrum(at[run.id] - low, np.sum(answer * self._twice[run.id], axis=1), step, count)
+                power += 0.5 * float(np.sum(self._white(run, answer[:, :, None]) ** 2))
+            score += np.abs(total) ** 2 / power
+        cycles = np.arange(len(score)) / (count * step)
+        seen = (cycles >= tone.lowest) & (cycles <= tone.highest)
+        if seen.any():
+            best = int(np.argmax(np.where(seen, score, -1.0)))
+            yield tone.form(float(cycles[best]), float(cycles[1]), int(seen.sum()) // 2 + 1)
+
+
+def _spectrum(at: Array, answer: Array, step: float, count: int) -> Array:
+    """Σ answer·exp(-2πi·f·q) (count // 2 + 1,) at f = k/(count·step), q `at` ≥ 0: shared linearly between neighbours on a grid,
+    then one FFT; the loss of that, sinc², is undone."""
+    left = np.floor(at / step).astype(int)
+    share = at / step - left
+    grid = np.bincount(left, answer * (1.0 - share), count)[:count]
+    grid += np.bincount(left + 1, answer * share, count)[:count]
+    spectrum = np.fft.rfft(grid)
+    return np.asarray(spectrum / np.sinc(np.arange(len(spectrum)) / count) ** 2)

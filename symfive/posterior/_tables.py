@@ -1,0 +1,189 @@
+"""Tables: of every run the columns whose moments are taken, linear about a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.effects import Effect, Form
+from symfive.identify import Identification
+from symfive.model import Linearisation, Model
+from symfive.posterior._tangents import Compressed, channel_of, compressed, probes
+
+__all__ = ["Placed", "Table", "Tables"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Table:
+    """One run: `rows` (N, ny, s + k) in declared noise, first the `setup` s columns, then those that stand at `where` (k,) in the
+    whole; `departure` (s,) of the set-up from its prior mean, in 1σ; `count` of readings."""
+
+    rows: Array
+    interval: float
+    setup: int
+    where: NDArray[np.int64]
+    departure: Array
+    count: int
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Where a term's columns stand; the fields of `Columns` before the geometry is eliminated."""
+
+    where: NDArray[np.int64]
+    amplitude: NDArray[np.bool_]
+    departure: Array
+    exact: int = -1
+
+
+class Tables:
+    """The tables of a fit, run by run: [geometry | held terms | fresh terms | exact contributions | residual].
+
+    Physical terms are linearised by the model together; an unidentified one is a channel's tangent times its functions,
+    compressed to the directions that the readings see.
+    """
+
+    def __init__(self, fit: Identification, held: Sequence[Effect], fresh: Sequence[Form]) -> None:
+        self.fit, self._held = fit, held
+        physical = [form.effect for form in fresh if form.basis is None]
+        freeing = [effect for effect in physical if effect.frees()]
+        others = [effect for effect in physical if not effect.frees()]
+        campaign = fit.model.campaign
+        channels = [channel_of(form) for form in fresh if form.basis is not None]
+        # what is fitted is linearised alone, and what changes the motion apart from what acts behind it: a candidate begins where
+        # it has a slope, and that must not move the slopes of others
+        groups = [[], [*others, *probes(channels)], *([freeing] if freeing else [])]
+        self._models = [Model(campaign, (*fit.model.added, *group)) for group in groups]
+        own = {p.name for effect in held for p in effect.parameters(campaign)}
+        kept = [p for p in fit.parameters if p.run is None and p.name not in own]
+        self.geometry = len(kept)
+        self.departure = np.array([(fit[p.name] - p.mean) / p.sigma for p in kept])
+        self._place = {p.name: (i, p.sigma) for i, p in enumerate(kept)}
+        self._noise = {run.id: fit.model.noise(run) for run in campaign.runs}
+        problem = fit.problem()
+        self._left_out = problem.left_out
+        self._fitted = {run.id: np.concatenate([np.arange(part.start, part.stop) for _, part in problem.parts(run)])
+                        for run in campaign.runs}  # fmt: skip
+        self._lines = {run.id: [m.linearise(run, m.vector(fit.named)) for m in self._models] for run in campaign.runs}
+        self._tangents = self._compressed([form for form in fresh if form.basis is not None])
+        self.columns = self._placed(held, fresh)
+        self._contributions = [fit.model.contribution(effect, fit.values) for effect in held]
+
+    def _compressed(self, forms: Sequence[Form]) -> dict[int, Compressed]:
+        """By identity of the form."""
+        if not forms:
+            return {}
+        bases = [self._base(run) for run in self.fit.model.campaign.runs]
+        lines = {run: each[1] for run, each in self._lines.items()}
+        found = compressed(self._models[1], lines, bases, self._scaled, forms)
+        return {id(form): entry for form, entry in zip(forms, found, strict=True)}
+
+    def _placed(self, held: Sequence[Effect], fresh: Sequence[Form]) -> tuple[Placed, ...]:
+        at, found = self.geometry, list[Placed]()
+        for effect in (*held, *(form.effect for form in fresh if form.basis is None)):
+            at = self._name(effect, at)
+        here = at
+        for effect in held:
+            found.append(self._columns_of(effect, here))
+            here += 1
+        for form in fresh:
+            if form.basis is None:
+                found.append(self._columns_of(form.effect, -1))
+                continue
+            width = self._tangents[id(form)].turn.shape[1]
+            found.append(Placed(here + np.arange(width), np.ones(width, dtype=bool), np.zeros(width)))
+            self._tangents[id(form)] = replace(self._tangents[id(form)], where=here + np.arange(width))
+            here += width
+        self.size = here + 1
+        return tuple(found)
+
+    def _name(self, effect: Effect, at: int) -> int:
+        """Give an effect's parameters their columns, in units of the prior of its usual width."""
+        for p in replace(effect, spread=1.0).parameters(self.fit.model.campaign):
+            self._place[p.name] = at, p.sigma
+            at += 1
+        return at
+
+    def _columns_of(self, effect: Effect, exact: int) -> Placed:
+        campaign = self.fit.model.campaign
+        parameters = effect.parameters(campaign)
+        sizes = {p.name for p in effect.amplitudes(campaign)}
+        amplitude = np.array([p.name in sizes for p in parameters])
+        inside = exact >= 0
+        departure = [0.0 if not inside or size else (self.fit[p.name] - p.mean) / p.sigma
+                     for p, size in zip(parameters, amplitude, strict=True)]  # fmt: skip
+        where = np.array([self._place[p.name][0] for p in parameters])
+        return Placed(where, amplitude, np.array(departure), exact)
+
+    def _scaled(self, run: Run, table: Array) -> Array:
+        """The fitted columns of readings (N, ny, …) in declared noise; what was left out as an outlier carries nothing."""
+        chosen = self._fitted[run.id]
+        shape = (1, len(chosen), *(1,) * (table.ndim - 2))
+        kept = ~self._left_out[run.id][:, chosen].reshape(len(table), *shape[1:])
+        return np.asarray(table[:, chosen] * (kept / self._noise[run.id][chosen].reshape(shape)))
+
+    def _base(self, run: Run) -> tuple[Array, int]:
+        """Set-up and geometry of a run (N, ny, s + g), and how many columns are the set-up's."""
+        line, (setup, shared) = self._lines[run.id][0], self._known(run)
+        parameters = self.fit.parameters
+        found = np.zeros((*line.jacobian.shape[:2], len(setup) + self.geometry))
+        for k, i in enumerate(setup):
+            found[:, :, k] = line.jacobian[:, :, i] * parameters[line.columns[i]].sigma
+        for i in shared:
+            column, sigma = self._place.get(parameters[line.columns[i]].name, (self.geometry, 0.0))
+            if column < self.geometry:
+                found[:, :, len(setup) + column] = line.jacobian[:, :, i] * sigma
+        return self._scaled(run, found), len(setup)
+
+    def _known(self, run: Run) -> tuple[list[int], list[int]]:
+        """Which columns of a run's linearisation are its set-up, and which belong to the whole campaign."""
+        parameters = [self.fit.parameters[number] for number in self._lines[run.id][0].columns]
+        setup = [k for k, p in enumerate(parameters) if p.run is not None]
+        return setup, [k for k, p in enumerate(parameters) if p.run is None]
+
+    def __iter__(self) -> Iterator[Table]:
+        for run in self.fit.model.campaign.runs:
+            yield self._table(run)
+
+    def _table(self, run: Run) -> Table:
+        (line, *others), (setup, _) = self._lines[run.id], self._known(run)
+        own = [self.fit.parameters[line.columns[k]] for k in setup]
+        sigma = [p.sigma for p in own]
+        parts, where = [line.jacobian[:, :, setup] * np.array(sigma)], list[NDArray[np.int64]]()
+        for model, table in zip(self._models, (line, *others), strict=True):
+            fresh = [(k, model.parameters[n].name) for k, n in enumerate(table.columns)
+                     if model is self._models[0] or model.parameters[n].name not in self.fit.model.index]  # fmt: skip
+            chosen = [(k, *self._place[name]) for k, name in fresh if name in self._place]
+            parts.append(table.jacobian[:, :, [k for k, _, _ in chosen]] * np.array([s for _, _, s in chosen]))
+            where.append(np.array([at for _, at, _ in chosen], dtype=np.int64))
+        residual = np.array(self.fit.residuals[run.id])
+        for effect, placed, given in zip(self._held, self.columns, self._contributions, strict=False):
+            residual += given[run.id]
+            parts.append((given[run.id] - self._tangent(line, effect))[:, :, None])
+            where.append(np.array([placed.exact]))
+        for form in self._tangents.values():
+            parts.append(form.columns(self._models[1], run, others[0]))
+            where.append(form.where)
+        rows = self._scaled(run, np.concatenate([*parts, residual[:, :, None]], axis=2))
+        at = np.concatenate([*where, [self.size - 1]])
+        used = np.ones(rows.shape[2], dtype=bool)
+        used[len(setup) :] = np.any(rows[:, :, len(setup) :] != 0.0, axis=(0, 1))
+        used[-1] = True
+        departure = np.array([(self.fit[p.name] - p.mean) / p.sigma for p in own])
+        count = int(np.sum(~self._left_out[run.id][:, self._fitted[run.id]]))
+        return Table(rows[:, :, used], run.interval, len(setup), at[used[len(setup) :]], departure, count)
+
+    def _tangent(self, line: Linearisation, effect: Effect) -> Array:
+        """J·a of an effect that is held, a its amplitudes counted from nothing (N, ny)."""
+        place = {self.fit.parameters[number].name: k for k, number in enumerate(line.columns)}
+        total = np.zeros(line.prediction.shape)
+        for p in effect.amplitudes(self.fit.model.campaign):
+            if p.name in place:
+                total += line.jacobian[:, :, place[p.name]] * (self.fit[p.name] - p.mean)
+        return total

@@ -1,0 +1,154 @@
+"""Unidentified terms: a channel's tangent times functions of a coordinate, compressed to what the readings see of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign, Run
+from symfive.effects import AXIS, BALL, CARRIED, Effect, Form
+from symfive.model import Linearisation, Model
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.model._row import Row
+
+__all__ = ["Channel", "Compressed", "channel_of", "compressed", "probes", "tangent"]
+
+Array = NDArray[np.float64]
+SEEN = 1e-2
+"""Information in units of the prior below which a direction changes no evidence: log(1 + λ)/2 = 0.005 nats."""
+MOST = 10
+"""Directions of a term over one coordinate, those that are seen best; four times as many over two."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ToolShift(Effect):
+    """The tool moved by a constant in the machine frame: its tangent says how readings answer to the structure."""
+
+    id: ClassVar[str] = "probe_tool"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return tuple(self.own(c, "um", 1.0) for c in "xyz")
+
+    def apply(self, row: Row) -> None:
+        for i, c in enumerate("xyz"):
+            row.shift[i] += self.parameter(row, c)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _AxisOffset(Effect):
+    """The coordinate of an axis moved by a constant: its tangent says how readings answer to that axis."""
+
+    id: ClassVar[str] = "probe_axis"
+    stage: ClassVar[str] = "axis"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return (self.own("offset", "urad" if self.its_axis(campaign).rotary else "um", 1.0),)
+
+    def apply(self, row: Row) -> None:
+        row.axis[str(self.axis)] += self.parameter(row, "offset")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Carried(Effect):
+    """What an axis carries moved by a constant in its own frame."""
+
+    id: ClassVar[str] = "probe_carried"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return tuple(self.own(c, "um", 1.0) for c in "xyz")
+
+    def apply(self, row: Row) -> None:
+        for c in "xyz":
+            row.add_motion(f"E{c.upper()}{self.axis}", self.parameter(row, c))
+
+
+Channel = tuple[str, str | None]
+"""Its kind, and its axis."""
+
+
+def _probe(channel: Channel) -> Effect:
+    kinds = {AXIS: _AxisOffset, CARRIED: _Carried}
+    return kinds[channel[0]](axis=channel[1]) if channel[0] in kinds else _ToolShift()
+
+
+def channel_of(form: Form) -> Channel:
+    """The channel of an unidentified term."""
+    return form.channel, form.axis
+
+
+def probes(channels: Iterable[Channel]) -> list[Effect]:
+    """Effects whose tangents are the channels."""
+    return [_probe(channel) for channel in dict.fromkeys(channels)]
+
+
+def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Array:
+    """How the readings of a run answer to a channel (N, ny, parts), per µm or µrad; of the table's ball, as to its set-up."""
+    if channel[0] == BALL:
+        stems = tuple(f"setup.{run.id}.{name}." for name in ("table_ball", "zero"))
+        wanted = [i for i in line.columns if model.parameters[i].name.startswith(stems)]
+    else:
+        wanted = [model.index[p.name] for p in _probe(channel).parameters(model.campaign)]
+    place = {int(number): k for k, number in enumerate(line.columns)}
+    return np.asarray(line.jacobian[:, :, [place[int(i)] for i in wanted]])
+
+
+@dataclass(frozen=True)
+class Compressed:
+    """An unidentified term in a model: `turn` (raw, k) from the channel's columns times the functions to k directions, which
+    stand at `where` (k,) in the whole."""
+
+    form: Form
+    turn: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    where: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def raw(self, model: Model, run: Run, line: Linearisation) -> Array:
+        """All products (N, ny, raw), in units of the prior."""
+        assert self.form.basis is not None
+        answer = self.form.sigma * tangent(model, line, run, channel_of(self.form))
+        products = answer[:, :, :, None] * self.form.basis(run)[:, None, None, :]
+        return np.asarray(products.reshape(*answer.shape[:2], -1))
+
+    def columns(self, model: Model, run: Run, line: Linearisation) -> Array:
+        """(N, ny, k)."""
+        return np.asarray(self.raw(model, run, line) @ self.turn)
+
+
+def compressed(
+    model: Model, lines: Mapping[str, Linearisation], bases: Sequence[tuple[Array, int]],
+    scaled: Callable[[Run, Array], Array], forms: Sequence[Form],
+) -> list[Compressed]:  # fmt: skip
+    """Each form in the directions of largest information under white noise, what set-up and geometry absorb taken off.
+
+    `bases` holds of every run the whitened set-up and geometry (N, ny, s + g) and s.
+    """
+    drafts = [Compressed(form) for form in forms]
+    first = model.campaign.runs[0]
+    sizes = [draft.raw(model, first, lines[first.id]).shape[2] for draft in drafts]
+    geometry = bases[0][0].shape[2] - bases[0][1]
+    shared = np.eye(geometry)
+    cross = [np.zeros((geometry, size)) for size in sizes]
+    own = [np.zeros((size, size)) for size in sizes]
+    for run, (base, setup) in zip(model.campaign.runs, bases, strict=True):
+        flat = base.reshape(-1, base.shape[2])
+        gram = flat.T @ flat
+        factor = np.linalg.cholesky(gram[:setup, :setup] + np.eye(setup))
+        mixed = np.linalg.solve(factor, gram[:setup, setup:])
+        shared += gram[setup:, setup:] - mixed.T @ mixed
+        for k, draft in enumerate(drafts):
+            raw = scaled(run, draft.raw(model, run, lines[run.id])).reshape(len(flat), -1)
+            seen = flat.T @ raw
+            taken = np.linalg.solve(factor, seen[:setup])
+            cross[k] += seen[setup:] - mixed.T @ taken
+            own[k] += raw.T @ raw - taken.T @ taken
+    found = []
+    for draft, c, d in zip(drafts, cross, own, strict=True):
+        power, axes = np.linalg.eigh(d - c.T @ np.linalg.solve(shared, c))
+        kept = np.flatnonzero(power > SEEN)[-MOST * (1 + draft.form.effect.coordinate.count(",")) ** 2 :]
+        found.append(Compressed(draft.form, axes[:, kept]))
+    return found

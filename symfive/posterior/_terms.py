@@ -1,0 +1,108 @@
+"""Terms: what may be missing, as the effects state it themselves."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from symfive.campaign import Campaign
+from symfive.effects import EFFECTS, Effect, Form, Scan, Tone
+from symfive.errors import InputError
+from symfive.model import Model
+
+__all__ = ["Candidates", "Name", "Term", "candidates", "name_of", "terms_of"]
+
+Name = tuple[str, str | None]
+EXPECTED = 0.3
+"""Effects that a campaign is expected to lack, all names together: one in three machines that are examined."""
+UNIDENTIFIED = float(np.exp(-5.0))
+"""Prior odds of an effect without a name: decisive evidence has to speak for it (H. Jeffreys 1961, appendix B)."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """All that may be missing in a campaign: `forms` at known places, and `scans` for those that have to be placed."""
+
+    forms: tuple[Form, ...]
+    scans: tuple[Scan | Tone, ...]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One form that may join: its name, the log of its prior probability, `slot`: of the terms of one slot at most one can act;
+    `covers`: the channel and coordinate over which a named one may be a little off, so that no unidentified one acts there too.
+    """
+
+    form: Form
+    name: Name
+    slot: tuple[object, ...]
+    frees: frozenset[tuple[str, str]]
+    covers: tuple[str, str]
+    log_prior: float
+
+    @property
+    def effect(self) -> Effect:
+        """Its effect."""
+        return self.form.effect
+
+    def excludes(self, other: Term) -> bool:
+        """Whether both cannot act at once."""
+        if self.effect.nameless != other.effect.nameless:
+            return self.covers == other.covers
+        return self.slot == other.slot or bool(self.frees & other.frees)
+
+
+def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
+    """What every effect of the library states for this campaign, but for those that `exclude` names.
+
+    What does not change from fit to fit, functions and courses along the runs, is kept.
+    """
+    stated = [draft for name, kind in EFFECTS.items() if name not in exclude for draft in kind.candidates(campaign)]
+    forms = [replace(d, basis=cache(d.basis)) if d.basis else d for d in stated if isinstance(d, Form)]
+    scans = [
+        replace(d, courses=cache(d.courses)) if isinstance(d, Scan) else d for d in stated if not isinstance(d, Form)
+    ]
+    return Candidates(joinable(campaign, forms), tuple(scans))
+
+
+def joinable(campaign: Campaign, forms: Sequence[Form]) -> tuple[Form, ...]:
+    """The forms that can join the baseline, prepared; of those that are one term to it only the first."""
+    taken, found = {e.key for e in Model(campaign).effects}, []
+    for form in forms:
+        try:
+            effect = form.effect.prepare(campaign)
+            seen = bool(effect.parameters(campaign)) and any(effect.applies(run) for run in campaign.runs)
+        except InputError:
+            continue  # the baseline holds it, or the machine lacks what it needs
+        if seen and effect.key not in taken:
+            taken.add(effect.key)
+            found.append(replace(form, effect=effect))
+    return tuple(found)
+
+
+def name_of(effect: Effect) -> Name:
+    """The word of the vocabulary and the axis under which an effect is reported."""
+    return effect.vocabulary, None if effect.nameless else effect.belongs_to
+
+
+def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
+    """The forms as terms. A name has a share of the prior by how common it is, which its forms and places share."""
+    ways = Counter(name_of(form.effect) for form in forms)
+    total = sum(max(f.effect.rate for f in forms if name_of(f.effect) == name) for name in ways)
+    found = []
+    for form in forms:
+        slot: tuple[object, ...]
+        effect, name = form.effect, name_of(form.effect)
+        if effect.nameless:
+            prior, slot, covers = UNIDENTIFIED, ("", effect.coordinate), (form.channel, effect.coordinate)
+        else:
+            covers = effect.answers or ("", "")
+            prior = EXPECTED * effect.rate / (total * ways[name])
+            slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
+        frees = frozenset(effect.frees())
+        found.append(Term(form, name, slot, frees, covers, float(np.log(prior / form.places))))
+    return tuple(found)

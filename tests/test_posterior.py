@@ -1,0 +1,200 @@
+"""One posterior: moments against exact whitening and dense algebra, the sweep against direct evidence, textbook traces."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+import symfive.posterior
+from symfive.campaign import Campaign, read_campaign
+from symfive.effects import EFFECTS, Form, Scan, Tone
+from symfive.importers import polar_run
+from symfive.inference import whiten
+from symfive.machine import preset
+from symfive.model import Model
+from symfive.posterior import Moments, baseline, candidates, diagnose, explore, log_evidence, moments_of, sweep
+from symfive.posterior._evidence import WIDTHS
+from symfive.posterior._noise import grams, nodes_of
+
+NOISE = 0.3
+SHARED = Path(__file__).parents[2] / "shared" / "campaigns"
+
+
+def trace(angle_deg: np.ndarray, sense: float, plays: Mapping[str, float], soft: float, seed: int) -> np.ndarray:
+    """Radial deviation, µm, of a circle of 150 mm: squareness 30 µrad, scale mismatch 20 ppm, a centre offset, and each axis
+    behind by half its play with the sign of its velocity, at once or in proportion to `soft` µm of way."""
+    t, radius = np.radians(angle_deg), 150e3
+    found = radius * (30e-6 * np.sin(t) * np.cos(t) + 10e-6 * np.cos(2 * t)) + 3.0 * np.cos(t) - 2.0 * np.sin(t)
+    for axis, width in plays.items():
+        along, speed = (np.cos(t), -sense * np.sin(t)) if axis == "X" else (np.sin(t), sense * np.cos(t))
+        side = np.where(speed >= 0.0, 1.0, -1.0)
+        if soft:
+            for turn in np.flatnonzero(np.diff(side)):
+                later = np.arange(len(t)) > turn
+                way = np.abs(along - along[turn + 1]) * radius
+                near = later & (way < soft) & (np.arange(len(t)) < turn + len(t) // 4)
+                side[near] = side[turn + 1] * (2.0 * way[near] / soft - 1.0)
+        found -= 0.5 * width * side * along
+    return found + NOISE * np.random.default_rng(seed).normal(size=len(t))
+
+
+def bars(plays: Mapping[str, float], soft: float = 0.0, machine: str = "three-axis", angles: int = 900) -> Campaign:
+    """Two circles, there and back, as a ball bar's software exports them."""
+    found, runs, up = preset(machine), [], np.arange(angles) * (360.0 / angles)
+    for seed, (name, sense) in enumerate((("ccw", 1.0), ("cw", -1.0))):
+        angle = up if sense > 0.0 else up[::-1]
+        deviation = trace(angle, sense, plays, soft, seed)
+        height = 0.0 if machine == "three-axis" else 200.0
+        runs.append(
+            polar_run(
+                found, angle, deviation, centre=(0.0, 0.0, height), radius=150.0, feed=1000.0, id=name, noise_um=NOISE
+            )
+        )
+    return Campaign(machine=found, runs=tuple(runs))
+
+
+@pytest.fixture(scope="module")
+def moments() -> Moments:
+    """Of the baseline of short circles with a play."""
+    campaign = bars({"X": 5.0}, angles=200)
+    return moments_of(baseline(campaign), (), candidates(campaign).forms)
+
+
+def test_every_effect_states_its_own_candidates() -> None:
+    campaign = bars({}, angles=100)
+    for effect in EFFECTS.values():
+        assert all(isinstance(stated, Form | Scan | Tone) for stated in effect.candidates(campaign))
+    keys = [form.effect.key for form in candidates(campaign).forms]
+    assert {"backlash.X", "backlash.Y", "lateral_play.EXY", "friction.X"} <= set(keys)
+    assert len(keys) == len(set(keys))
+    assert not any(
+        key.startswith("backlash") for key in (f.effect.key for f in candidates(campaign, ["backlash"]).forms)
+    )
+
+
+def test_no_effect_is_named_in_the_package() -> None:
+    folder = Path(symfive.posterior.__file__).parent
+    text = "\n".join(path.read_text() for path in folder.glob("*.py"))
+    assert [name for name in EFFECTS if re.search(rf"[\"']{name}\b", text)] == ["unknown"]  # the word of the verdict
+
+
+@pytest.mark.parametrize("rows", [1500, 4000])
+def test_bands_agree_with_exact_whitening_within_two_nats(rows: int) -> None:
+    rng, interval = np.random.default_rng(rows), 0.01
+    nodes, t = nodes_of(2.0 * rows * interval), np.linspace(0.0, 1.0, rows)
+    shapes = np.stack([np.ones(rows), t, np.sin(9.0 * t), np.sign(np.sin(40.0 * t)), rng.normal(size=rows)], axis=1)
+    walk = np.cumsum(rng.normal(size=rows)) * 0.02
+    table = np.column_stack([shapes, walk + rng.normal(size=rows)])[:, None, :]
+    banded, logs = grams(table, interval, nodes)
+    for node, gram, log in zip(nodes, banded, logs, strict=True):
+        white, exact_log = whiten(table, node.noise(1.0), interval)
+        exact = white[:, 0].T @ white[:, 0]
+
+        def gain(g: np.ndarray, used: int) -> float:
+            a = g[:used, :used] + np.eye(used)
+            return float(0.5 * g[:used, -1] @ np.linalg.solve(a, g[:used, -1]) - 0.5 * np.linalg.slogdet(a)[1])
+
+        for used in (3, 5):  # what further terms gain beside what is always fitted
+            assert gain(gram, used) - gain(gram, 1) == pytest.approx(gain(exact, used) - gain(exact, 1), abs=2.0)
+        assert log == pytest.approx(exact_log, abs=4.0)  # of -2 log evidence
+
+
+def test_evidence_is_the_dense_marginal_likelihood(moments: Moments) -> None:
+    """Of white noise and one term, from the model's own derivatives and all priors at once."""
+    fit = moments.fit
+    number = next(k for k, t in enumerate(moments.terms) if t.effect.key == "lateral_play.EYX")
+    model = Model(fit.model.campaign, [moments.terms[number].effect])
+    parts, residual = [], []
+    for run in model.campaign.runs:
+        line = model.linearise(run, model.vector(fit.named))
+        j = np.zeros((run.rows, len(model.parameters)))
+        j[:, line.columns] = line.jacobian[:, 0]
+        parts.append(j * model.prior_sigma)
+        residual.append(fit.residuals[run.id][:, 0])
+    j, r = np.concatenate(parts), np.concatenate(residual)
+    at = np.array([(fit.named.get(p.name, p.mean) - p.mean) / p.sigma for p in model.parameters])
+    own = [k for k, p in enumerate(model.parameters) if p.name.startswith("lateral_play")]
+    at[own] = 0.0
+    # readings about what the priors alone would predict
+    dense = multivariate_normal(cov=NOISE**2 * np.eye(len(r)) + j @ j.T).logpdf(r + j @ at)
+    weighed = log_evidence(moments, [(number, 1.0)])
+    assert weighed.kappa2 == 1.0 or weighed.by_node[0] < weighed.by_node.max()
+    white = weighed.by_node[0] - moments.log_prior[0] - len(r) * (np.log(NOISE) + 0.5 * np.log(2.0 * np.pi))
+    kappa_free = log_evidence_at_unit_scale(moments, number)
+    assert kappa_free - len(r) * (np.log(NOISE) + 0.5 * np.log(2.0 * np.pi)) == pytest.approx(dense, abs=1e-3)
+    assert white >= dense - 1e-6  # a fitted scale of the noise is never worse
+
+
+def log_evidence_at_unit_scale(moments: Moments, number: int) -> float:
+    """Closed form for one column under white noise."""
+    (at,) = moments.columns[number].where
+    gram = moments.gram[0]
+    a = gram[at, at] + 1.0
+    return float(-0.5 * (gram[-1, -1] - gram[at, -1] ** 2 / a + np.log(a) + moments.const[0]))
+
+
+@pytest.mark.parametrize("members", [(), ((3, 1.0),), ((3, 3.0), (7, 1.0), (12, 30.0))])
+def test_sweep_is_the_direct_evidence(moments: Moments, members: tuple[tuple[int, float], ...]) -> None:
+    chosen = [k for k in range(len(moments.terms)) if k not in {t for t, _ in members}]
+    swept = sweep(moments, members, chosen)
+    for w, width in enumerate(WIDTHS):
+        for k in chosen[::5]:
+            if np.isfinite(swept[w, chosen.index(k)]):
+                direct = log_evidence(moments, [*members, (k, width)]).total
+                assert swept[w, chosen.index(k)] == pytest.approx(direct, abs=1e-6)
+
+
+def test_search_finds_what_all_pairs_hold(moments: Moments) -> None:
+    found = explore(moments)
+    (best, _), *_ = found.best
+    assert moments.terms[best].name == ("backlash", "X")
+    assert sum(found.weights.values()) == pytest.approx(1.0)
+    assert found.names()["backlash", "X"] > 0.99
+
+
+def test_a_circle_without_play_is_clean() -> None:
+    result = diagnose(bars({}))
+    assert not result.findings
+    assert result.to_data()["mismatch"] is False
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plays", "soft", "machine"),
+    [
+        ({"X": 5.0, "Y": 11.0}, 0.0, "three-axis"),
+        ({"X": 5.0}, 0.0, "three-axis"),
+        ({"Y": 8.0}, 60.0, "three-axis"),
+        ({"X": 14.0, "Y": 4.0}, 0.0, "three-axis"),
+        ({"X": 5.0, "Y": 11.0}, 0.0, "table-bc"),
+        ({}, 0.0, "table-bc"),
+    ],
+)
+def test_textbook_plays_get_their_names_and_widths(plays: dict[str, float], soft: float, machine: str) -> None:
+    result = diagnose(bars(plays, soft, machine))
+    widths = {f.axis: f.parameters["width"].value for f in result.findings if f.name == "backlash"}
+    others = {(f.name, f.axis) for f in result.findings if f.name != "backlash"}
+    # the trunnion machine's baseline has no scale, the traces do
+    assert others == (set() if machine == "three-axis" else {("scale_error", "X")})
+    assert widths == pytest.approx(plays, abs=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("static-none", set()), ("dynamic-none", set()), ("planar-none", set()), ("static-ball-bar-two-heights", set()),
+        ("dynamic-backlash", {("backlash", "C")}),
+        ("static-sag-and-drift", {("gravity_sag", "B"), ("thermal_drift", None)}),
+    ],
+)  # fmt: skip
+def test_open_campaigns(name: str, expected: set[tuple[str, str | None]]) -> None:
+    if not SHARED.is_dir():
+        pytest.skip("the open campaigns are not on this computer")
+    result = diagnose(read_campaign(SHARED / name / "fit"))
+    assert {(f.name, f.axis) for f in result.findings} == expected
