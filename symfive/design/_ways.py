@@ -118,10 +118,18 @@ def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tup
     ways = Ways(machine, run)
     moves: list[tuple[Step, Array]] = []
     before: Positions = {}
-    for step in steps:
+    tested: Positions = {}
+    for step, after in itertools.zip_longest(steps, steps[1:]):
         if step.kind in ("rapid", "feed", "retract"):
             if before and step.commands and step.towards is not None:
-                moves.append((step, _between(machine, before, step.commands)))
+                tested = tested or before
+                goes_on = after is not None and (after.kind, after.towards, after.seated) == (
+                    "feed", step.towards, step.seated) and step.kind == "feed"  # fmt: skip
+                if not (goes_on and _close(machine, tested, after.commands)):
+                    moves.append((step, _between(machine, tested, step.commands)))
+                    tested = {}
+            else:
+                tested = {}
             before = step.commands
     found: list[tuple[int, str]] = []
     for rapid, bar in itertools.product((False, True), repeat=2):
@@ -133,6 +141,14 @@ def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tup
         first = {int(owner[i]): what for i, what in reversed(met)}
         found += [(alike[i][0].towards or 0, what) for i, what in sorted(first.items())]
     return found
+
+
+def _close(machine: Machine, before: Positions, after: Positions) -> bool:
+    """Whether two positions are so near that nothing between them is tested: short blocks need no test each."""
+    return all(
+        abs(after[name] - before[name]) <= (ROTARY_DEG if axis.rotary else LINEAR_MM)
+        for name, axis in machine.axes.items()
+    )
 
 
 def _between(machine: Machine, before: Positions, after: Positions) -> Array:

@@ -107,7 +107,7 @@ def _without_standstill(steps: Sequence[Step]) -> list[Step]:
                 before = rest.seconds if rest else 0.0
                 rest = replace(step, kind="dwell", positions={}, commands={}, seconds=before + step.seconds)
             elif step.row is not None:
-                last = max(i for i, s in enumerate(found) if s.positions)
+                last = max(i for i, s in enumerate(found) if s.positions and s.kind != "text")
                 found[last] = replace(found[last], row=step.row, towards=step.towards)
             continue
         if rest is not None and step.kind == "feed" and step.seated and rest.seconds < SHORT_REST_S:
@@ -167,10 +167,10 @@ class _Writer:
         return [
             Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
             Step(kind="stop", text=f"CLEAR? {self.upright} GOES TO TOP FIRST"),
-            *self._centred(False),
+            *self._centred(False, {}),
             self._to_the_top(0),
             *self._alone(lifted, 0),
-            *self._centred(True),
+            *self._centred(True, lifted),
             Step(kind="stop", text=f"BALL STANDS {away:.0f} MM OFF?"),
             *self._creep(lifted, pose, 0),
         ]
@@ -201,7 +201,7 @@ class _Writer:
         top = at_the_top(self.machine, lifted)
         rest = {**top, **{name: home(self.machine.axes[name]) for name in self.rotary}}
         found = [Step(kind="stop", text=text), *self._creep(lifted, self._commands(rows - 1), rows, out=True)]
-        found += [*self._centred(False), self._to_the_top(rows, top)]
+        found += [*self._centred(False, lifted), self._to_the_top(rows, top)]
         words = {name: value for name, value in self._words(rest, np.zeros(3)).items() if name in self.rotary}
         return [*found, *([Step(kind="rapid", positions=words, commands=rest, towards=rows)] if words else [])]
 
@@ -209,11 +209,13 @@ class _Writer:
         positions = {self.upright: self.post.machine_top}
         return Step(kind="retract", positions=positions, commands=dict(commands or {}), towards=towards)
 
-    def _centred(self, wanted: bool) -> list[Step]:
-        """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'."""
+    def _centred(self, wanted: bool, there: Positions) -> list[Step]:
+        """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'. `there`
+        is where the axes stand, so that the way of the next block is known in the words that it is written in."""
         self.centred = wanted and bool(self.post.tool_centre_on)
         text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
-        return [Step(kind="text", text=text)] if text else []
+        words = self._words(there, self._place(there)) if there else {}
+        return [Step(kind="text", text=text, positions=words)] if text else []
 
     def _poses(self) -> list[Step]:
         found = [Step(kind="dwell", seconds=self.post.dwell_s)]
@@ -261,9 +263,9 @@ class _Writer:
         steps = [Step(kind="stop", text="TAKE THE BAR OFF")] if self.bar else []
         steps += [
             *self._creep(way[0], self._commands(row - 1), row, out=True),
-            *self._centred(False),
+            *self._centred(False, way[0]),
             *(self._rapid(before, after, row) for before, after in itertools.pairwise(way)),
-            *self._centred(True),
+            *self._centred(True, way[-1]),
             *self._creep(way[-1], self._commands(row), row),
         ]
         self.seated = True
