@@ -176,7 +176,8 @@ class _Writer:
         ]
 
     def _alone(self, lifted: Positions, row: int) -> list[Step]:
-        """From the top, wherever else the axes stand: rotary axes, plane, tool's axis, each by themselves."""
+        """From the top, wherever else the axes stand: rotary axes, plane, tool's axis, each by themselves; only the last way is
+        known, and so its time."""
         words, top = self._words(lifted, np.zeros(3)), at_the_top(self.machine, lifted)
         known: tuple[tuple[list[str], Positions], ...] = (
             (self.rotary, {}),
@@ -189,6 +190,7 @@ class _Writer:
                 positions={n: v for n, v in words.items() if n in names},
                 commands=dict(there),
                 towards=row,
+                seconds=sum(self._pace(top, lifted)) if names == [self.upright] else 0.0,
             )
             for names, there in known
             if names
@@ -201,9 +203,10 @@ class _Writer:
         top = at_the_top(self.machine, lifted)
         rest = {**top, **{name: home(self.machine.axes[name]) for name in self.rotary}}
         found = [Step(kind="stop", text=text), *self._creep(lifted, self._commands(rows - 1), rows, out=True)]
-        found += [*self._centred(False, lifted), self._to_the_top(rows, top)]
+        up, turn = (sum(self._pace(*move)) for move in ((lifted, top), (top, rest)))
+        found += [*self._centred(False, lifted), replace(self._to_the_top(rows, top), seconds=up)]
         words = {name: value for name, value in self._words(rest, np.zeros(3)).items() if name in self.rotary}
-        return [*found, *([Step(kind="rapid", positions=words, commands=rest, towards=rows)] if words else [])]
+        return [*found, *([Step(kind="rapid", positions=words, commands=rest, towards=rows, seconds=turn)] if words else [])]
 
     def _to_the_top(self, towards: int, commands: Positions | None = None) -> Step:
         positions = {self.upright: self.post.machine_top}
