@@ -20,7 +20,7 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Step
-from symfive.nc._pace import pace
+from symfive.nc._pace import CAUTION, pace
 from symfive.nc._route import Positions, Way, at_the_top, over_the_top, upright_axis, usual_lift
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal, home
@@ -190,7 +190,7 @@ class _Writer:
                 positions={n: v for n, v in words.items() if n in names},
                 commands=dict(there),
                 towards=row,
-                seconds=sum(self._pace(top, lifted)) if names == [self.upright] else 0.0,
+                seconds=self._rapidly(top, lifted) if names == [self.upright] else 0.0,
             )
             for names, there in known
             if names
@@ -203,10 +203,13 @@ class _Writer:
         top = at_the_top(self.machine, lifted)
         rest = {**top, **{name: home(self.machine.axes[name]) for name in self.rotary}}
         found = [Step(kind="stop", text=text), *self._creep(lifted, self._commands(rows - 1), rows, out=True)]
-        up, turn = (sum(self._pace(*move)) for move in ((lifted, top), (top, rest)))
+        up, turn = (self._rapidly(*move) for move in ((lifted, top), (top, rest)))
         found += [*self._centred(False, lifted), replace(self._to_the_top(rows, top), seconds=up)]
         words = {name: value for name, value in self._words(rest, np.zeros(3)).items() if name in self.rotary}
-        return [*found, *([Step(kind="rapid", positions=words, commands=rest, towards=rows, seconds=turn)] if words else [])]
+        return [
+            *found,
+            *([Step(kind="rapid", positions=words, commands=rest, towards=rows, seconds=turn)] if words else []),
+        ]
 
     def _to_the_top(self, towards: int, commands: Positions | None = None) -> Step:
         positions = {self.upright: self.post.machine_top}
@@ -304,8 +307,12 @@ class _Writer:
     def _apart(self, a: Positions, b: Positions) -> float:
         return float(np.linalg.norm(self._place(a) - self._place(b)))
 
-    def _pace(self, before: Positions, after: Positions) -> tuple[float, float]:
-        return pace(self.machine, np.array([[p[n] for n in self.names] for p in (before, after)]))
+    def _pace(self, before: Positions, after: Positions, share: float = CAUTION) -> tuple[float, float]:
+        return pace(self.machine, np.array([[p[n] for n in self.names] for p in (before, after)]), share)
+
+    def _rapidly(self, before: Positions, after: Positions) -> float:
+        """Seconds of a rapid: the control drives it as fast as the axes can."""
+        return sum(self._pace(before, after, 1.0))
 
     def _commands(self, row: int) -> dict[str, float]:
         return {n: float(self.run.commands[n][row]) for n in self.names}
@@ -323,7 +330,7 @@ class _Writer:
         """A rapid that names only the axes that move."""
         words = self._words(after, np.zeros(3))
         moved = {n: v for n, v in words.items() if abs(after[n] - before[n]) >= STANDSTILL} or words
-        seconds = sum(self._pace(before, after))
+        seconds = self._rapidly(before, after)
         return Step(kind="rapid", positions=moved, commands=dict(after), towards=row, seconds=seconds)
 
     def _place(self, commands: Mapping[str, float]) -> Array:
