@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,8 @@ from symfive.design import Plan, plan
 from symfive.design._ways import Ways, blocked_moves, cleared
 from symfive.errors import InputError
 from symfive.machine import Machine, preset
-from symfive.nc import CAUTION, Post, arrival_times, pace, program_steps, top_of
+from symfive.nc import CAUTION, DIALECTS, Post, Step, arrival_times, pace, program_steps, top_of
+from symfive.nc._base import render
 from symfive.procedures import r_test_grid, static_ball_bar
 
 
@@ -196,3 +198,21 @@ def test_the_sheet_says_what_the_program_says(made: Plan, tmp_path) -> None:
         assert said in page.replace("&#x27;", "'") and said in head, said
     assert "First moves, not tested: Z alone to the top of its travel, machine coordinate 0" in page
     assert "no tool offset, the control shows X" in page
+
+
+def test_a_way_to_the_far_side_of_the_moon_is_left_at_once() -> None:
+    """Where a chain is nearly singular a way is kilometres long: outside the travel it is blocked without a look along it."""
+    run = plan(TABLE, instrument="r_test", points=4, starts=1).campaign.runs[0]
+    pose = {name: float(q[0]) for name, q in run.commands.items()}
+    steps = [Step(kind="feed", commands=place, towards=1, seated=True) for place in (pose, {**pose, "X": 1e12}, pose)]
+    assert blocked_moves(TABLE, run, steps) == [(1, "travel of X")]
+
+
+def test_first_blocks_under_tool_centre_control_have_their_feed() -> None:
+    """The way of the first block after the switch is that of the ball, and a block of the rotary axes alone has a feed."""
+    run = plan(TABLE, instrument="r_test", points=4, starts=1).campaign.runs[0]
+    post = Post(tool_centre_on="M128", tool_centre_off="M129")
+    text = render(DIALECTS["heidenhain"], "nest", program_steps(TABLE, run, post))
+    feeds = [float(word) for word in re.findall(r" R0 F([\d.]+)$", text, flags=re.M)]
+    assert feeds[0] == pytest.approx(500.0, rel=1e-3)
+    assert min(feeds) > 1.0

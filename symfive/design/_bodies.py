@@ -9,13 +9,14 @@
     nose    a cylinder about the tool's axis that begins `above_ball` over the tool ball and is `NOSE_LENGTH` long
 
 Radii of post and tool are 0 where the machine file does not say (`post_radius`, `tool_radius` in [workspace]). Each clearance is
-in mm and ≥ 0 where the bodies keep apart. While a plan is sought tool and nose are tested at `POST_POINTS` points of the post's
-axis; along its ways the nearest point is found (`Clearances`).
+in mm and ≥ 0 where the bodies keep apart. While a plan is sought the post's end is a half ball inside it, tested at `POST_POINTS`
+points of its axis; along the ways of the plan the cylinders themselves are tested (`Clearances`).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -27,7 +28,7 @@ from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine, Workspace
 
 __all__ = [
-    "LEAST_ELEVATION", "NOSE_LENGTH", "Clearances", "angle_clearance", "nose_may_reach_post", "nose_over_table",
+    "NOSE_LENGTH", "Clearances", "angle_clearance", "least_elevation", "nose_may_reach_post", "nose_over_table",
     "post_clearance",
 ]  # fmt: skip
 
@@ -36,12 +37,19 @@ NOSE_LENGTH = 300.0
 """mm of the spindle nose and housing above its lower end that are kept off everything."""
 TABLE_EDGE = 50.0
 POST_TOP = 15.0
-POST_POINTS, NARROWED, NEAR_MM = 17, 7, 6.0
-"""Points of the post, rounds by which the nearest is found, and below which distance it is sought."""
+POST_POINTS, PROJECTIONS, NEAR_MM = 17, 60, 6.0
+"""Points of the post, projections by which the nearest ones are found, and below which distance they are sought."""
+TOUCH_MM = 1e-2
 BALL_RADIUS = 6.35
 LEAST_ELEVATION = -45.0
-"""Degree: a bar may lean below the table ball this far before it meets the post and the cup (ISO 230-4 magnetic cups)."""
+"""Degree: a bar may lean below the table ball this far before it meets the cup (ISO 230-4 magnetic cups)."""
 SMOOTH = 1e-6
+
+
+def least_elevation(workspace: Workspace) -> float:
+    """How far a bar may lean below the table ball, degree (negative), before it meets the cup or the rim of the post's top."""
+    radius = workspace.post_radius or 0.0
+    return max(LEAST_ELEVATION, -math.degrees(math.atan2(POST_TOP, radius)))
 
 
 def nose_over_table(workspace: Workspace, place: Any, axis: Any) -> list[Any]:
@@ -80,7 +88,7 @@ def _at_post(workspace: Workspace, table_ball: Any, place: Any, axis: Any, share
     """Distance of tool and nose from the post at one point of its axis, `share` of the way down."""
     radius, above = _nose(workspace)
     tool, post = workspace.tool_radius or 0.0, workspace.post_radius or 0.0
-    height = (1.0 - share) * ca.fmax(table_ball[2] - POST_TOP, 0.0)
+    height = (1.0 - share) * ca.fmax(table_ball[2] - POST_TOP - post, 0.0)
     offset = ca.vertcat(table_ball[0], table_ball[1], height) - place
     along = ca.dot(offset, axis)
     away = ca.sqrt(ca.sumsqr(offset - along * axis) + SMOOTH)
@@ -147,15 +155,12 @@ class Clearances:
         if workspace.spindle_nose is not None:
             over = ca.mmin(ca.vertcat(*nose_over_table(workspace, place, axis)))
             found += [ca.fmax(over, _nose_beside_table(machine, place, axis))]
-            share, self._post_mm = ca.SX.sym("share"), max(run.table_ball[2] - POST_TOP, 0.0)
-            at_post = _at_post(workspace, table_ball, place, axis, share)
-            self._at_post: Any = ca.Function("at_post", [q, share], [at_post])
             found += [ca.SX(0.0)]
             names += ["spindle nose and table", "tool and post"]
             if bar:
                 length = ca.norm_2(table_ball - place)
                 found.append(angle_clearance(workspace, axis, (table_ball - place) / length, length) * length)
-                found.append(place[2] - table_ball[2] - math.sin(math.radians(LEAST_ELEVATION)) * length)
+                found.append(place[2] - table_ball[2] - math.sin(math.radians(least_elevation(workspace))) * length)
                 names += ["spindle nose and bar", "bar and post"]
             found += _table_ball(workspace, table_ball, place, axis)
             names += ["spindle nose and table ball", "tool and table ball"]
@@ -166,6 +171,9 @@ class Clearances:
         self.machine, self.names = machine, tuple(names)
         self._function: Any = ca.Function("clearances", [q], [ca.vertcat(*found)])
         self._place: Any = ca.Function("place", [q], [place])
+        self._axis: Any = ca.Function("axis", [q], [axis])
+        x, y, z = run.table_ball
+        self._post = np.array([x, y, 0.0]), max(z - POST_TOP, 0.0), workspace.post_radius or 0.0
 
     def __call__(self, commands: Array, *, bar: bool = True) -> Array:
         """(N, m) at commands (N, axes) in mm and degree; without its bar a ball bar's nose meets none."""
@@ -177,26 +185,58 @@ class Clearances:
         return values
 
     def _nearest_post(self, commands: Array) -> Array:
-        """The least distance along the post (N,): of the points of a grid the nearest, then closer and closer about it. The
-        distance from a convex body is convex along a line; that from the union of tool and nose has no narrower minimum."""
-        grid = np.linspace(0.0, 1.0, 9)
-        best, share = self._best_at_post(commands, np.broadcast_to(grid[:, None], (9, len(commands))))
-        half = 1.0 / 8.0
-        near = np.flatnonzero(best - half * self._post_mm < NEAR_MM)
-        for _ in range(NARROWED if near.size else 0):
-            tries = np.clip(share[near] + half * np.linspace(-1.0, 1.0, 9)[:, None], 0.0, 1.0)
-            found, share[near] = self._best_at_post(commands[near], tries)
-            best[near] = np.minimum(best[near], found)
-            half *= 0.3
-        return best
-
-    def _best_at_post(self, commands: Array, shares: Array) -> tuple[Array, Array]:
-        """Of some shares (k, N) of the way down the post the least distance (N,), and where it is."""
-        k, n = shares.shape
-        found = np.asarray(self._at_post.map(k * n)(np.tile(commands, (k, 1)).T, shares.reshape(1, -1))).reshape(k, n)
-        row = np.argmin(found, axis=0)
-        return found[row, np.arange(n)], shares[row, np.arange(n)].copy()
+        """Distance (N,) of tool and nose from the post."""
+        radius, above = _nose(self.machine.workspace)
+        place = self.places(commands)
+        axis = np.asarray(self._axis.map(len(commands))(commands.T)).T
+        stem = _Rod(place, axis, above, self.machine.workspace.tool_radius or 0.0)
+        nose = _Rod(place + above * axis, axis, NOSE_LENGTH, radius)
+        foot, height, thick = self._post
+        up = np.broadcast_to([0.0, 0.0, 1.0], place.shape)
+        post = _Rod(np.broadcast_to(foot, place.shape), up, height, thick)
+        return np.minimum(_apart(stem, post), _apart(nose, post))
 
     def places(self, commands: Array) -> Array:
         """The tool ball in the workpiece frame (N, 3)."""
         return np.asarray(self._place.map(len(commands))(commands.T)).T
+
+
+@dataclass(frozen=True)
+class _Rod:
+    """Cylinders with flat ends: `start` (N, 3) of their axes, unit vectors `axis` (N, 3), one length and one radius."""
+
+    start: Array
+    axis: Array
+    length: float
+    radius: float
+
+    def at(self, rows: NDArray[Any]) -> _Rod:
+        return _Rod(self.start[rows], self.axis[rows], self.length, self.radius)
+
+    def nearest(self, points: Array) -> Array:
+        """The nearest points (N, 3) of the cylinders."""
+        offset = points - self.start
+        along = np.sum(offset * self.axis, axis=1, keepdims=True)
+        aside = offset - along * self.axis
+        far = np.linalg.norm(aside, axis=1, keepdims=True)
+        aside = aside * np.minimum(1.0, self.radius / np.maximum(far, 1e-12))
+        return np.asarray(self.start + np.clip(along, 0.0, self.length) * self.axis + aside)
+
+
+def _apart(rod: _Rod, post: _Rod) -> Array:
+    """Distance (N,) of two cylinders: nearest points of two convex bodies, found by projecting from one to the other in turn;
+    negative where they meet. Beyond `NEAR_MM` a lower bound, from points of the post's axis."""
+    shares = np.linspace(0.0, 1.0, 9)
+    tries = [post.start + share * post.length * post.axis for share in shares]
+    far = np.array([np.linalg.norm(rod.nearest(points) - points, axis=1) for points in tries])
+    best = np.argmin(far, axis=0)
+    found = far[best, np.arange(len(best))] - post.length / 16.0 - post.radius
+    near = np.flatnonzero(found < NEAR_MM)
+    a, b = rod.at(near), post.at(near)
+    there = np.asarray(tries)[best[near], near]
+    for _ in range(PROJECTIONS if near.size else 0):
+        here = a.nearest(there)
+        there = b.nearest(here)
+    distance = np.linalg.norm(a.nearest(there) - there, axis=1)
+    found[near] = np.where(distance < TOUCH_MM, np.minimum(found[near], -TOUCH_MM), distance)
+    return np.asarray(found)

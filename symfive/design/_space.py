@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.compiled import Mapped
 from symfive.design._bodies import (
-    LEAST_ELEVATION,
     angle_clearance,
+    least_elevation,
     nose_may_reach_post,
     nose_over_table,
     post_clearance,
@@ -158,7 +158,7 @@ def _bounds(machine: Machine, rotary: Sequence[str], instrument: str) -> tuple[A
         lower.append(math.radians(low))
         upper.append(math.radians(high))
     if instrument == "ball_bar":
-        lower += [-math.pi, math.radians(LEAST_ELEVATION)]
+        lower += [-math.pi, math.radians(least_elevation(machine.workspace))]
         upper += [math.pi, math.radians(MOST_ELEVATION)]
     workspace = machine.workspace
     heights = workspace.ball_height or (50.0, 150.0)

@@ -116,14 +116,9 @@ class Ways:
 def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tuple[int, str]]:
     """Moves of a program on which bodies meet or an axis leaves its travel: (the row they lead to, what meets)."""
     ways = Ways(machine, run)
-    moves: list[tuple[Step, Array]] = []
-    before: Positions = {}
-    for step in steps:
-        if step.kind in ("rapid", "feed", "retract"):
-            if before and step.commands and step.towards is not None:
-                moves.append((step, _between(machine, before, step.commands)))
-            before = step.commands
-    found: list[tuple[int, str]] = []
+    moves, found = _moves(machine, steps)
+    blocked = {row for row, _ in found}
+    moves = [move for move in moves if move[0].towards not in blocked]
     for rapid, bar in itertools.product((False, True), repeat=2):
         alike = [move for move in moves if (move[0].kind != "feed", move[0].seated) == (rapid, bar)]
         if not alike:
@@ -133,6 +128,57 @@ def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tup
         first = {int(owner[i]): what for i, what in reversed(met)}
         found += [(alike[i][0].towards or 0, what) for i, what in sorted(first.items())]
     return found
+
+
+def _moves(machine: Machine, steps: Sequence[Step]) -> tuple[list[tuple[Step, Array]], list[tuple[int, str]]]:
+    """The positions to be tested of every move, and the rows on whose way a block ends outside an axis' travel.
+
+    Such a way is blocked whatever else it meets, and where the chain is nearly singular it is kilometres long: nothing more of
+    it is looked at. Blocks that are shorter than what is tested anyway are taken together.
+    """
+    moves: list[tuple[Step, Array]] = []
+    outside: dict[int, str] = {}
+    before: Positions = {}
+    tested: Positions = {}
+    for step, after in itertools.zip_longest(steps, steps[1:]):
+        if step.kind not in ("rapid", "feed", "retract"):
+            continue
+        if not (before and step.commands and step.towards is not None):
+            before, tested = step.commands, {}
+            continue
+        out = _outside(machine, step.commands)
+        if out or step.towards in outside:
+            outside.setdefault(step.towards, f"travel of {out}")
+            tested = {}
+        else:
+            tested = tested or before
+            alike = after is not None and _kind(after) == _kind(step) and step.kind == "feed"
+            if not (alike and after is not None and _close(machine, tested, after.commands)):
+                moves.append((step, _between(machine, tested, step.commands)))
+                tested = {}
+        before = step.commands
+    return moves, list(outside.items())
+
+
+def _kind(step: Step) -> tuple[str, int | None, bool]:
+    return step.kind, step.towards, step.seated
+
+
+def _outside(machine: Machine, commands: Positions) -> str | None:
+    """An axis that is outside its travel."""
+    for name, axis in machine.axes.items():
+        low, high = axis.travel
+        if not low - ROUNDING_MM <= commands[name] <= high + ROUNDING_MM:
+            return name
+    return None
+
+
+def _close(machine: Machine, before: Positions, after: Positions) -> bool:
+    """Whether two positions are so near that nothing between them is tested: short blocks need no test each."""
+    return all(
+        abs(after[name] - before[name]) <= (ROTARY_DEG if axis.rotary else LINEAR_MM)
+        for name, axis in machine.axes.items()
+    )
 
 
 def _between(machine: Machine, before: Positions, after: Positions) -> Array:

@@ -13,7 +13,8 @@ __all__ = ["Dialect", "Step", "plain", "render"]
 class Step:
     """One step of a program: `kind` is `rapid`, `feed`, `retract`, `dwell`, `stop`, `comment` or `text`.
 
-    `positions` axis → mm or degree, of the axes that the block names (of a `retract`: one, in machine coordinates); `seconds`
+    `positions` axis → mm or degree, of the axes that the block names (of a `retract`: one, in machine coordinates; of a `text`:
+    where the machine stands, in the words that hold from there on); `seconds`
     the time of a move or a dwell; `row` of the run whose pose is reached (None on the way) and `towards` the row to which a move
     leads (the number of rows: away from the last one); `text` of a comment, of a stop or of the user's own lines; `seated`:
     whether the ball is in its nest, or the bar on, while it moves; `commands` the positions of all axes at its end, empty where
@@ -127,7 +128,8 @@ def _feed(dialect: Dialect, step: Step, before: Mapping[str, float]) -> str:
     minutes = max(step.seconds, 1e-4) / 60.0
     if dialect.inverse_time:
         return _down(1.0 / minutes)
-    moved = {axis: value - before.get(axis, value) for axis, value in step.positions.items()}
+    written = {axis: round(value, dialect.decimals) for axis, value in step.positions.items()}
+    moved = {axis: v - round(before.get(axis, v), dialect.decimals) for axis, v in written.items()}
     linear = math.hypot(*(d for axis, d in moved.items() if axis[0] in "XYZUVW"))
     way = linear or max((abs(d) for d in moved.values()), default=0.0)
     return f"{max(math.floor(way / minutes / LEAST_FEED) * LEAST_FEED, LEAST_FEED):.3f}"

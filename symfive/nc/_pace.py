@@ -16,12 +16,13 @@ CAUTION = 0.5
 """Share of an axis' greatest feed and acceleration that a program asks for."""
 
 
-def pace(machine: Machine, path: Array) -> tuple[float, float]:
+def pace(machine: Machine, path: Array, share: float = CAUTION) -> tuple[float, float]:
     """Seconds of the blocks, and seconds more for getting up to speed and to rest again.
 
     `path` (n + 1, axes), mm and degree, the ends of n straight blocks that take the same time T each. With the change Δ of an
     axis in a block, T is the least with |Δ| ≤ T v and |Δ' - Δ| ≤ T² a, and not less than what makes the whole shortest from rest
-    to rest: n T + |Δ|/(T a) has its minimum at T = √(|Δ|/(n a)), for one straight move the triangle of 2 √(way/a).
+    to rest: n T + |Δ|/(T a) has its minimum at T = √(|Δ|/(n a)), for one straight move the triangle of 2 √(way/a). v and a are
+    a `share` of the axes' limits (1: a rapid, which the control drives as fast as they can).
     """
     blocks = len(path) - 1
     steps = np.abs(np.diff(path, axis=0)).max(axis=0, initial=0.0)
@@ -29,8 +30,8 @@ def pace(machine: Machine, path: Array) -> tuple[float, float]:
     least, limits = 0.0, []
     for name, step, turn in zip(machine.axis_names, steps.tolist(), turns.tolist(), strict=True):
         axis = machine.axes[name]
-        speed = CAUTION * axis.max_feed / 60.0 if axis.max_feed else math.inf
-        push = CAUTION * axis.max_acceleration if axis.max_acceleration else math.inf
+        speed = share * axis.max_feed / 60.0 if axis.max_feed else math.inf
+        push = share * axis.max_acceleration if axis.max_acceleration else math.inf
         limits.append((step, push))
         least = max(least, step / speed, math.sqrt(turn / push), math.sqrt(step / push / blocks))
     if least == 0.0:

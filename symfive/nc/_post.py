@@ -20,7 +20,7 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Step
-from symfive.nc._pace import pace
+from symfive.nc._pace import CAUTION, pace
 from symfive.nc._route import Positions, Way, at_the_top, over_the_top, upright_axis, usual_lift
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal, home
@@ -107,7 +107,7 @@ def _without_standstill(steps: Sequence[Step]) -> list[Step]:
                 before = rest.seconds if rest else 0.0
                 rest = replace(step, kind="dwell", positions={}, commands={}, seconds=before + step.seconds)
             elif step.row is not None:
-                last = max(i for i, s in enumerate(found) if s.positions)
+                last = max(i for i, s in enumerate(found) if s.positions and s.kind != "text")
                 found[last] = replace(found[last], row=step.row, towards=step.towards)
             continue
         if rest is not None and step.kind == "feed" and step.seated and rest.seconds < SHORT_REST_S:
@@ -167,16 +167,17 @@ class _Writer:
         return [
             Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
             Step(kind="stop", text=f"CLEAR? {self.upright} GOES TO TOP FIRST"),
-            *self._centred(False),
+            *self._centred(False, {}),
             self._to_the_top(0),
             *self._alone(lifted, 0),
-            *self._centred(True),
+            *self._centred(True, lifted),
             Step(kind="stop", text=f"BALL STANDS {away:.0f} MM OFF?"),
             *self._creep(lifted, pose, 0),
         ]
 
     def _alone(self, lifted: Positions, row: int) -> list[Step]:
-        """From the top, wherever else the axes stand: rotary axes, plane, tool's axis, each by themselves."""
+        """From the top, wherever else the axes stand: rotary axes, plane, tool's axis, each by themselves; only the last way is
+        known, and so its time."""
         words, top = self._words(lifted, np.zeros(3)), at_the_top(self.machine, lifted)
         known: tuple[tuple[list[str], Positions], ...] = (
             (self.rotary, {}),
@@ -189,6 +190,7 @@ class _Writer:
                 positions={n: v for n, v in words.items() if n in names},
                 commands=dict(there),
                 towards=row,
+                seconds=self._rapidly(top, lifted) if names == [self.upright] else 0.0,
             )
             for names, there in known
             if names
@@ -201,19 +203,25 @@ class _Writer:
         top = at_the_top(self.machine, lifted)
         rest = {**top, **{name: home(self.machine.axes[name]) for name in self.rotary}}
         found = [Step(kind="stop", text=text), *self._creep(lifted, self._commands(rows - 1), rows, out=True)]
-        found += [*self._centred(False), self._to_the_top(rows, top)]
+        up, turn = (self._rapidly(*move) for move in ((lifted, top), (top, rest)))
+        found += [*self._centred(False, lifted), replace(self._to_the_top(rows, top), seconds=up)]
         words = {name: value for name, value in self._words(rest, np.zeros(3)).items() if name in self.rotary}
-        return [*found, *([Step(kind="rapid", positions=words, commands=rest, towards=rows)] if words else [])]
+        return [
+            *found,
+            *([Step(kind="rapid", positions=words, commands=rest, towards=rows, seconds=turn)] if words else []),
+        ]
 
     def _to_the_top(self, towards: int, commands: Positions | None = None) -> Step:
         positions = {self.upright: self.post.machine_top}
         return Step(kind="retract", positions=positions, commands=dict(commands or {}), towards=towards)
 
-    def _centred(self, wanted: bool) -> list[Step]:
-        """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'."""
+    def _centred(self, wanted: bool, there: Positions) -> list[Step]:
+        """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'. `there`
+        is where the axes stand, so that the way of the next block is known in the words that it is written in."""
         self.centred = wanted and bool(self.post.tool_centre_on)
         text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
-        return [Step(kind="text", text=text)] if text else []
+        words = self._words(there, self._place(there)) if there else {}
+        return [Step(kind="text", text=text, positions=words)] if text else []
 
     def _poses(self) -> list[Step]:
         found = [Step(kind="dwell", seconds=self.post.dwell_s)]
@@ -261,9 +269,9 @@ class _Writer:
         steps = [Step(kind="stop", text="TAKE THE BAR OFF")] if self.bar else []
         steps += [
             *self._creep(way[0], self._commands(row - 1), row, out=True),
-            *self._centred(False),
+            *self._centred(False, way[0]),
             *(self._rapid(before, after, row) for before, after in itertools.pairwise(way)),
-            *self._centred(True),
+            *self._centred(True, way[-1]),
             *self._creep(way[-1], self._commands(row), row),
         ]
         self.seated = True
@@ -299,8 +307,12 @@ class _Writer:
     def _apart(self, a: Positions, b: Positions) -> float:
         return float(np.linalg.norm(self._place(a) - self._place(b)))
 
-    def _pace(self, before: Positions, after: Positions) -> tuple[float, float]:
-        return pace(self.machine, np.array([[p[n] for n in self.names] for p in (before, after)]))
+    def _pace(self, before: Positions, after: Positions, share: float = CAUTION) -> tuple[float, float]:
+        return pace(self.machine, np.array([[p[n] for n in self.names] for p in (before, after)]), share)
+
+    def _rapidly(self, before: Positions, after: Positions) -> float:
+        """Seconds of a rapid: the control drives it as fast as the axes can."""
+        return sum(self._pace(before, after, 1.0))
 
     def _commands(self, row: int) -> dict[str, float]:
         return {n: float(self.run.commands[n][row]) for n in self.names}
@@ -318,7 +330,7 @@ class _Writer:
         """A rapid that names only the axes that move."""
         words = self._words(after, np.zeros(3))
         moved = {n: v for n, v in words.items() if abs(after[n] - before[n]) >= STANDSTILL} or words
-        seconds = sum(self._pace(before, after))
+        seconds = self._rapidly(before, after)
         return Step(kind="rapid", positions=moved, commands=dict(after), towards=row, seconds=seconds)
 
     def _place(self, commands: Mapping[str, float]) -> Array:
