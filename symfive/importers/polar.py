@@ -191,15 +191,15 @@ def _timed(run: Run, phi: Array, ahead: Array, error: float) -> Run:
 
     On a circle an axis stands at a·cos + b·sin + c of the commanded angle and turns round where that is largest and least.
     """
+    if error <= 0.0:
+        return run
     waves = np.stack([np.cos(ahead), np.sin(ahead), np.ones(len(ahead))], axis=1)
-    error = max(error, 1.01 * float(np.median(np.abs(np.diff(phi))))) if error > 0.0 else 0.0
+    error = max(error, 1.01 * float(np.median(np.abs(np.diff(phi)))))
     known = np.ones(run.rows, dtype=bool)
     for positions in run.commands.values():
         a, b, _ = np.linalg.lstsq(waves, positions, rcond=None)[0]
         if np.hypot(a, b) > MOVES_MM:
             known &= np.abs(np.remainder(phi - np.arctan2(b, a) + 0.5 * np.pi, np.pi) - 0.5 * np.pi) > error
-    if known.all():
-        return run
     return replace(
         run,
         time=run.time[known] - run.time[known][0],
