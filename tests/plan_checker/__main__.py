@@ -29,10 +29,10 @@ def main(arguments: list[str] | None = None) -> int:
     reversed_axes = tuple(filter(None, options.reversed.split(",")))
     plans = [path.parent for folder in options.folders for path in sorted(folder.glob("**/campaign.toml"))]
     total = 0
-    for plan in plans:
-        found = check(plan, reversed_axes)
+    for folder in plans:
+        found = check(folder, reversed_axes)
         total += len(found)
-        print(f"{plan}: {len(found)} finding{'' if len(found) == 1 else 's'}", flush=True)
+        print(f"{folder}: {len(found)} finding{'' if len(found) == 1 else 's'}", flush=True)
         for finding in found:
             print(f"  {finding}")
     print(f"{len(plans)} plans, {total} findings")
