@@ -261,9 +261,9 @@ def test_tables_that_turn_elsewhere_are_in_order(where: str, instrument: str, tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("chunk", range(20))
+@pytest.mark.parametrize("chunk", range(4))
 def test_random_machines_are_in_order_or_refused(chunk: int, tmp_path: Path) -> None:
-    """Ten machines each. A refusal is one sentence; where it says that poses have no clear way, few random ones have one."""
+    """Ten machines each (`--random` of the checker takes more). A refusal is one sentence; no way, no clear random pose."""
     refused = []
     for seed in range(10 * chunk, 10 * chunk + 10):
         file = tmp_path / f"{seed}.toml"

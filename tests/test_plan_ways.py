@@ -11,6 +11,7 @@ import pytest
 
 from symfive.campaign import Run
 from symfive.design import Plan, plan
+from symfive.design._bodies import least_elevation
 from symfive.design._ways import Ways, blocked_moves, cleared
 from symfive.errors import InputError
 from symfive.machine import Machine, preset
@@ -216,3 +217,10 @@ def test_first_blocks_under_tool_centre_control_have_their_feed() -> None:
     feeds = [float(word) for word in re.findall(r" R0 F([\d.]+)$", text, flags=re.M)]
     assert feeds[0] == pytest.approx(500.0, rel=1e-3)
     assert min(feeds) > 1.0
+
+
+def test_a_bar_stays_off_the_rim_of_a_thick_post() -> None:
+    """15 mm below the ball a bar must be further out than the post is thick."""
+    for radius, degree in ((None, -45.0), (10.0, -45.0), (18.0, -np.degrees(np.arctan2(15.0, 18.0)))):
+        workspace = replace(TABLE.workspace, post_radius=radius)
+        assert least_elevation(workspace) == pytest.approx(degree)
