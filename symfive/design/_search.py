@@ -122,6 +122,8 @@ class Search:
         poses = np.stack(np.meshgrid(angles, angles, indexing="ij"), axis=-1).reshape(-1, 2)
         z = np.concatenate([poses, np.tile(self.setups[g], (len(poses), 1))], axis=1)
         values = self._pulled(pull, z, np.tile(self.lengths[g], (len(z), 1)), np.full(len(z), g))
+        if not np.isfinite(values).all():  # the chain is singular somewhere on the torus: it is no polynomial
+            return None
         spectrum = np.abs(np.fft.fft2(values.reshape(TORUS, TORUS)))
         strong = np.argwhere(spectrum > 1e-9 * spectrum.max())
         degrees = np.minimum(strong, TORUS - strong).max(axis=0).astype(float)
