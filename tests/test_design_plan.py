@@ -496,7 +496,8 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert run.length in (120.0, 200.0) and run.noise_um == 0.5 and run.rows == 2 * 9
     assert tuple(campaign.machine.workspace.bar_lengths) == (120.0, 200.0)
     text = (tmp_path / "plan" / "nc" / "siemens" / f"{run.id}.mpf").read_text()
-    assert text.index("TRAFOOF") < text.index("G0 ") < text.index("TRAORI") < text.rindex("TRAFOOF")
+    code = "\n".join(line for line in text.split("\n") if not line.startswith(";"))
+    assert code.index("TRAFOOF") < code.index("G0 ") < code.index("TRAORI") < code.rindex("TRAFOOF")
     quick = [
         "plan",
         str(tmp_path / "machine.toml"),
