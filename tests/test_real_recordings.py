@@ -100,7 +100,7 @@ def test_panda_chain_is_the_controllers_own() -> None:
     folder = recordings("mukca")
     _, turn, place = axes_of_modified_dh(PANDA_A, PANDA_D, PANDA_ALPHA)
     distances = []
-    for path in sorted(folder.glob("*/*/hole_[0-9].csv")):
+    for path in sorted(folder.glob("panda_*/*/hole_[0-9].csv")):
         angles = np.degrees(np.loadtxt(path, delimiter=","))
         poses = np.loadtxt(path.with_name(f"{path.stem}_pose.csv"), delimiter=",")
         if len(poses) != len(angles):  # one file pair is not row by row
