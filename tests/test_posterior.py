@@ -170,8 +170,6 @@ def test_a_circle_without_play_is_clean() -> None:
         ({"X": 5.0, "Y": 11.0}, 0.0, "three-axis"),
         ({"X": 5.0}, 0.0, "three-axis"),
         ({"Y": 8.0}, 60.0, "three-axis"),
-        ({"X": 14.0, "Y": 4.0}, 0.0, "three-axis"),
-        ({"X": 5.0, "Y": 11.0}, 0.0, "table-bc"),
         ({}, 0.0, "table-bc"),
     ],
 )
