@@ -91,10 +91,13 @@ def tried(
 class Together:
     """An exact refit with several effects more: their `scores`, the log evidence of all, the values."""
 
-    effects: tuple[Effect, ...]
     scores: tuple[Score, ...]
     evidence: float
     values: Mapping[str, float]
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return tuple(score.effect for score in self.scores)
 
 
 def tried_together(result: Identification, base: float, scores: Mapping[str, Score], forms: Forms) -> Together | None:
@@ -114,7 +117,7 @@ def tried_together(result: Identification, base: float, scores: Mapping[str, Sco
     except (EvaluationError, np.linalg.LinAlgError):
         return None
     evidence += sum(beforehand(campaign, s.effect, s.looks, named, forms) for s in scores.values())
-    return Together(effects, tuple(scores.values()), evidence, named) if np.isfinite(evidence) else None
+    return Together(tuple(scores.values()), evidence, named) if np.isfinite(evidence) else None
 
 
 def beforehand(campaign: Campaign, effect: Effect, looks: int, values: Mapping[str, float], forms: Forms) -> float:
