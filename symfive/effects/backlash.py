@@ -73,7 +73,7 @@ class Backlash(Effect):
         return AHEAD if values[f"{self.key}.width"] < 0.0 else 1.0 - AHEAD
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
-        return self.start_of_contact(run, str(self.axis))
+        return self.start_of_contact(run, str(self.axis), memory=self.shape != "step")
 
     def signals(self) -> tuple[Signal, ...]:
         if self.shape == "pre_sliding":

@@ -37,6 +37,11 @@ class Expansion:
     node: Node
     kappa2: float
 
+    @property
+    def keys(self) -> frozenset[str]:
+        """Of the effects that it holds."""
+        return frozenset(form.effect.key for form in self.held)
+
 
 def baseline(campaign: Campaign) -> Identification:
     """The fit of what the machine file describes, under white noise as declared."""
@@ -96,7 +101,7 @@ def _stepped(moments: Moments, term: int, step: Array) -> dict[str, float]:
     effect, columns = moments.terms[term].effect, moments.columns[term]
     parameters = replace(effect, spread=1.0).parameters(moments.fit.model.campaign)
     found = {}
-    for p, x, size in zip(parameters, step, columns.amplitude, strict=True):
+    for p, x, size in zip(parameters, step, columns.amplitude, strict=False):
         value = p.mean + p.sigma * x if size else p.initial
         if p.start is not None and p.lower > -np.inf:
             value = max(value, p.start)  # at its bound it would have no slope

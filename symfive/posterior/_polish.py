@@ -51,16 +51,20 @@ def polish(
     before: Identification, candidates: Candidates, progress: Progress = lambda message: None
 ) -> tuple[Posterior, Expansion]:
     """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset."""
-    here = Expansion(before, (), WHITE, 1.0)
+    here, been = Expansion(before, (), WHITE, 1.0), set[frozenset[str]]()
     for number in range(ROUNDS):
         progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
         now = _Round.at(here, candidates, progress)
-        ahead = next((there for mass, there in map(now.exact, _ahead(now.posterior)) if mass > now.own), None)
-        rivals = {} if ahead else {subset: now.exact(subset) for subset in _rivals(now.posterior)}
-        best, rival = max(rivals.values(), key=lambda each: each[0], default=(now.own, None))
-        if number == ROUNDS - 1 or (ahead is None and (rival is None or best <= now.own)):
+        been.add(here.keys)
+        better = (now.exact(subset) for subset in _ahead(now.posterior))
+        ahead = next((there for mass, there in better if mass > now.own and there.keys not in been), None)
+        if ahead is None:
+            rivals = [each for each in map(now.exact, _rivals(now.posterior)) if each[1].keys not in been]
+            best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
+            ahead = ahead if best > now.own else None
+        if ahead is None or number == ROUNDS - 1:
             break
-        here = settled(ahead or rival or here)
+        here = settled(ahead)
     return _corrected(now.posterior, now.exactly), now.here
 
 

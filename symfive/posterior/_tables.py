@@ -13,6 +13,7 @@ from symfive.effects import Effect, Form
 from symfive.identify import Identification
 from symfive.model import Linearisation, Model
 from symfive.posterior._tangents import Compressed, channel_of, compressed, probes
+from symfive.posterior._terms import own_parameters, starts_of
 
 __all__ = ["Placed", "Table", "Tables"]
 
@@ -60,6 +61,15 @@ class Tables:
         # it has a slope, and that must not move the slopes of others
         groups = [[], [*others, *probes(channels)], *([freeing] if freeing else [])]
         self._models = [Model(campaign, (*fit.model.added, *group)) for group in groups]
+        values = [fit.named] * len(groups)
+        # where a recording begins has a slope only in an effect that acts: of usual size
+        starting = [effect for effect in others if any(effect.starts(run) for run in campaign.runs)]
+        if starting:
+            self._models.append(Model(campaign, (*fit.model.added, *starting)))
+            typical = {name: size for effect in starting for name, size in effect.typical(campaign).items()}
+            values.append({**typical, **fit.named})
+        self._started = {p.name for effect in starting for p in starts_of(effect, campaign)}
+        self._held_starts = {p.name for effect in held for p in starts_of(effect, campaign)}
         own = {p.name for effect in held for p in effect.parameters(campaign)}
         kept = [p for p in fit.parameters if p.run is None and p.name not in own]
         self.geometry = len(kept)
@@ -70,7 +80,8 @@ class Tables:
         self._left_out = problem.left_out
         self._fitted = {run.id: np.concatenate([np.arange(part.start, part.stop) for _, part in problem.parts(run)])
                         for run in campaign.runs}  # fmt: skip
-        self._lines = {run.id: [m.linearise(run, m.vector(fit.named)) for m in self._models] for run in campaign.runs}
+        self._lines = {run.id: [model.linearise(run, model.vector(at)) for model, at in zip(self._models, values, strict=True)]
+                       for run in campaign.runs}  # fmt: skip
         self._tangents = self._compressed([form for form in fresh if form.basis is not None])
         self.columns = self._placed(held, fresh)
         self._contributions = [fit.model.contribution(effect, fit.values) for effect in held]
@@ -105,15 +116,17 @@ class Tables:
 
     def _name(self, effect: Effect, at: int) -> int:
         """Give an effect's parameters their columns, in units of the prior of its usual width."""
-        for p in replace(effect, spread=1.0).parameters(self.fit.model.campaign):
+        for p in own_parameters(replace(effect, spread=1.0), self.fit.model.campaign):
             self._place[p.name] = at, p.sigma
             at += 1
         return at
 
     def _columns_of(self, effect: Effect, exact: int) -> Placed:
         campaign = self.fit.model.campaign
-        parameters = effect.parameters(campaign)
+        parameters = own_parameters(effect, campaign)
         sizes = {p.name for p in effect.amplitudes(campaign)}
+        if exact < 0:
+            sizes |= {p.name for p in starts_of(effect, campaign)}  # in units of an amplitude, and as wide
         amplitude = np.array([p.name in sizes for p in parameters])
         inside = exact >= 0
         departure = [0.0 if not inside or size else (self.fit[p.name] - p.mean) / p.sigma
@@ -144,7 +157,7 @@ class Tables:
     def _known(self, run: Run) -> tuple[list[int], list[int]]:
         """Which columns of a run's linearisation are its set-up, and which belong to the whole campaign."""
         parameters = [self.fit.parameters[number] for number in self._lines[run.id][0].columns]
-        setup = [k for k, p in enumerate(parameters) if p.run is not None]
+        setup = [k for k, p in enumerate(parameters) if p.run is not None and p.name not in self._held_starts]
         return setup, [k for k, p in enumerate(parameters) if p.run is None]
 
     def __iter__(self) -> Iterator[Table]:
@@ -157,9 +170,8 @@ class Tables:
         sigma = [p.sigma for p in own]
         parts, where = [line.jacobian[:, :, setup] * np.array(sigma)], list[NDArray[np.int64]]()
         for model, table in zip(self._models, (line, *others), strict=True):
-            fresh = [(k, model.parameters[n].name) for k, n in enumerate(table.columns)
-                     if model is self._models[0] or model.parameters[n].name not in self.fit.model.index]  # fmt: skip
-            chosen = [(k, *self._place[name]) for k, name in fresh if name in self._place]
+            names = [(k, model.parameters[n].name) for k, n in enumerate(table.columns)]
+            chosen = [(k, *self._place[name]) for k, name in names if name in self._place and self._taken(model, name)]
             parts.append(table.jacobian[:, :, [k for k, _, _ in chosen]] * np.array([s for _, _, s in chosen]))
             where.append(np.array([at for _, at, _ in chosen], dtype=np.int64))
         residual = np.array(self.fit.residuals[run.id])
@@ -178,6 +190,12 @@ class Tables:
         departure = np.array([(self.fit[p.name] - p.mean) / p.sigma for p in own])
         count = int(np.sum(~self._left_out[run.id][:, self._fitted[run.id]]))
         return Table(rows[:, :, used], run.interval, len(setup), at[used[len(setup) :]], departure, count)
+
+    def _taken(self, model: Model, name: str) -> bool:
+        """Whether a parameter's column comes from this of the models."""
+        if name in self.fit.model.index:
+            return model is self._models[0]
+        return (model is self._models[-1]) == (name in self._started) if self._started else True
 
     def _tangent(self, line: Linearisation, effect: Effect) -> Array:
         """J·a of an effect that is held, a its amplitudes counted from nothing (N, ny)."""

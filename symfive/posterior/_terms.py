@@ -13,8 +13,11 @@ from symfive.campaign import Campaign
 from symfive.effects import EFFECTS, Effect, Form, Scan, Tone
 from symfive.errors import InputError
 from symfive.model import Model
+from symfive.parameters import Parameter
 
-__all__ = ["Candidates", "Name", "Term", "candidates", "name_of", "terms_of"]
+__all__ = [
+    "Candidates", "Name", "Term", "candidates", "name_of", "own_parameters", "starts_of", "terms_of",
+]  # fmt: skip
 
 Name = tuple[str, str | None]
 EXPECTED = 0.3
@@ -82,6 +85,16 @@ def joinable(campaign: Campaign, forms: Sequence[Form]) -> tuple[Form, ...]:
             taken.add(effect.key)
             found.append(replace(form, effect=effect))
     return tuple(found)
+
+
+def starts_of(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
+    """The states in which an effect begins, of all runs."""
+    return tuple(p for run in campaign.runs if effect.applies(run) for p in effect.starts(run))
+
+
+def own_parameters(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
+    """All that joins the model with an effect: its parameters and the states in which it begins."""
+    return (*effect.parameters(campaign), *starts_of(effect, campaign))
 
 
 def name_of(effect: Effect) -> Name:
