@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,8 @@ ROUND = 200.0
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """One way in which an effect may act. `shapes`: the same cause in other shapes, which only an exact refit can weigh.
+    """One way in which an effect may act. `shapes`: the same cause in other shapes, which only an exact refit can weigh. `at`: the
+    parameters, by name, about which its change of the readings is linear; where estimation begins if none are given.
 
     `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
     the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
@@ -37,6 +38,7 @@ class Form:
 
     effect: Effect
     shapes: tuple[Effect, ...] = ()
+    at: Mapping[str, float] = field(default_factory=dict)
     places: float = 1.0
     channel: str = ""
     axis: str | None = None

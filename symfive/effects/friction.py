@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 SHAPES = ("coulomb", "stribeck", "lugre")
+SIZES = (0.3, 1.0, 3.0)
+"""Of friction in usual ones, half a decade apart."""
 LARGE = 4.0
 """Friction that holds an axis for long, in usual ones."""
 FAR = 5.0
@@ -52,8 +54,14 @@ class Friction(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        """The longer the axis stands, the less the readings have the shape of little friction: they are looked at about several
+        sizes."""
         for axis in reversing(campaign):
-            yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
+            others = tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:])
+            yield Form(effect=cls(axis=axis), shapes=others)
+            coulomb = cls(axis=axis).parameters(campaign)[0]
+            for share in SIZES:
+                yield Form(effect=cls(axis=axis), shapes=others, at={coulomb.name: share * coulomb.sigma})
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary

@@ -126,8 +126,9 @@ def sweep(moments: Moments, members: Sequence[Member], chosen: Sequence[int], bl
     s = _subset(moments, members, blocks)
     total = np.zeros((len(moments.nodes), len(WIDTHS), len(chosen)))
     base = _Base.of(s)
-    for size in sorted({len(moments.columns[t].where) for t in chosen}):
-        at = [k for k, t in enumerate(chosen) if len(moments.columns[t].where) == size]
+    kinds = [(len(moments.columns[t].where), moments.columns[t].exact >= 0) for t in chosen]
+    for kind in sorted(set(kinds)):
+        at = [k for k, own in enumerate(kinds) if own == kind]
         own = [moments.columns[chosen[k]] for k in at]
         total[:, :, at] = _joined(moments, s, base, own)
     found = np.asarray(logsumexp(total + (moments.log_prior - 0.5 * moments.const)[:, None, None], axis=0))
@@ -162,6 +163,12 @@ def _joined(moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns]) -
     cross = np.swapaxes(cross, 2, 3)[:, None] * scale[..., None, :]
     power, g_base, d_base = (part[:, None, None, :] for part in (base.power, base.g, base.d))
     q = s.q[:, None, None]
+    exact = np.array([c.exact for c in own])
+    if exact[0] >= 0:  # the residual is that less what the term adds beyond its slopes
+        other = moments.gram[:, exact[:, None], s.aim] @ s.weights
+        q = q - 2.0 * other[:, None] + moments.gram[:, exact, exact][:, None]
+        g = g - np.take_along_axis(moments.gram[:, where], exact[None, :, None, None], axis=3)[:, None, :, :, 0] * scale
+        g_base = g_base - ((moments.gram[:, exact[:, None], s.columns] * s.scale) @ base.axes)[:, None]
     kappa2 = np.broadcast_to(np.maximum(1.0, q / moments.count), (len(q), *scale.shape[:2]))
     for step in range(STEPS):
         k = kappa2[..., None]

@@ -77,7 +77,8 @@ def refitted(moments: Moments, subset: Subset) -> Expansion:
     for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
         if t >= moments.held and moments.terms[t].form.basis is None:
             moved |= _stepped(moments, t, part)
-    starts = [moved, still] if any(moments.terms[t].frees for t, _ in subset) else [moved]
+    at = {name: value for t, _ in subset for name, value in moments.terms[t].form.at.items()}
+    starts = [moved, still, {**moved, **at}] if any(moments.terms[t].frees for t, _ in subset) else [moved]
     model = Model(moments.fit.model.campaign, [form.effect for form in forms])
     node = moments.nodes[weighed.node]
     return expansion(fitted(model, starts, node, weighed.kappa2, moments.fit), forms, node, weighed.kappa2)

@@ -43,6 +43,42 @@ class Placed:
     exact: int = -1
 
 
+class Distant:
+    """An effect that may join a fit, looked at where it is of some size: its slopes there, and the rest of what it adds."""
+
+    def __init__(self, fit: Identification, form: Form) -> None:
+        campaign = fit.model.campaign
+        self._model = Model(campaign, (*fit.model.added, form.effect))
+        self._at = self._model.vector({**fit.named, **form.at})
+        self._own = own_parameters(form.effect, campaign)
+        self._sizes = {p.name for p in form.effect.amplitudes(campaign)}
+        self._values = self._model.named(self._at)
+        self.where = np.zeros(0, dtype=np.int64)
+
+    def placed_at(self, here: int) -> Placed:
+        """Its columns from `here` on."""
+        self.where = here + np.arange(len(self._own) + 1)
+        amplitude = np.array([p.name in self._sizes for p in self._own])
+        departure = np.array([0.0 if p.name in self._sizes else (self._values[p.name] - p.mean) / p.sigma
+                              for p in self._own])  # fmt: skip
+        return Placed(self.where[:-1], amplitude, departure, int(self.where[-1]))
+
+    def columns(self, run: Run, without: Array) -> Array:
+        """Slopes times prior 1σ, and last what it adds to the prediction `without` it less the slopes' share of that:
+        (N, ny, parameters + 1)."""
+        line = self._model.linearise(run, self._at)
+        place = {self._model.parameters[n].name: k for k, n in enumerate(line.columns)}
+        found = np.zeros((*line.prediction.shape, len(self._own) + 1))
+        found[:, :, -1] = line.prediction - without
+        for i, p in enumerate(self._own):
+            if p.name in place:
+                slope = line.jacobian[:, :, place[p.name]]
+                found[:, :, i] = slope * p.sigma
+                if p.name in self._sizes:
+                    found[:, :, -1] -= slope * (self._values[p.name] - p.mean)
+        return found
+
+
 class Tables:
     """The tables of a fit, run by run: [geometry | held terms | fresh terms | exact contributions | residual].
 
@@ -52,7 +88,7 @@ class Tables:
 
     def __init__(self, fit: Identification, held: Sequence[Effect], fresh: Sequence[Form]) -> None:
         self.fit, self._held = fit, held
-        physical = [form.effect for form in fresh if form.basis is None]
+        physical = [form.effect for form in fresh if form.basis is None and not form.at]
         freeing = [effect for effect in physical if effect.frees()]
         others = [effect for effect in physical if not effect.frees()]
         campaign = fit.model.campaign
@@ -82,6 +118,7 @@ class Tables:
                         for run in campaign.runs}  # fmt: skip
         self._lines = {run.id: [model.linearise(run, model.vector(at)) for model, at in zip(self._models, values, strict=True)]
                        for run in campaign.runs}  # fmt: skip
+        self._distant = {id(form): Distant(fit, form) for form in fresh if form.at}
         self._tangents = self._compressed([form for form in fresh if form.basis is not None])
         self.columns = self._placed(held, fresh)
         self._contributions = [fit.model.contribution(effect, fit.values) for effect in held]
@@ -96,14 +133,17 @@ class Tables:
         return {id(form): entry for form, entry in zip(forms, found, strict=True)}
 
     def _placed(self, held: Sequence[Effect], fresh: Sequence[Form]) -> tuple[Placed, ...]:
-        at, found = self.geometry, list[Placed]()
-        for effect in (*held, *(form.effect for form in fresh if form.basis is None)):
-            at = self._name(effect, at)
-        here = at
+        here, found = self.geometry, list[Placed]()
+        for effect in (*held, *(form.effect for form in fresh if form.basis is None and not form.at)):
+            here = self._name(effect, here)
         for effect in held:
             found.append(self._columns_of(effect, here))
             here += 1
         for form in fresh:
+            if form.at:
+                found.append(self._distant[id(form)].placed_at(here))
+                here = found[-1].exact + 1
+                continue
             if form.basis is None:
                 found.append(self._columns_of(form.effect, -1))
                 continue
@@ -128,8 +168,7 @@ class Tables:
         if exact < 0:
             sizes |= {p.name for p in starts_of(effect, campaign)}  # in units of an amplitude, and as wide
         amplitude = np.array([p.name in sizes for p in parameters])
-        inside = exact >= 0
-        departure = [0.0 if not inside or size else (self.fit[p.name] - p.mean) / p.sigma
+        departure = [0.0 if exact < 0 or size else (self.fit[p.name] - p.mean) / p.sigma
                      for p, size in zip(parameters, amplitude, strict=True)]  # fmt: skip
         where = np.array([self._place[p.name][0] for p in parameters])
         return Placed(where, amplitude, np.array(departure), exact)
@@ -179,6 +218,9 @@ class Tables:
             residual += given[run.id]
             parts.append((given[run.id] - self._tangent(line, effect))[:, :, None])
             where.append(np.array([placed.exact]))
+        for distant in self._distant.values():
+            parts.append(distant.columns(run, line.prediction))
+            where.append(distant.where)
         for form in self._tangents.values():
             parts.append(form.columns(self._models[1], run, others[0]))
             where.append(form.where)

@@ -74,15 +74,16 @@ def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
 
 def joinable(campaign: Campaign, forms: Sequence[Form]) -> tuple[Form, ...]:
     """The forms that can join the baseline, prepared; of those that are one term to it only the first."""
-    taken, found = {e.key for e in Model(campaign).effects}, []
+    held, taken, found = {e.key for e in Model(campaign).effects}, set[tuple[object, ...]](), []
     for form in forms:
         try:
             effect = form.effect.prepare(campaign)
             seen = bool(effect.parameters(campaign)) and any(effect.applies(run) for run in campaign.runs)
         except InputError:
             continue  # the baseline holds it, or the machine lacks what it needs
-        if seen and effect.key not in taken:
-            taken.add(effect.key)
+        what = (effect.key, *form.at.items())
+        if seen and effect.key not in held and what not in taken:
+            taken.add(what)
             found.append(replace(form, effect=effect))
     return tuple(found)
 
@@ -104,7 +105,7 @@ def name_of(effect: Effect) -> Name:
 
 def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
     """The forms as terms. A name has a share of the prior by how common it is, which its forms and places share."""
-    ways = Counter(name_of(form.effect) for form in forms)
+    ways = Counter(name_of(form.effect) for form in forms if not form.at)
     total = sum(max(f.effect.rate for f in forms if name_of(f.effect) == name) for name in ways)
     found = []
     for form in forms:
@@ -114,7 +115,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
             prior, slot, covers = UNIDENTIFIED, ("", effect.coordinate), (form.channel, effect.coordinate)
         else:
             covers = effect.answers or ("", "")
-            prior = EXPECTED * effect.rate / (total * ways[name])
+            prior = EXPECTED * effect.rate / (total * max(1, ways[name]))
             slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
         frees = frozenset(effect.frees())
         found.append(Term(form, name, slot, frees, covers, float(np.log(prior / form.places))))
