@@ -23,7 +23,7 @@ from symfive.posterior._moments import Columns, Moments
 
 __all__ = [
     "WIDTHS", "Blocks", "Member", "Weighed", "discrepancies", "log_evidence", "solution", "sweep",
-    "widths_of",
+    "widest", "widths_of",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
 """A scale-free prior of amplitudes as a mixture, half a decade apart: nothing is capped by what machine tools usually have."""
 SHARE = 0.3
 """1σ of a discrepancy as a share of its term: a form of the library is right to a third, or it is another form."""
-STEPS = 4
+STEPS = 3
 """Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-2 or less."""
 
 
@@ -99,14 +99,15 @@ def _subset(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) ->
 def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> Weighed:
     """The evidence of one subset, with the discrepancies `blocks` of its terms."""
     s = _subset(moments, members, blocks)
-    eye, kappa2 = np.eye(len(s.scale)), np.maximum(1.0, s.q / moments.count)
+    base = _Base.of(s)
+    kappa2 = np.maximum(1.0, s.q / moments.count)
     for step in range(STEPS):
-        a = s.h / kappa2[:, None, None] + eye
-        x = np.linalg.solve(a, (s.g / kappa2[:, None] - s.d)[:, :, None])[:, :, 0]
-        left = s.q - 2.0 * np.sum(x * s.g, axis=1) + np.einsum("ji,jik,jk->j", x, s.h, x)
+        k = kappa2[:, None]
+        x = (base.g / k - base.d) / (base.power / k + 1.0)
+        left = s.q + np.sum(x * (base.power * x - 2.0 * base.g), axis=1)
         if step < STEPS - 1:
             kappa2 = np.maximum(1.0, left / moments.count)
-    pull, logdet = np.sum((x + s.d) ** 2, axis=1), np.linalg.slogdet(a)[1]
+    pull, logdet = np.sum((x + base.d) ** 2, axis=1), np.log(base.power / kappa2[:, None] + 1.0).sum(axis=1)
     cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
     by_node = -0.5 * (cost + moments.const) + moments.log_prior
     return Weighed(by_node, float(kappa2[np.argmax(by_node)]))
@@ -117,24 +118,35 @@ def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
     return WIDTHS[:1] if moments.terms[number].frees else WIDTHS
 
 
-def sweep(moments: Moments, members: Sequence[Member], chosen: Sequence[int], blocks: Blocks = ()) -> Array:
-    """The evidence of a subset and its `blocks` with each of the `chosen` terms (not held) added, for every width: (W, chosen).
+def sweep(
+    moments: Moments, members: Sequence[Member], chosen: Sequence[int], widths: Sequence[float], blocks: Blocks = ()
+) -> tuple[Array, Array]:
+    """The evidence of a subset and its `blocks` with each of the `chosen` terms (not held) added in its of the `widths`, and the
+    rms of the amplitudes that each then has, in units of its usual ones: (chosen,), (chosen,).
 
     One eigen-decomposition H_SS = UΛUᵀ serves all: with P = (Λ/κ² + 1)^(-½)·UᵀH_St/κ² a term's Schur complement is
     H_tt/κ² + I - PᵀP.
     """
     s = _subset(moments, members, blocks)
-    total = np.zeros((len(moments.nodes), len(WIDTHS), len(chosen)))
+    found, sizes = np.zeros(len(chosen)), np.zeros(len(chosen))
     base = _Base.of(s)
     kinds = [(len(moments.columns[t].where), moments.columns[t].exact >= 0) for t in chosen]
     for kind in sorted(set(kinds)):
         at = [k for k, own in enumerate(kinds) if own == kind]
         own = [moments.columns[chosen[k]] for k in at]
-        total[:, :, at] = _joined(moments, s, base, own)
-    found = np.asarray(logsumexp(total + (moments.log_prior - 0.5 * moments.const)[:, None, None], axis=0))
-    for k, t in enumerate(chosen):
-        found[len(widths_of(moments, t)) :, k] = -np.inf
-    return found
+        total, x = _joined(moments, s, base, own, [widths[k] for k in at])
+        by_node = total + (moments.log_prior - 0.5 * moments.const)[:, None]
+        found[at] = logsumexp(by_node, axis=0)
+        node = np.argmax(by_node, axis=0)
+        for k, n, c, each in zip(at, node, own, np.swapaxes(x, 0, 1), strict=True):
+            sizes[k] = widths[k] * np.sqrt(np.mean(each[n, c.amplitude] ** 2)) if c.amplitude.any() else 0.0
+    return found, sizes
+
+
+def widest(moments: Moments, chosen: Sequence[int], sizes: Array) -> list[float]:
+    """Of each term the width nearest to a size of its amplitudes."""
+    return [min(widths_of(moments, t), key=lambda w: abs(np.log(w / max(size, 1e-300))))
+            for t, size in zip(chosen, sizes, strict=True)]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -149,27 +161,29 @@ class _Base:
     @classmethod
     def of(cls, s: _Subset) -> _Base:
         power, axes = np.linalg.eigh(s.h)
+        power = np.maximum(power, 0.0)
         return cls(power, np.einsum("jki,jk->ji", axes, s.g), np.einsum("jki,k->ji", axes, s.d), axes)
 
 
-def _joined(moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns]) -> Array:
-    """Log evidence (J, W, T), up to the nodes' constants, with each of some terms of as many columns."""
+def _joined(
+    moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns], widths: Sequence[float]
+) -> tuple[Array, Array]:
+    """Log evidence (J, T), up to the nodes' constants, with each of some terms of as many columns, and their x (J, T, n)."""
     where = np.stack([c.where for c in own])
-    scale = np.stack([[c.scaled(width) for c in own] for width in WIDTHS])
+    scale = np.stack([c.scaled(width) for c, width in zip(own, widths, strict=True)])
     d = np.stack([c.departure for c in own])
-    h = moments.gram[:, None, where[:, :, None], where[:, None, :]] * scale[..., :, None] * scale[..., None, :]
-    g = (moments.gram[:, where[:, :, None], s.aim] @ s.weights)[:, None] * scale
+    h = moments.gram[:, where[:, :, None], where[:, None, :]] * scale[:, :, None] * scale[:, None, :]
+    g = (moments.gram[:, where[:, :, None], s.aim] @ s.weights) * scale
     cross = (moments.gram[:, where[:, :, None], s.columns] * s.scale) @ base.axes[:, None]
-    cross = np.swapaxes(cross, 2, 3)[:, None] * scale[..., None, :]
-    power, g_base, d_base = (part[:, None, None, :] for part in (base.power, base.g, base.d))
-    q = s.q[:, None, None]
+    cross = np.swapaxes(cross, 2, 3) * scale[:, None, :]
+    power, g_base, d_base = (part[:, None, :] for part in (base.power, base.g, base.d))
+    q = s.q[:, None]
     exact = np.array([c.exact for c in own])
     if exact[0] >= 0:  # the residual is that less what the term adds beyond its slopes
-        other = moments.gram[:, exact[:, None], s.aim] @ s.weights
-        q = q - 2.0 * other[:, None] + moments.gram[:, exact, exact][:, None]
-        g = g - np.take_along_axis(moments.gram[:, where], exact[None, :, None, None], axis=3)[:, None, :, :, 0] * scale
-        g_base = g_base - ((moments.gram[:, exact[:, None], s.columns] * s.scale) @ base.axes)[:, None]
-    kappa2 = np.broadcast_to(np.maximum(1.0, q / moments.count), (len(q), *scale.shape[:2]))
+        q = q - 2.0 * (moments.gram[:, exact[:, None], s.aim] @ s.weights) + moments.gram[:, exact, exact]
+        g = g - moments.gram[:, where, exact[:, None]] * scale
+        g_base = g_base - (moments.gram[:, exact[:, None], s.columns] * s.scale) @ base.axes
+    kappa2 = np.broadcast_to(np.maximum(1.0, q / moments.count), (len(s.q), len(own)))
     for step in range(STEPS):
         k = kappa2[..., None]
         shrunk = 1.0 / np.sqrt(power / k + 1.0)
@@ -185,7 +199,7 @@ def _joined(moments: Moments, s: _Subset, base: _Base, own: Sequence[Columns]) -
             kappa2 = np.maximum(1.0, left / moments.count)
     pull = np.sum((y + d_base) ** 2, axis=-1) + np.sum((x + d) ** 2, axis=-1)
     logdet = np.linalg.slogdet(a)[1] - 2.0 * np.log(shrunk).sum(axis=-1)
-    return np.asarray(-0.5 * (left / kappa2 + pull + moments.count * np.log(kappa2) + logdet))
+    return np.asarray(-0.5 * (left / kappa2 + pull + moments.count * np.log(kappa2) + logdet)), x
 
 
 def discrepancies(moments: Moments, members: Sequence[Member], weighed: Weighed) -> Blocks:

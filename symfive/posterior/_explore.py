@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from symfive.posterior._evidence import WIDTHS, Blocks, Member, discrepancies, log_evidence, sweep, widths_of
+from symfive.posterior._evidence import WIDTHS, Blocks, Member, discrepancies, log_evidence, sweep, widest, widths_of
 from symfive.posterior._moments import Moments
 from symfive.posterior._terms import Name
 
@@ -61,7 +61,7 @@ class _Search:
     moments: Moments
     mass: dict[Subset, float] = field(default_factory=dict)
     blocks: dict[Subset, Blocks] = field(default_factory=dict)
-    swept: dict[Subset, tuple[list[int], Array]] = field(default_factory=dict)
+    swept: dict[Subset, tuple[list[int], list[float], Array]] = field(default_factory=dict)
 
     def see(self, members: Iterable[Member]) -> None:
         """Weigh a subset, unless it was."""
@@ -70,8 +70,8 @@ class _Search:
             evidence, self.blocks[subset] = weighed(self.moments, subset)
             self.mass[subset] = evidence + log_prior(self.moments, subset)
 
-    def sweep(self, subset: Subset) -> tuple[list[int], Array]:
-        """Terms that may join a subset, and the log mass with each of them, by width (W, terms)."""
+    def sweep(self, subset: Subset) -> tuple[list[int], list[float], Array]:
+        """Terms that may join a subset, the width of each that suits it, and the log mass with it."""
         if subset not in self.swept:
             terms = self.moments.terms
             held = [terms[t] for t, _ in subset]
@@ -79,16 +79,22 @@ class _Search:
                     if k >= self.moments.held and not any(term.excludes(h) for h in held)]  # fmt: skip
             prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
             self.see(subset)
-            evidence = sweep(self.moments, subset, free, self.blocks[subset])
-            self.swept[subset] = free, evidence + log_prior(self.moments, subset) + prior
+            usual = [WIDTHS[0]] * len(free)
+            mass, sizes = sweep(self.moments, subset, free, usual, self.blocks[subset])
+            widths = widest(self.moments, free, sizes)
+            wide = [k for k, w in enumerate(widths) if w != WIDTHS[0]]
+            if wide:
+                mass[wide], _ = sweep(
+                    self.moments, subset, [free[k] for k in wide], [widths[k] for k in wide], self.blocks[subset]
+                )
+            self.swept[subset] = free, widths, mass + log_prior(self.moments, subset) + prior
         return self.swept[subset]
 
     def join(self, subset: Subset, most: int) -> None:
-        """The best so many subsets with one term more, each in its best width."""
-        free, mass = self.sweep(subset)
-        best = mass.max(axis=0, initial=-np.inf)
-        for k in np.argsort(-best)[:most]:
-            self.see((*subset, (free[k], WIDTHS[int(np.argmax(mass[:, k]))])))
+        """The best so many subsets with one term more, each in the width that suits it."""
+        free, widths, mass = self.sweep(subset)
+        for k in np.argsort(-mass)[:most]:
+            self.see((*subset, (free[k], widths[k])))
         held = [t for t in range(self.moments.held) if t not in {member for member, _ in subset}]
         for t in held:
             if not any(self.moments.terms[t].excludes(self.moments.terms[o]) for o, _ in subset):
