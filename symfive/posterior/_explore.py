@@ -47,6 +47,25 @@ class Posterior:
         total = logsumexp(list(self.mass.values()))
         return {terms: float(np.exp(logsumexp(each) - total)) for terms, each in logs.items()}
 
+    @cached_property
+    def sets(self) -> dict[frozenset[Name], float]:
+        """Log mass of each set of names, all subsets that have just these together."""
+        logs: dict[frozenset[Name], list[float]] = {}
+        for subset, mass in self.mass.items():
+            logs.setdefault(self.named(subset), []).append(mass)
+        return {names: float(logsumexp(each)) for names, each in logs.items()}
+
+    def named(self, subset: Subset) -> frozenset[Name]:
+        """The names of a subset."""
+        return frozenset(self.moments.terms[t].name for t, _ in subset)
+
+    def worth(self, subset: Subset, mass: float | None = None) -> float:
+        """Log mass of the names of a subset, whose own is `mass` if that is known better."""
+        there = self.mass.get(subset)
+        if there is None:
+            return -np.inf if mass is None else mass
+        return self.sets[self.named(subset)] + (0.0 if mass is None else mass - there)
+
     def names(self) -> dict[Name, float]:
         """Marginal probability of every name: the mass of the subsets that hold it."""
         found: dict[Name, float] = {}

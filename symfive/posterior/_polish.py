@@ -57,7 +57,7 @@ def polish(
         now = _Round.at(here, candidates, progress)
         been.add(here.keys)
         better = (now.exact(subset) for subset in _ahead(now.posterior))
-        ahead = next((there for mass, there in better if mass > now.own and there.keys not in been), None)
+        ahead = next((there for worth, there in better if worth > now.own and there.keys not in been), None)
         if ahead is None:
             rivals = [each for each in map(now.exact, _rivals(now.posterior)) if each[1].keys not in been]
             best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
@@ -78,8 +78,8 @@ def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior
 
 @dataclass(frozen=True)
 class _Round:
-    """One expansion: its fit, the posterior about it, the log mass `own` of what it holds, and `exactly` those of
-    the subsets that were refitted."""
+    """One expansion: its fit, the posterior about it, the log mass `own` of all subsets with the names that it holds, and
+    `exactly` the log mass of the subsets that were refitted."""
 
     here: Expansion
     posterior: Posterior
@@ -92,22 +92,25 @@ class _Round:
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
         here, evidence = expanded(here.fit, here.held, candidates)
         moments = moments_of(here.fit, here.held, _fresh(here, candidates))
-        own = evidence + log_prior(moments, [(t, 1.0) for t in range(moments.held)])
-        return cls(here, explore(moments, range(moments.held)), own, candidates, progress)
+        held = tuple((t, _width(moments.terms[t].effect)) for t in range(moments.held))
+        posterior = explore(moments, range(moments.held))
+        return cls(here, posterior, posterior.worth(held, evidence + log_prior(moments, held)), candidates, progress)
 
     def exact(self, subset: Subset) -> tuple[float, Expansion]:
-        """The log mass of a subset by an exact refit in its best shapes, and that fit."""
+        """The log mass of all subsets of its names by an exact refit of one in its best shapes, and that fit."""
         known = {form.effect.key for form in self.here.held}
         there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
         mass = self.exactly[subset] = evidence + log_prior(self.posterior.moments, subset)
-        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {mass - self.own:+.1f} nats")
-        return mass, there
+        worth = self.posterior.worth(subset, mass)
+        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {worth - self.own:+.1f} nats")
+        return worth, there
 
 
 def _ahead(posterior: Posterior) -> Iterator[Subset]:
-    """The most probable subsets that the fit should hold instead of what it holds, cut to what is clear."""
+    """The most probable subsets of the most probable names that the fit should hold instead of what it holds, cut to what is
+    clear."""
     held, tried = set(range(posterior.moments.held)), set[frozenset[int]]()
-    for subset in sorted(posterior.mass, key=lambda s: -posterior.mass[s]):
+    for subset in sorted(posterior.mass, key=lambda s: (-posterior.worth(s), -posterior.mass[s])):
         terms = frozenset(t for t, _ in subset)
         if terms == held or len(tried) == TRIES:
             return
