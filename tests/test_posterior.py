@@ -22,7 +22,7 @@ from symfive.posterior._evidence import WIDTHS
 from symfive.posterior._noise import grams, nodes_of
 
 NOISE = 0.3
-SHARED = Path(__file__).parents[2] / "shared" / "campaigns"
+CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 
 
 def trace(angle_deg: np.ndarray, sense: float, plays: Mapping[str, float], soft: float, seed: int) -> np.ndarray:
@@ -148,6 +148,34 @@ def test_sweep_is_the_direct_evidence(moments: Moments, members: tuple[tuple[int
             assert swept[chosen.index(k)] == pytest.approx(direct, abs=1e-3)
 
 
+def test_a_contact_may_begin_anywhere_before_its_axis_first_moves(moments: Moments) -> None:
+    """The state in which a recording begins is a column of the term, one a run where it is not known."""
+    campaign = moments.fit.model.campaign
+    number = next(k for k, t in enumerate(moments.terms) if t.effect.key == "backlash.X")
+    effect = moments.terms[number].effect
+    states = sum(len(effect.starts(run)) for run in campaign.runs)
+    assert states > 0
+    assert len(moments.columns[number].where) == len(effect.parameters(campaign)) + states
+
+
+def test_friction_is_looked_at_where_it_is_of_some_size() -> None:
+    """Its slopes at a size and what it adds beyond them give the readings at that size exactly."""
+    campaign = read_campaign(CAMPAIGNS / "dynamic-backlash" / "fit")
+    fit = baseline(campaign)
+    form = next(f for f in candidates(campaign).forms if f.at)
+    found = moments_of(fit, (), [form])
+    model = Model(campaign, [*fit.model.added, form.effect])
+    values = model.vector({**fit.named, **form.at})
+    (own,) = found.columns
+    amount = np.array([0.0 if not size else (model.named(values)[p.name] - p.mean) / p.sigma
+                       for p, size in zip(form.effect.parameters(campaign), own.amplitude, strict=True)])  # fmt: skip
+    gram = found.raw[np.ix_([*own.where, own.exact], [*own.where, own.exact])]
+    added = model.contribution(form.effect, values)
+    square = sum(float(np.sum((added[run.id] / model.noise(run)) ** 2)) for run in campaign.runs)
+    weights = np.append(amount, 1.0)
+    assert weights @ gram @ weights == pytest.approx(square, rel=1e-6)
+
+
 def test_search_finds_what_all_pairs_hold(moments: Moments) -> None:
     found = explore(moments)
     (best, _), *_ = found.best
@@ -167,8 +195,10 @@ def test_a_circle_without_play_is_clean() -> None:
     ("plays", "soft", "machine"),
     [
         ({"X": 5.0, "Y": 11.0}, 0.0, "three-axis"),
+        ({"X": 14.0, "Y": 4.0}, 0.0, "three-axis"),
         ({"X": 5.0}, 0.0, "three-axis"),
         ({"Y": 8.0}, 60.0, "three-axis"),
+        ({"X": 5.0, "Y": 11.0}, 0.0, "table-bc"),
         ({}, 0.0, "table-bc"),
     ],
 )
@@ -182,6 +212,26 @@ def test_textbook_plays_get_their_names_and_widths(plays: dict[str, float], soft
 
 
 @pytest.mark.slow
+def test_what_reads_alike_is_a_rival_and_gets_a_test() -> None:
+    """A play of X and a carriage that turns by it read the same on circles of one height."""
+    result = diagnose(bars({"X": 6.0}, machine="table-bc"))
+    play = next(f for f in result.findings if (f.name, f.axis) == ("backlash", "X"))
+    assert any(key.startswith("lateral_play") for key in play.alias)
+    assert play.test is not None and play.test.useful and play.next_test
+    assert 0.5 < play.confidence < 0.99
+
+
+@pytest.mark.slow
+def test_readings_left_out_are_foretold_better_with_the_finding() -> None:
+    result = diagnose(bars({"X": 5.0, "Y": 11.0}))
+    before, after = result.fit.heldout_rms_before_um, result.fit.heldout_rms_after_um
+    assert before is not None and after is not None
+    assert before > 2.0
+    assert after < 1.1 * NOISE
+    assert not result.unnamed
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
@@ -191,7 +241,5 @@ def test_textbook_plays_get_their_names_and_widths(plays: dict[str, float], soft
     ],
 )  # fmt: skip
 def test_open_campaigns(name: str, expected: set[tuple[str, str | None]]) -> None:
-    if not SHARED.is_dir():
-        pytest.skip("the open campaigns are not on this computer")
-    result = diagnose(read_campaign(SHARED / name / "fit"))
+    result = diagnose(read_campaign(CAMPAIGNS / name / "fit"))
     assert {(f.name, f.axis) for f in result.findings} == expected

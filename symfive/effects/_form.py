@@ -28,8 +28,8 @@ ROUND = 200.0
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """One way in which an effect may act. `shapes`: the same cause in other shapes, which only an exact refit can weigh. `at`: the
-    parameters, by name, about which its change of the readings is linear; where estimation begins if none are given.
+    """One way in which an effect may act. `shapes`: the same cause in other shapes, which only an exact refit can weigh. `at`:
+    the parameters, by name, about which its change of the readings is linear; where estimation begins if none are given.
 
     `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
     the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the

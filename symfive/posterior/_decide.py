@@ -78,7 +78,7 @@ def _verdict(posterior: Posterior, held: frozenset[int], term: int) -> Verdict |
 
 
 def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple[int, ...], bool]:
-    """Terms that take the place of a member without a worse fit; and whether one of another name is among them."""
+    """Terms of other names that take the place of a member without a worse fit; and whether there are any."""
     terms, rest = posterior.moments.terms, held - {term}
 
     def evidence(subset: frozenset[int]) -> float:
@@ -90,5 +90,5 @@ def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple
     for subset in posterior.weights:
         extra = subset - rest
         if rest <= subset and len(extra) == 1 and term not in extra and mine - evidence(subset) < SAME:
-            found += [t for t in extra if not terms[t].effect.nameless]
-    return tuple(found), any(terms[t].name != terms[term].name for t in found)
+            found += [t for t in extra if not terms[t].effect.nameless and terms[t].name != terms[term].name]
+    return tuple(found), bool(found)

@@ -10,21 +10,22 @@ import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.diagnose import (
-    Detection,
     Diagnosis,
     Finding,
-    Fit,
     Location,
     Observability,
     RivalName,
+    detect,
     direction_of,
     intervals_of,
     moved,
+    prove,
     sentence_of,
 )  # fmt: skip
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.model import Model
+from symfive.posterior._ask import asked
 from symfive.posterior._decide import Verdict, decide
 from symfive.posterior._evidence import log_evidence
 from symfive.posterior._explore import Posterior
@@ -50,11 +51,13 @@ def diagnose(
     stated = candidates(campaign, exclude)
     before = baseline(campaign)
     posterior, here = polish(before, stated, progress)
-    verdicts = decide(posterior)
-    return _told(posterior, here, before, verdicts)
+    return _told(posterior, here, before, decide(posterior), progress)
 
 
-def _told(posterior: Posterior, here: Expansion, before: Identification, verdicts: tuple[Verdict, ...]) -> Diagnosis:
+def _told(
+    posterior: Posterior, here: Expansion, before: Identification, verdicts: tuple[Verdict, ...],
+    progress: Callable[[str], None],
+) -> Diagnosis:  # fmt: skip
     moments, after = posterior.moments, here.fit
     node = log_evidence(moments, posterior.best).node
     classes, table = alias_classes(moments, node), seen(moments, node)
@@ -62,13 +65,14 @@ def _told(posterior: Posterior, here: Expansion, before: Identification, verdict
         Observability(t.effect.vocabulary, t.effect.belongs_to, t.effect.key, s.visible, s.sigmas)
         for t, s in zip(moments.terms, table, strict=True) if not t.effect.nameless
     )  # fmt: skip
+    progress("looking for the next test")
     findings = tuple(_finding(posterior, here, before, verdict, table[verdict.term]) for verdict in verdicts)
     nothing = posterior.weights.get(frozenset(), 0.0)
-    detection = Detection(before, 0.01, (), ())
+    detection = detect(before)
     location = Location(detection, observability, classes, (), {}, cast(Any, None))
-    fit = Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, None, None)
     noise = float(np.sqrt(np.mean([n.white**2 for n in after.noises.values()])))
-    return Diagnosis(nothing, noise, findings, fit, detection, location, Detection(after, 0.01, (), ()), before, after)
+    progress("leaving out runs in turn")
+    return Diagnosis(nothing, noise, findings, prove(before, after), detection, location, detect(after), before, after)
 
 
 def _finding(posterior: Posterior, here: Expansion, before: Identification, verdict: Verdict, visible: Seen) -> Finding:
@@ -98,7 +102,15 @@ def _finding(posterior: Posterior, here: Expansion, before: Identification, verd
         share=float(np.clip(gone / max(total, 1e-300), 0.0, 1.0)), moved=moved(without, after), contribution=contribution,
         alias=alias, nearest=None if nearest is None else (nearest, 0.0),
     )  # fmt: skip
-    return replace(draft, says=sentence_of(draft, after))
+    test = asked(posterior, here, verdict)
+    says = sentence_of(draft, after)
+    if test is None:
+        return replace(draft, says=says)
+    others = [rival for rival, _ in test.each]
+    folder = f"plans/separate-{effect.key}-from-{others[0]}" if test.useful else None
+    return replace(
+        draft, test=test, next_test=folder, says=f"{says} To tell it from {' and '.join(others)}: {test.says}."
+    )
 
 
 def _lacking(fit: Identification, effect: Effect) -> Model:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.effects import Form
+from symfive.effects import Effect, Form
 from symfive.identify import Identification, summarise
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
@@ -19,7 +19,7 @@ from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
 from symfive.threads import one_thread
 
-__all__ = ["WHITE", "Expansion", "baseline", "expansion", "fitted", "refitted", "settled"]
+__all__ = ["WHITE", "Expansion", "baseline", "expansion", "fitted", "foretold", "refitted", "settled"]
 
 Array = NDArray[np.float64]
 STEPS, TOLERANCE = 15, 1e-2
@@ -73,15 +73,21 @@ def refitted(moments: Moments, subset: Subset) -> Expansion:
     weighed = log_evidence(moments, subset)
     forms = [replace(f := moments.terms[t].form, effect=replace(f.effect, spread=width)) for t, width in subset]
     still = dict(moments.fit.named)
-    moved = dict(still)
-    for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
-        if t >= moments.held and moments.terms[t].form.basis is None:
-            moved |= _stepped(moments, t, part)
+    effects, moved = foretold(moments, subset)
     at = {name: value for t, _ in subset for name, value in moments.terms[t].form.at.items()}
     starts = [moved, still, {**moved, **at}] if any(moments.terms[t].frees for t, _ in subset) else [moved]
-    model = Model(moments.fit.model.campaign, [form.effect for form in forms])
-    node = moments.nodes[weighed.node]
+    model, node = Model(moments.fit.model.campaign, effects), moments.nodes[weighed.node]
     return expansion(fitted(model, starts, node, weighed.kappa2, moments.fit), forms, node, weighed.kappa2)
+
+
+def foretold(moments: Moments, subset: Subset) -> tuple[list[Effect], dict[str, float]]:
+    """The effects of a subset, and all parameters by name where the moments put those that join."""
+    weighed = log_evidence(moments, subset)
+    values = dict(moments.fit.named)
+    for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
+        if t >= moments.held and moments.terms[t].form.basis is None:
+            values |= _stepped(moments, t, part)
+    return [replace(moments.terms[t].effect, spread=width) for t, width in subset], values
 
 
 def settled(here: Expansion) -> Expansion:

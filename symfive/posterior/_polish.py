@@ -65,7 +65,7 @@ def polish(
         if ahead is None or number == ROUNDS - 1:
             break
         here = settled(ahead)
-    return _corrected(now.posterior, now.exactly), now.here
+    return _corrected(now.posterior, now.exactly), settled(now.here)
 
 
 def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior:

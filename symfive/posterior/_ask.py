@@ -1,0 +1,66 @@
+"""Ask: what to record next where another name could still stand in a finding's place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from symfive.design import Discrimination
+from symfive.diagnose import next_test
+from symfive.effects import Effect
+from symfive.model import Model
+from symfive.posterior._decide import Verdict
+from symfive.posterior._explore import Posterior, Subset
+from symfive.posterior._fit import Expansion, foretold
+from symfive.posterior._terms import Name
+
+__all__ = ["asked"]
+
+OPEN = 0.05
+"""A test is asked for from this probability on that the first name is wrong (1 in 20, as tests are judged)."""
+RIVALS = 3
+"""Names that a test has to tell from the first, the most probable ones."""
+
+
+def asked(posterior: Posterior, here: Expansion, verdict: Verdict) -> Discrimination | None:
+    """The next test for a verdict; None where nothing rivals it or nothing that can be recorded tells more."""
+    terms = posterior.moments.terms
+    own = terms[verdict.term].effect
+    rivals = _rivals(posterior, verdict)
+    if own.nameless or not rivals:
+        return None
+    campaign = here.fit.model.campaign
+    shared = {p.name for p in here.fit.parameters if p.run is None}
+    values = {name: value for name, value in here.fit.named.items() if name in shared}
+    held = tuple(effect for effect in here.fit.model.added if effect.key != own.key)
+    return next_test(
+        campaign, own, *(effect for effect, _, _ in rivals), held=held, values=values,
+        rival_values=[there for _, there, _ in rivals], chances=[chance for _, _, chance in rivals],
+    )  # fmt: skip
+
+
+def _rivals(posterior: Posterior, verdict: Verdict) -> list[tuple[Effect, Mapping[str, float], float]]:
+    """Effects of other names, with where they would be and how probable their names are: of each the best subset that has it in
+    the member's place."""
+    moments, term = posterior.moments, verdict.term
+    rest, own = frozenset(range(moments.held)) - {term}, moments.terms[term].name
+    best: dict[Name, Subset] = {}
+    for subset in sorted(posterior.mass, key=lambda s: -posterior.mass[s]):
+        numbers = {t for t, _ in subset}
+        (*_, extra) = sorted(numbers - rest) or [-1]
+        other = moments.terms[extra]
+        swapped = extra >= moments.held and rest <= numbers and len(numbers) == len(rest) + 1
+        if swapped and other.name != own and not other.effect.nameless:
+            best.setdefault(other.name, subset)
+    alike = {moments.terms[t].name for t in verdict.alias}
+    open_ = [name for name in best if name in alike or verdict.rivals.get(name, 0.0) > OPEN]
+    found = list[tuple[Effect, Mapping[str, float], float]]()
+    for name in sorted(open_, key=lambda name: -verdict.rivals.get(name, 0.0))[:RIVALS]:
+        subset = best[name]
+        effects, values = foretold(moments, subset)
+        number = max(t for t, _ in subset)
+        effect = next(e for e in effects if e.key == moments.terms[number].effect.key)
+        model = Model(moments.fit.model.campaign, effects)
+        there = {p.name: values.get(p.name, p.initial) for p in model.parameters if p.run is None}
+        found.append((replace(effect, spread=1.0), there, verdict.rivals.get(name, 0.0)))
+    return found
