@@ -27,10 +27,11 @@ from symfive.design import (
     plan_circles,
     write_test,
 )
-from symfive.design._bodies import Clearances
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
+from symfive.design._clearances import Clearances
 from symfive.design._discriminate import _left
+from symfive.design._moves import blocked_moves
 from symfive.design._optimise import value_of
 from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
 from symfive.design._pose_table import mounted_before, pose_table
@@ -39,7 +40,7 @@ from symfive.design._request import task_of
 from symfive.design._robust import over_prior, robust_exchange
 from symfive.design._rounding import not_rounded, rounded
 from symfive.design._space import Space, make_space
-from symfive.design._ways import blocked_moves, cleared
+from symfive.design._ways import cleared
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Workspace, preset, presets, write_machine
@@ -428,7 +429,7 @@ def test_a_way_through_the_table_is_found() -> None:
     around = program_steps(OYAMA, run, cleared(OYAMA, (run,), {run.id: (1,)}))
     assert not blocked_moves(OYAMA, run, around)
     named = [set(step.positions) for step in around if step.kind == "rapid"]
-    assert named == [{"B", "C"}, {"X", "Y"}, {"Z"}, {"Z"}, {"B"}, {"X"}, {"Z"}, {"B", "C"}]
+    assert named == [{"B", "C"}, {"X", "Y"}, {"Z"}, {"Z"}, {"B"}, {"X"}, {"Z"}, {"B"}]
 
 
 # --- what the user may decide -------------------------------------------------------------------------------------
