@@ -354,6 +354,17 @@ def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is
     assert "What it is for: xy-ccw separates the two by 41.2σ (so far 2.0σ)." in sheet and "nc/linuxcnc/*.ngc" in sheet
 
 
+def test_a_further_test_without_a_clear_way_gets_no_program(tmp_path: Path) -> None:
+    """A whole circle in YZ carries the bar through what stands under the table ball: the sheet says so in a program's place."""
+    asked = campaign_of(preset("three-axis"), planar_circle(preset("three-axis"), plane="YZ", direction="ccw"))
+    write_test(
+        Discrimination(asked, 41.2, 2.0, (Separation("yz-ccw", 41.2, 40.0, 42.0, 3.0),)), tmp_path, nc=("linuxcnc",)
+    )
+    assert not list(tmp_path.glob("nc/*/*"))
+    sheet = (tmp_path / "setup.html").read_text(encoding="utf-8")
+    assert "No program: run yz-ccw: bar and" in sheet and "on every way out of the pose of line" in sheet
+
+
 def test_ninety_poses_for_the_worst_known_direction() -> None:
     """Most poses tell nothing about a single direction: their sensitivity is 0 but for rounding, on either side of it."""
     assert plan(preset("table-bc"), criterion="E", points=90, starts=1).certificate.efficiency > 0.99
