@@ -263,7 +263,7 @@ def test_tables_that_turn_elsewhere_are_in_order(where: str, instrument: str, tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("chunk", range(1))
+@pytest.mark.parametrize("chunk", range(4))
 def test_random_machines_are_in_order_or_refused(chunk: int, tmp_path: Path) -> None:
     """Ten machines each (`--random` of the checker takes more). A refusal is one sentence; no way, no clear random pose."""
     refused = []
