@@ -25,6 +25,7 @@ from symfive.model import Model
 from symfive.motion import drive_response, moved_response
 from symfive.nc import Post
 from symfive.procedures import campaign_of, cone_circle, linear_positioning, planar_circle, rotary_circle
+from tests.plan_checker import check
 
 MACHINE = preset("tsutsumi-2007")
 LEAN = replace(MACHINE, errors={n: MACHINE.errors[n] for n in ("EC0Y", "EX0C", "EY0C")}, text="")
@@ -191,7 +192,7 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
     page = Page(text)
     assert page.tags.count("script") == 1 and HOSTILE in page.words
     for words in (
-        "2 runs, 1586 readings · about 8 min with set-up", "Collisions were not checked for the ways of this program",
+        "2 runs, 1586 readings · about 8 min with set-up", "keep apart at every pose and on every move of the programs",
         "Stand the table ball at x = 60, y = 0, z = 80 mm", "Bar of 50 mm", "ball bar: dL_um into", "793, one every 50 ms",
         "radius 50 mm, 480° with run-up", "xy of the workpiece frame", "counter-clockwise, seen against +z",
         "800 mm/min along the circle", "C and X move; the ball is X_T = 60.000 mm from axis C, X_T/r = 60/50 = 1.2",
@@ -265,3 +266,23 @@ def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:
     blind = plan_circles(LEAN, DRIVE[1:], family="planar", count=1, **options)
     assert "cannot see backlash.C.width: axis C does not move in them" in str(blind)
     assert blind.to_data()["notes"] == list(blind.notes) and blind.notes[0].startswith("WARNING: ")
+
+
+# --- clearance -------------------------------------------------------------------------------------------------------
+
+
+def test_a_circle_along_which_bodies_meet_gives_way_to_another(tmp_path: Path) -> None:
+    """A whole circle in YZ would carry the bar through what stands under the table ball; the one in XY is clear."""
+    machine = preset("three-axis")
+    found = plan_circles(
+        machine, [make_effect("backlash", "Z"), make_effect("backlash", "Y")], family="planar", count=1, radii=(50.0,),
+        planes=("YZ", "XY"), feeds=(1000.0,), rate_hz=20.0, refine=False,
+    )  # fmt: skip
+    assert {circle.shape.plane for circle in found.circles} == {"XY"}
+    found.write(tmp_path / "circles", nc=("linuxcnc",))
+    text = next((tmp_path / "circles" / "nc" / "linuxcnc").iterdir()).read_text(encoding="ascii")
+    assert "Tested: spindle nose" in text and "NOT CHECKED" not in text.upper().replace("NOT TESTED", "")
+    assert check(tmp_path / "circles") == []
+    with pytest.raises(InputError, match="no circle can be run: run yz-ccw: tool and post on every way out"):
+        plan_circles(machine, [make_effect("backlash", "Z")], family="planar", count=1, radii=(50.0,), planes=("YZ",),
+                     feeds=(1000.0,), rate_hz=20.0, refine=False)  # fmt: skip

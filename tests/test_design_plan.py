@@ -27,10 +27,11 @@ from symfive.design import (
     plan_circles,
     write_test,
 )
-from symfive.design._bodies import Clearances
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
+from symfive.design._clearances import Clearances
 from symfive.design._discriminate import _left
+from symfive.design._moves import blocked_moves
 from symfive.design._optimise import value_of
 from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
 from symfive.design._pose_table import mounted_before, pose_table
@@ -39,7 +40,7 @@ from symfive.design._request import task_of
 from symfive.design._robust import over_prior, robust_exchange
 from symfive.design._rounding import not_rounded, rounded
 from symfive.design._space import Space, make_space
-from symfive.design._ways import blocked_moves, cleared
+from symfive.design._ways import cleared
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Workspace, preset, presets, write_machine
@@ -353,6 +354,17 @@ def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is
     assert "What it is for: xy-ccw separates the two by 41.2σ (so far 2.0σ)." in sheet and "nc/linuxcnc/*.ngc" in sheet
 
 
+def test_a_further_test_without_a_clear_way_gets_no_program(tmp_path: Path) -> None:
+    """A whole circle in YZ carries the bar through what stands under the table ball: the sheet says so in a program's place."""
+    asked = campaign_of(preset("three-axis"), planar_circle(preset("three-axis"), plane="YZ", direction="ccw"))
+    write_test(
+        Discrimination(asked, 41.2, 2.0, (Separation("yz-ccw", 41.2, 40.0, 42.0, 3.0),)), tmp_path, nc=("linuxcnc",)
+    )
+    assert not list(tmp_path.glob("nc/*/*"))
+    sheet = (tmp_path / "setup.html").read_text(encoding="utf-8")
+    assert "No program: run yz-ccw: bar and" in sheet and "on every way out of the pose of line" in sheet
+
+
 def test_ninety_poses_for_the_worst_known_direction() -> None:
     """Most poses tell nothing about a single direction: their sensitivity is 0 but for rounding, on either side of it."""
     assert plan(preset("table-bc"), criterion="E", points=90, starts=1).certificate.efficiency > 0.99
@@ -428,7 +440,7 @@ def test_a_way_through_the_table_is_found() -> None:
     around = program_steps(OYAMA, run, cleared(OYAMA, (run,), {run.id: (1,)}))
     assert not blocked_moves(OYAMA, run, around)
     named = [set(step.positions) for step in around if step.kind == "rapid"]
-    assert named == [{"B", "C"}, {"X", "Y"}, {"Z"}, {"Z"}, {"B"}, {"X"}, {"Z"}, {"B", "C"}]
+    assert named == [{"B", "C"}, {"X", "Y"}, {"Z"}, {"Z"}, {"B"}, {"X"}, {"Z"}, {"B"}]
 
 
 # --- what the user may decide -------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.design._assess import assess
+from symfive.design._choose_circles import check_clear, chosen_clear
 from symfive.design._circle_words import circle_words, gain_words, sigma_words, warnings_of
 from symfive.design._circles import ROBUST, Circle, Goal, circle_information, measured, told
 from symfive.design._criteria import criterion_of
@@ -119,8 +120,8 @@ def plan_circles(
     effects'); `robust` `nominal`, or the `mean` or `worst` case over `draws` of the effects' parameters from their priors;
     `per_minute` weighs the recording time. `refine`: the best circles are refined in the variables `free` (default ratio and
     feed; feed and centre) within the ranges of the lists, and kept only where they are better. Circles that an axis cannot
-    follow, and those whose ball would stand beside the table (`table_radius`), are left out. Raises `InputError` where none
-    is left or a name is unknown.
+    follow, those whose ball would stand beside the table (`table_radius`) and those along which bodies meet are left out. Raises
+    `InputError` where none is left or a name is unknown.
     """
     machine = machine_given(machine)
     _check(family, robust, count, planes, directions, free)
@@ -129,7 +130,7 @@ def plan_circles(
     circles = _followed(machine, effects, shapes, noise_um, rate_hz, extra)
     model = Model(Campaign(machine=machine, runs=circles[0].runs), effects)
     goal = _goal(model, tuple(for_), criterion, robust, per_minute)
-    chosen = _chosen(goal, circles, count)
+    chosen, circles = chosen_clear(machine, goal, circles, count)
     best, notes = chosen, []
     if refine:
         wanted = tuple(free or FREE[family])
@@ -222,22 +223,6 @@ def _goal(model: Model, for_: tuple[str, ...], criterion: str, robust: str, per_
     return Goal(measure, interest, np.array([p.sigma for p in shared]), robust, per_minute)
 
 
-def _chosen(goal: Goal, circles: Sequence[Circle], count: int) -> list[Circle]:
-    """Greedy, then exchange until nothing improves."""
-    chosen: list[Circle] = []
-    while len(chosen) < count:
-        chosen.append(min(circles, key=lambda c: goal.value([*chosen, c])))
-    value, improved = goal.value(chosen), True
-    while improved:
-        improved = False
-        for place in range(count):
-            others = chosen[:place] + chosen[place + 1 :]
-            best = min(circles, key=lambda c: goal.value([*others, c]))
-            if goal.value([*others, best]) < value - 1e-9:
-                chosen[place], value, improved = best, goal.value([*others, best]), True
-    return chosen
-
-
 def _bounds(machine: Machine, shapes: Sequence[CircleShape], free: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Ranges of the lists; height and centre may go wherever a ball may stand."""
     reach, (x, y) = machine.workspace.table_radius or 0.0, machine.table_centre
@@ -260,7 +245,9 @@ def _kept(
             values = {name: start[name] + share * (value - start[name]) for name, value in shape.values.items()}
             rounded = replace(shape, values={n: round(v / TO_RUN[n]) * TO_RUN[n] for n, v in values.items()})
             try:
-                found.append(measured(machine, effects, rounded, noise_um=noise_um, rate_hz=rate_hz, draws=draws))
+                refined = measured(machine, effects, rounded, noise_um=noise_um, rate_hz=rate_hz, draws=draws)
+                check_clear(machine, refined.runs)
+                found.append(refined)
                 break
             except InputError:
                 continue

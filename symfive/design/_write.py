@@ -15,6 +15,7 @@ from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.design._ways import cleared
+from symfive.errors import InputError
 from symfive.files import write_json, write_text
 from symfive.nc import DIALECTS, LETTERS, Post, write_programs
 
@@ -123,20 +124,29 @@ def _driven(plan: Plan, post: Post) -> Plan:
 
 
 def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
-    """Campaign, plan.json, programs, set-up sheet and its pictures into a folder that exists."""
+    """Campaign, plan.json, programs, set-up sheet and its pictures into a folder that exists. Raises `InputError` where a program
+    has no clear way."""
     expected = assess(plan.campaign, effects=plan.effects)
-    sheet = Sheet(campaign=plan.campaign, post=post or Post(), assessment=expected)
+    machine = plan.campaign.machine
+    own = cleared(machine, plan.campaign.runs, {}, post) if set(machine.axis_names) <= set(LETTERS) else post
+    sheet = Sheet(campaign=plan.campaign, post=own or Post(), assessment=expected)
     _write_files(sheet, folder, nc)
     write_json(folder / "plan.json", plan.to_data())
 
 
 def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
     """The plan of a further test into a folder that exists: campaign, programs (where all axes have an NC address), and the
-    set-up sheet, which says what the test is to tell."""
-    campaign = test.test
-    named = set(campaign.machine.axis_names) <= set(LETTERS)
-    sheet = Sheet(campaign=campaign, post=post or Post(), worth=f"What it is for: {test.says}")
-    _write_files(sheet, folder, nc if named else ())
+    set-up sheet, which says what the test is to tell. A test without a clear way gets no program: the sheet says what meets."""
+    campaign, notes = test.test, []
+    if not set(campaign.machine.axis_names) <= set(LETTERS):
+        nc = ()
+    elif nc:
+        try:
+            post = cleared(campaign.machine, campaign.runs, {}, post)
+        except InputError as error:
+            nc, notes = (), [f"No program: {error.problem}"]
+    sheet = Sheet(campaign=campaign, post=post or Post(), worth=f"What it is for: {test.says}", notes=notes)
+    _write_files(sheet, folder, nc)
 
 
 def _write_files(sheet: Sheet, folder: Path, nc: tuple[str, ...]) -> None:

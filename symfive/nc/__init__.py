@@ -12,7 +12,7 @@ from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._pace import CAUTION, pace
 from symfive.nc._post import LETTERS, Post, arrival_times, outside_s, program_steps
-from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, upright_axis
+from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
 from symfive.nc._warning import UNCHECKED, collision_warning, which_point
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
@@ -22,7 +22,7 @@ from symfive.nc.siemens import SIEMENS
 __all__ = [
     "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Step", "Way", "arrival_times", "at_the_top",
     "collision_warning", "dialect_of", "lifts", "outside_s", "over_the_top", "pace", "program", "program_steps", "top_of",
-    "upright_axis", "which_point", "write_programs",
+    "turned_home", "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from symfive.machine import Machine
 
-__all__ = ["CAUTION", "pace"]
+__all__ = ["CAUTION", "pace", "spread", "tenths"]
 
 Array = NDArray[np.float64]
 CAUTION = 0.5
@@ -37,3 +37,20 @@ def pace(machine: Machine, path: Array, share: float = CAUTION) -> tuple[float, 
     if least == 0.0:
         return 0.0, 0.0
     return blocks * least, max(step / least / push for step, push in limits)
+
+
+def spread(least: float, more: float, seconds: float) -> tuple[float, float]:
+    """A pace (`pace`) made slower to take `seconds` in all, where that is longer: seconds of the blocks, and seconds more for
+    getting up to speed and to rest again.
+
+    The slower the blocks, the sooner they are up to speed: blocks of s seconds in all need `more` · `least`/s more.
+    """
+    if least == 0.0 or seconds <= least + more:
+        return least, more
+    whole = 0.5 * (seconds + math.sqrt(seconds**2 - 4.0 * more * least))
+    return whole, more * least / whole
+
+
+def tenths(seconds: float) -> float:
+    """Whole tenths of a second, rounded down, not below 0."""
+    return max(0.0, math.floor(10.0 * seconds + 1e-6) / 10.0)

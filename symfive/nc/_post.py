@@ -1,7 +1,8 @@
 """From a run of a plan to the steps of a program: approach, every pose with its dwell, retract.
 
 From wherever the machine stands the tool's axis goes alone to its top in machine coordinates, then the rotary axes move, then the
-plane, then the tool's axis comes down; the way back is the same turned round, and so is every way out of the nest and around.
+plane, then the tool's axis comes down; the way back is the same turned round, and so is every way out of the nest and around,
+whose rapids move one axis each: which way several axes take together in a rapid depends on the control.
 Between two poses the ball must stay in its nest (or the bar at its length), so the linear axes follow the rotary ones in
 short straight blocks; with the control's own tool-centre point control (the user's text switches it on) the words are the
 ball's place in the workpiece frame instead and the control does the following.
@@ -20,10 +21,10 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Step
-from symfive.nc._pace import CAUTION, pace
-from symfive.nc._route import Positions, Way, at_the_top, over_the_top, upright_axis, usual_lift
+from symfive.nc._pace import CAUTION, pace, spread, tenths
+from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_the_top, upright_axis, usual_lift
 from symfive.nc._seat import Seat
-from symfive.procedures import Nominal, home
+from symfive.procedures import Nominal
 
 __all__ = ["LETTERS", "Post", "arrival_times", "outside_s", "program_steps"]
 
@@ -52,8 +53,8 @@ class Post:
     ISO 841. `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
     `retract_mm` out of the nest, `dwell_s` at each pose; `unsafe` run → rows to which the way leads around, out of the nest and
     over the top; `ways` run → row → the way there, from lifted pose to lifted pose (row 0: the lifted pose before the first one,
-    the number of rows: that after the last one), the usual ones where nothing is given; `tested`: whether all ways were tested
-    for collisions.
+    the number of rows: that after the last one, the top, rotary axes home), the usual ones where nothing is given; `tested`:
+    whether all ways were tested for collisions.
     """
 
     tool_centre_on: str = ""
@@ -81,7 +82,9 @@ def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) 
     stops of `HAND_S` where a bar is taken off and put on; at least `least_s` a pose, to 0.1 s."""
     writer = _Writer(machine, run, post)
     needed = [post.dwell_s + writer.seconds_to(row) for row in range(1, run.rows)]
-    each = np.maximum(np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s)
+    each = np.maximum(
+        np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
+    )  # the program waits on ways around: `tenths`
     return np.concatenate([[0.0], np.cumsum(each)])
 
 
@@ -197,19 +200,13 @@ class _Writer:
         ]
 
     def _last_moves(self, text: str) -> list[Step]:
-        """Creep out, the tool's axis alone to the top, rotary axes home."""
+        """Creep out, the tool's axis alone to the top, rotary axes home one by one."""
         rows = self.run.rows
-        lifted = self._way_to(rows)[0]
-        top = at_the_top(self.machine, lifted)
-        rest = {**top, **{name: home(self.machine.axes[name]) for name in self.rotary}}
+        lifted, top, *turned = self._way_to(rows)
         found = [Step(kind="stop", text=text), *self._creep(lifted, self._commands(rows - 1), rows, out=True)]
-        up, turn = (self._rapidly(*move) for move in ((lifted, top), (top, rest)))
-        found += [*self._centred(False, lifted), replace(self._to_the_top(rows, top), seconds=up)]
-        words = {name: value for name, value in self._words(rest, np.zeros(3)).items() if name in self.rotary}
-        return [
-            *found,
-            *([Step(kind="rapid", positions=words, commands=rest, towards=rows, seconds=turn)] if words else []),
-        ]
+        up = replace(self._to_the_top(rows, top), seconds=self._rapidly(lifted, top))
+        found += [*self._centred(False, lifted), up]
+        return [*found, *(self._rapid(before, after, rows) for before, after in itertools.pairwise([top, *turned]))]
 
     def _to_the_top(self, towards: int, commands: Positions | None = None) -> Step:
         positions = {self.upright: self.post.machine_top}
@@ -229,7 +226,8 @@ class _Writer:
         for row in range(1, self.run.rows):
             seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.dwell_s
             found += self._detour(row) if row in around else self._way(row, seconds)[0]
-            found.append(Step(kind="dwell", seconds=self.post.dwell_s))
+            early = seconds - self.seconds_to(row) if row in around else 0.0
+            found.append(Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)))
         return found
 
     def seconds_to(self, row: int) -> float:
@@ -246,8 +244,8 @@ class _Writer:
         if all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names):
             return [self._pose(row, max(seconds, 0.0))], 0.0
         commands, places, path = self.seat.blocks(row, self.centred)
-        least, more = pace(self.machine, path)
-        each = max(least, seconds - more) / len(places)
+        least, more = spread(*pace(self.machine, path), seconds)
+        each = least / len(places)
         steps = [
             self._feed(dict(zip(self.names, ends, strict=True)), place, each, row)
             for ends, place in zip(commands[:-1].tolist(), places[:-1], strict=True)
@@ -282,12 +280,11 @@ class _Writer:
         given = self.post.ways.get(self.run.id, {}).get(row)
         if given is not None:
             return given
-        lifted = [
-            usual_lift(self.nominal, self.run, r, self.post.retract_mm)
-            for r in (row - 1, row)
-            if 0 <= r < self.run.rows
-        ]
-        return over_the_top(self.machine, *lifted) if len(lifted) == 2 else tuple(lifted)
+        rows = [r for r in (row - 1, row) if 0 <= r < self.run.rows]
+        lifted = [usual_lift(self.nominal, self.run, r, self.post.retract_mm) for r in rows]
+        if len(lifted) == 2:
+            return over_the_top(self.machine, *lifted)
+        return out_to_the_top(self.machine, lifted[0]) if row else (lifted[0],)
 
     def _creep(self, lifted: Positions, pose: Positions, row: int, *, out: bool = False) -> list[Step]:
         """Between a pose and its lifted one, slowest near the pose; `row` is the one it leads to."""

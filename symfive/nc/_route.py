@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +10,18 @@ from numpy.typing import NDArray
 from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.procedures import Nominal
+from symfive.procedures import Nominal, home
 
-__all__ = ["Positions", "Way", "at_the_top", "lifts", "over_the_top", "top_of", "upright_axis", "usual_lift"]
+__all__ = [
+    "Positions", "Way", "at_the_top", "lifts", "out_to_the_top", "over_the_top", "top_of", "turned_home", "upright_axis",
+    "usual_lift",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Positions = Mapping[str, float]
 Way = tuple[Positions, ...]
-"""Positions of all axes on a way out of the nest, one after the other; the first and the last are lifted poses."""
+"""Positions of all axes on a way out of the nest, one after the other, which differ in one axis: which way several take in a
+rapid depends on the control. It begins and, between two poses, ends at a lifted one."""
 FLAT = 0.2
 """Sine of the angle between tool and table below which drawing back along the tool would not lead away from the table."""
 LEAST_LIFT_MM = 10.0
@@ -86,12 +90,32 @@ def at_the_top(machine: Machine, place: Positions) -> dict[str, float]:
     return {**place, upright: higher(top, place[upright])}
 
 
-def over_the_top(machine: Machine, before: Positions, after: Positions, *, rotary_first: bool = True) -> Way:
-    """From one lifted pose to another: up alone, the rotary axes and the other linear ones (in either order), down alone."""
+def turned_home(machine: Machine, place: Positions) -> dict[str, float]:
+    """The place with all rotary axes at home."""
+    return {name: home(axis) if axis.rotary else place[name] for name, axis in machine.axes.items()}
+
+
+def over_the_top(machine: Machine, before: Positions, after: Positions) -> Way:
+    """From one lifted pose to another: up alone, the rotary axes one by one, then the other linear ones, down alone."""
     upright = upright_axis(machine)
     high, there = (at_the_top(machine, place) for place in (before, after))
-    first = {n: (there if axis.rotary == rotary_first else high)[n] for n, axis in machine.axes.items() if n != upright}
-    return before, high, {**first, upright: high[upright]}, {**there, upright: high[upright]}, there, after
+    names = sorted((name for name in machine.axes if name != upright), key=lambda name: not machine.axes[name].rotary)
+    return before, *one_by_one(high, there, names), there, after
+
+
+def out_to_the_top(machine: Machine, lifted: Positions) -> Way:
+    """From a lifted pose up alone, then the rotary axes home one by one."""
+    top = at_the_top(machine, lifted)
+    return lifted, *one_by_one(top, turned_home(machine, top), [n for n, axis in machine.axes.items() if axis.rotary])
+
+
+def one_by_one(before: Positions, after: Positions, names: Sequence[str]) -> Way:
+    """Places on the way from one to another on which these axes move one after the other; those that stand are left out."""
+    found = [dict(before)]
+    for name in names:
+        if found[-1][name] != after[name]:
+            found.append({**found[-1], name: after[name]})
+    return tuple(found)
 
 
 def _inside(machine: Machine, name: str, value: float) -> bool:

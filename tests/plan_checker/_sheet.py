@@ -14,6 +14,8 @@ from ._plan import Plan, Run
 
 NUMBER = r"(-?[\d.]+)"
 NO_LENGTH = r"no tool (length|offset)"
+AGAIN = re.compile(r"The same mounting as for run ([^ :]+):")
+"""Ball, tool and bar stand as the sheet says of an earlier run."""
 LEAST_MM = 1.01
 """Places are set to the millimetre."""
 
@@ -32,6 +34,8 @@ def sheet(plan: Plan, paths: list[Path]) -> Iterator[Finding]:
             continue
         end = starts[k + 1][1] if k + 1 < len(starts) else len(text)
         part = text[start : end if end > start else len(text)]
+        if (again := AGAIN.search(part)) is not None:
+            part += next((text[at:start] for other, at in starts[:k] if other.table["id"] == again[1]), "")
         for says in _differs(plan, run, part):
             yield Finding("sheet", file, 0, f"run {run.table['id']}: {says}")
     offsets = {path.dialect for path in paths if any(e.text in ("G43", "D1", "length on") for e in path.events)}

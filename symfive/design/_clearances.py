@@ -1,0 +1,104 @@
+"""Clearances of a run's bodies at any position of the axes, each a distance of convex bodies from below."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.design._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation
+from symfive.design._distance import Rod, apart
+from symfive.kinematics import ball_in_workpiece, chain_poses
+from symfive.machine import Machine
+
+__all__ = ["Clearances"]
+
+Array = NDArray[np.float64]
+TABLE_DEPTH = 2000.0
+"""mm of the table as a body: nobody says what is under it."""
+ON_THE_BAR = ("spindle nose and bar", "bar and post", "bar and table", "bar and cup")
+"""Pairs that exist only while the bar is on."""
+
+
+class Clearances:
+    """Clearances of a run's bodies at any position of the axes; `names` (m,) of the pairs; `reach` mm from the tool ball to the
+    farthest point of what moves with the tool."""
+
+    def __init__(self, machine: Machine, run: Run) -> None:
+        q: Any = ca.SX.sym("q", len(machine.axis_names))
+        position = {name: machine.axes[name].to_internal * q[i] for i, name in enumerate(machine.axis_names)}
+        workpiece, spindle = chain_poses(machine, position, {}, {})
+        place = ball_in_workpiece(machine, position, ca.DM(run.tool_ball))
+        axis = workpiece.rotation.T @ spindle.rotation[:, 2]
+        self._frame: Any = ca.Function("frame", [q], [place, axis])
+        self.machine, self.table_ball = machine, np.asarray(run.table_ball, dtype=float)
+        self.bar, self.stands = "ball_bar" in run.instrument, bool({"ball_bar", "r_test"} & set(run.instrument))
+        nose = machine.workspace.spindle_nose
+        self.nose = None if nose is None else float(nose["radius"])
+        self.above = float(nose["above_ball"]) if nose is not None else -float(run.tool_ball[2])
+        self.reach = math.hypot(self.above + NOSE_LENGTH, self.nose) if self.nose is not None else self.above
+        self.names = self._names()
+
+    def _names(self) -> tuple[str, ...]:
+        bodies = ["tool"] if self.nose is None else ["tool", "spindle nose"]
+        others = ["table", "post", "table ball"] if self.stands else ["table"]
+        found = [f"{body} and {other}" for body in bodies for other in others]
+        found += ON_THE_BAR[self.nose is None :] if self.bar else ()
+        return (*found, *(f"travel of {name}" for name in self.machine.axis_names))
+
+    def __call__(self, commands: Array, *, bar: bool = True, enough: float = math.inf) -> Array:
+        """(N, m) at commands (N, axes) in mm and degree, infinite where a pair does not exist (without its bar a ball bar's nose
+        meets none); those above `enough` only at least so large."""
+        place, axis = self.frames(commands)
+        workspace, count = self.machine.workspace, len(commands)
+        stem = Rod(place, axis, np.full(count, self.above), workspace.tool_radius or 0.0)
+        found: dict[str, Array] = {}
+        bodies = {"tool": stem}
+        if self.nose is not None:
+            bodies["spindle nose"] = Rod(place + self.above * axis, axis, np.full(count, NOSE_LENGTH), self.nose)
+        x, y, z = self.table_ball
+        post = self._upright(count, (x, y, 0.0), max(z - POST_TOP, 0.0), workspace.post_radius or 0.0)
+        ball = self._upright(count, (x, y, z), 0.0, 0.0)
+        for name, body in bodies.items():
+            found[f"{name} and table"] = self._off_the_table(body, enough)
+            found[f"{name} and post"] = apart(body, post, enough)
+            found[f"{name} and table ball"] = apart(body, ball, enough + BALL_RADIUS) - BALL_RADIUS
+        way = place - self.table_ball
+        size = np.linalg.norm(way, axis=1)
+        found["tool and table ball"] = np.where(size > 2.0 * BALL_RADIUS, found["tool and table ball"], np.inf)
+        if self.bar and bar:
+            rod = Rod(ball.start, way / np.maximum(size, 1e-9)[:, None], size)
+            if self.nose is not None:
+                found["spindle nose and bar"] = apart(bodies["spindle nose"], rod, enough)
+            found["bar and post"], found["bar and table"] = apart(rod, post, enough), self._off_the_table(rod, enough)
+            least = math.sin(math.radians(least_elevation(workspace)))
+            found["bar and cup"] = (way[:, 2] - least * size) / (
+                1.0 - least
+            )  # so that it changes no more than the ball moves
+        for i, name in enumerate(self.machine.axis_names):
+            low, high = self.machine.axes[name].travel
+            found[f"travel of {name}"] = np.minimum(commands[:, i] - low, high - commands[:, i])
+        nothing = np.full(count, np.inf)
+        return np.stack([found.get(name, nothing) for name in self.names], axis=1)
+
+    def frames(self, commands: Array) -> tuple[Array, Array]:
+        """Tool ball and unit vector of the tool's axis in the workpiece frame, (N, 3) each."""
+        place, axis = self._frame.map(len(commands))(commands.T)
+        return np.asarray(place).T, np.asarray(axis).T
+
+    def _off_the_table(self, body: Rod, enough: float) -> Array:
+        """Distance from the table, a plane where nobody says how wide it is."""
+        radius = self.machine.workspace.table_radius
+        if radius is None:
+            return body.lowest
+        foot = (*self.machine.table_centre, -TABLE_DEPTH)
+        return apart(body, self._upright(len(body.start), foot, TABLE_DEPTH, radius + TABLE_EDGE), enough)
+
+    @staticmethod
+    def _upright(count: int, foot: tuple[float, float, float], height: float, radius: float) -> Rod:
+        up = np.broadcast_to([0.0, 0.0, 1.0], (count, 3))
+        return Rod(np.broadcast_to(np.array(foot), (count, 3)), up, np.full(count, height), radius)

@@ -1,0 +1,172 @@
+"""What meets on straight moves of the axes, between the positions that are looked at as well.
+
+At two neighbouring positions bodies keep apart by m and m', and between them no point of what moves goes a longer way than L:
+then nowhere between does anything come nearer than (m + m' - L)/2. Where that is not enough the move is halved, down to
+`FINE_MM`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.design._clearances import ON_THE_BAR, Clearances
+from symfive.machine import Machine
+from symfive.nc import Positions, Step
+
+__all__ = ["ROUNDING_MM", "Moves", "blocked_moves"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+LINEAR_MM, ROTARY_DEG = 4.0, 1.0
+"""A move is looked at at least so densely."""
+FINE_MM = 0.25
+"""What moves so little between two positions is not looked at in between: a clearance is known to half of it."""
+KEPT_OFF, RAPID_MM = 15.0, 5.0
+"""What the tool ball keeps off the nest and all bodies off each other on rapid moves, mm: the operator's tool is a little longer
+or shorter than planned."""
+ROUNDING_MM = 1e-3
+ENOUGH_MM = 25.0
+"""Distances above it are not sought further."""
+
+
+class Moves:
+    """Straight moves of one run's axes."""
+
+    def __init__(self, machine: Machine, run: Run) -> None:
+        self.machine, self.clearances = machine, Clearances(machine, run)
+        self.nest = np.asarray(run.table_ball)
+        self.names = (*self.clearances.names, "tool ball and nest")
+        still = ("travel", *ON_THE_BAR)
+        self.kept = np.array([0.0 if name.startswith(still) else RAPID_MM for name in self.clearances.names])
+        self.bodies = np.array([not name.startswith("travel") for name in self.names])
+        self.grain = np.array([ROTARY_DEG if machine.axes[n].rotary else LINEAR_MM for n in machine.axis_names])
+
+    def vector(self, positions: Positions) -> Array:
+        """Positions in the machine's order of axes."""
+        return np.array([positions[name] for name in self.machine.axis_names])
+
+    def met(self, starts: Array, ends: Array, *, rapid: bool, bar: bool) -> list[str]:
+        """Of moves (M, axes): what meets first along each, "" where it is clear."""
+        counts = np.maximum(1, np.ceil(np.abs(ends - starts) / self.grain).max(axis=1, initial=0.0)).astype(int)
+        owner = np.repeat(np.arange(len(starts)), counts + 1)
+        share = np.concatenate([np.arange(count + 1) / count for count in counts])
+        commands = starts[owner] + share[:, None] * (ends - starts)[owner]
+        left = self._left(commands, rapid, bar)
+        found = [""] * len(starts)
+        self._note(found, owner, left)
+        first = np.flatnonzero(np.diff(owner) == 0)
+        a, b = (commands[first], left[first]), (commands[first + 1], left[first + 1])
+        owner = owner[first]
+        while owner.size:
+            on = np.flatnonzero(self._doubtful(a, b) & np.array([not found[i] for i in owner]))
+            owner, a, b = owner[on], (a[0][on], a[1][on]), (b[0][on], b[1][on])
+            if not owner.size:
+                break
+            middle = 0.5 * (a[0] + b[0])
+            left = self._left(middle, rapid, bar)
+            self._note(found, owner, left)
+            halves = ((a[0], middle), (a[1], left)), ((middle, b[0]), (left, b[1]))
+            a = np.concatenate([a[0], middle]), np.concatenate([a[1], left])
+            b = np.concatenate([middle, b[0]]), np.concatenate([left, b[1]])
+            owner = np.tile(owner, len(halves))
+        return found
+
+    def _left(self, commands: Array, rapid: bool, bar: bool) -> Array:
+        """What is left of every clearance above what must be kept (N, pairs)."""
+        values = self.clearances(commands, bar=bar, enough=ENOUGH_MM) - (self.kept if rapid else 0.0)
+        off = np.full(len(commands), np.inf)
+        if rapid:
+            off = np.linalg.norm(self.clearances.frames(commands)[0] - self.nest, axis=1) - KEPT_OFF
+        return np.column_stack([values, off])
+
+    def _note(self, found: list[str], owner: Indices, left: Array) -> None:
+        for i in np.flatnonzero(~(left.min(axis=1) >= -ROUNDING_MM)):
+            found[owner[i]] = found[owner[i]] or self.names[int(np.argmin(left[i]))]
+
+    def _doubtful(self, a: tuple[Array, Array], b: tuple[Array, Array]) -> NDArray[np.bool_]:
+        """Whether something could meet between two positions."""
+        (here, axis), (there, other) = self.clearances.frames(a[0]), self.clearances.frames(b[0])
+        way = np.linalg.norm(there - here, axis=1) + self.clearances.reach * np.linalg.norm(other - axis, axis=1)
+        beyond = way[:, None]
+        one, two = (np.where(np.isinf(x), y - beyond, x) for x, y in ((a[1], b[1]), (b[1], a[1])))
+        least = np.min(0.5 * (one + two - beyond), axis=1, where=np.isfinite(one) & self.bodies, initial=np.inf)
+        return np.asarray((least < -ROUNDING_MM) & (way > FINE_MM))
+
+
+def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tuple[int, str]]:
+    """Moves of a program on which bodies meet or an axis leaves its travel: (the row they lead to, what meets)."""
+    test = Moves(machine, run)
+    moves, outside = _moves(machine, steps)
+    found = dict(outside)
+    for rapid, bar in itertools.product((False, True), repeat=2):
+        alike = [
+            (step, before)
+            for step, before in moves
+            if (step.kind != "feed", step.seated) == (rapid, bar) and step.towards not in outside
+        ]
+        if not alike:
+            continue
+        starts, ends = (
+            np.stack([test.vector(p) for p in places])
+            for places in ([before for _, before in alike], [step.commands for step, _ in alike])
+        )
+        for (step, _), what in zip(alike, test.met(starts, ends, rapid=rapid, bar=bar), strict=True):
+            if what:
+                found.setdefault(step.towards or 0, what)
+    return sorted(found.items())
+
+
+def _moves(machine: Machine, steps: Sequence[Step]) -> tuple[list[tuple[Step, Positions]], dict[int, str]]:
+    """The moves to be tested, each with where it begins, and the rows on whose way a block ends outside an axis' travel.
+
+    Such a way is blocked whatever else it meets, and where the chain is nearly singular it is kilometres long: nothing more of
+    it is looked at. Blocks that are shorter than what is tested anyway are taken together.
+    """
+    moves: list[tuple[Step, Positions]] = []
+    outside: dict[int, str] = {}
+    before: Positions = {}
+    tested: Positions = {}
+    for step, after in itertools.zip_longest(steps, steps[1:]):
+        if step.kind not in ("rapid", "feed", "retract"):
+            continue
+        if not (before and step.commands and step.towards is not None):
+            before, tested = step.commands, {}
+            continue
+        out = _outside(machine, step.commands)
+        if out or step.towards in outside:
+            outside.setdefault(step.towards, f"travel of {out}")
+            tested = {}
+        else:
+            tested = tested or before
+            alike = after is not None and _kind(after) == _kind(step) and step.kind == "feed"
+            if not (alike and after is not None and _close(machine, tested, after.commands)):
+                moves.append((step, tested))
+                tested = {}
+        before = step.commands
+    return moves, outside
+
+
+def _kind(step: Step) -> tuple[str, int | None, bool]:
+    return step.kind, step.towards, step.seated
+
+
+def _outside(machine: Machine, commands: Positions) -> str | None:
+    """An axis that is outside its travel."""
+    for name, axis in machine.axes.items():
+        low, high = axis.travel
+        if not low - ROUNDING_MM <= commands[name] <= high + ROUNDING_MM:
+            return name
+    return None
+
+
+def _close(machine: Machine, before: Positions, after: Positions) -> bool:
+    """Whether two positions are so near that nothing between them is tested: short blocks need no test each."""
+    return all(
+        abs(after[name] - before[name]) <= (ROTARY_DEG if axis.rotary else LINEAR_MM)
+        for name, axis in machine.axes.items()
+    )
