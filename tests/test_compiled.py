@@ -31,7 +31,7 @@ from symfive.compiled._source import source_of
 from symfive.design import plan
 from symfive.identify import identify
 from symfive.machine import preset, presets
-from symfive.model import Model
+from symfive.model import Model, _assembly
 from symfive.procedures import campaign_of, r_test_grid
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -47,6 +47,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(_mapped, "_STATES", {})
     monkeypatch.setattr(_mapped, "_TOLD", Counter())
     monkeypatch.setattr(_mapped, "_REFUSED", Counter())
+    _assembly._KEPT.clear()
     return tmp_path / "cache" / "symfive"
 
 
@@ -256,6 +257,7 @@ def test_every_preset(eager, name) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(SWITCH, "none")
         expected = plain.linearise(run, values)
+    _assembly._KEPT.clear()
     model.linearise(run, values)
     found = model.linearise(run, values)
     assert status().compiled == 1
@@ -271,6 +273,7 @@ def test_an_identification_is_the_same_to_the_last_bit(monkeypatch, where) -> No
         patch.setenv(SWITCH, "none")
         expected = identify(campaign)
     assert status().compiled == 0
+    _assembly._KEPT.clear()
     for name in ("LOOKED_UP_S", "LOOKED_UP_OPERATION_S", "COMPILED_S", "COMPILED_OPERATION_S"):
         monkeypatch.setattr(_mapped, name, 0.0)
     found = identify(campaign)
@@ -287,6 +290,7 @@ def test_a_plan_is_the_same_to_the_last_bit(eager, monkeypatch, instrument) -> N
     found = plan(preset("table-bc"), instrument=instrument, points=12, starts=1, anywhere=False)
     assert status().compiled >= 5 and not status().refused
     monkeypatch.setenv(SWITCH, "none")
+    _assembly._KEPT.clear()
     expected = plan(preset("table-bc"), instrument=instrument, points=12, starts=1, anywhere=False)
     for one, other in zip(found.campaign.runs, expected.campaign.runs, strict=True):
         assert all(np.array_equal(one.commands[axis], other.commands[axis]) for axis in one.commands)

@@ -98,6 +98,17 @@ _LIBRARY: dict[int, Callable[..., Value]] = {
 """All others, of numbers or columns."""
 
 
+_OWN = threading.local()
+
+
+def _scratch(size: int) -> Array:
+    """Columns (size, `CHUNK`) to compute in, of this thread; all functions take them in turn."""
+    found: Array | None = getattr(_OWN, "columns", None)
+    if found is None or len(found) < size:
+        found = _OWN.columns = np.empty((size, CHUNK))
+    return found[:size]
+
+
 class Columns:
     """The program of a function over rows; `held` inputs are the same for all of them. Raises `NotImplementedError` for a
     function with operations that it does not know."""
@@ -109,10 +120,8 @@ class Columns:
         self._inputs: list[tuple[int, int, int]] = []
         self._steps: list[tuple[int, int, int, Any, Any]] = []
         self._outputs: list[tuple[int, int, int]] = []
-        self._slots = [0.0] * function.sz_w()
+        self._size = function.sz_w()
         self._read(function)
-        self._buffers = np.empty((len(self._slots), CHUNK))
-        self._lock = threading.Lock()
 
     def _read(self, function: Any) -> None:
         """Instructions as (slot of the result, slots of the arguments, operation of numbers, operation of columns); constants,
@@ -139,7 +148,7 @@ class Columns:
 
     def __call__(self, given: Sequence[Array], results: Sequence[Array], first: int, last: int) -> bool:
         """Write the results of rows `first` to `last`; False where an operation has no number, which is left to CasADi."""
-        with self._lock, np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):
             try:
                 for start in range(first, last, CHUNK):
                     self._rows(given, results, start, min(start + CHUNK, last))
@@ -148,8 +157,8 @@ class Columns:
         return True
 
     def _rows(self, given: Sequence[Array], results: Sequence[Array], first: int, last: int) -> None:
-        count, slots = last - first, self._slots
-        buffers = [*self._buffers[:, :count]]
+        slots: list[Value] = [0.0] * self._size
+        buffers = [*_scratch(self._size)[:, : last - first]]
         inputs = [
             value.tolist() if i in self.held else [_steady(column) for column in value[first:last].T.copy()]
             for i, value in enumerate(given)
