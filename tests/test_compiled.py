@@ -24,13 +24,14 @@ from test_effects import CASES, around, model_of
 from symfive.campaign import read_campaign
 from symfive.compiled import Mapped, _mapped, status
 from symfive.compiled._cache import find
+from symfive.compiled._columns import Columns
 from symfive.compiled._compiler import FLAGS, SWITCH
 from symfive.compiled._library import Library
 from symfive.compiled._source import source_of
 from symfive.design import plan
 from symfive.identify import identify
 from symfive.machine import preset, presets
-from symfive.model import Model
+from symfive.model import Model, _assembly
 from symfive.procedures import campaign_of, r_test_grid
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -46,6 +47,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(_mapped, "_STATES", {})
     monkeypatch.setattr(_mapped, "_TOLD", Counter())
     monkeypatch.setattr(_mapped, "_REFUSED", Counter())
+    _assembly._KEPT.clear()
     return tmp_path / "cache" / "symfive"
 
 
@@ -64,9 +66,17 @@ def small(scale: float = 1.0) -> ca.Function:
 
 
 def interpreted(function: ca.Function, held: tuple[int, ...], *inputs: np.ndarray) -> list[np.ndarray]:
+    """By CasADi's interpreter, row by row."""
     plain = Mapped(function, held)
-    plain._state.settled = True
+    plain._state.settled = plain._tried = True
     return plain(*inputs)
+
+
+def by_columns(function: ca.Function, held: tuple[int, ...], *inputs: np.ndarray) -> list[np.ndarray] | None:
+    """By array operations, whatever the number of rows; None where one of them has no number."""
+    rows = next(len(value) for i, value in enumerate(inputs) if i not in held)
+    results = [np.full((rows, function.numel_out(i)), np.nan) for i in range(function.n_out())]
+    return results if Columns(function, held)(inputs, results, 0, rows) else None
 
 
 def same(one: np.ndarray, other: np.ndarray) -> bool:
@@ -130,6 +140,51 @@ def every_operation() -> ca.Function:
     return ca.Function("every", [x, p], [ca.densify(ca.vertcat(*(ca.vec(part) for part in found)))])
 
 
+@pytest.mark.parametrize("rows", [1, 203, 1500])
+def test_columns_give_the_bits_of_rows(rows) -> None:
+    points = np.resize(POINTS, (rows, 2))
+    for still in (points, points * [1.0, 0.0], np.ones_like(points)):
+        for one, other in zip(
+            by_columns(small(), (1,), still, HELD), interpreted(small(), (1,), still, HELD), strict=True
+        ):
+            assert same(one, other)
+
+
+def test_odd_numbers_by_columns_are_those_of_rows_or_left_to_them() -> None:
+    x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 2)
+    a, b = x[0], x[1]
+    told = [a < b, a <= b, a == b, a != b, a == 0, ca.if_else(a > b, a, b), ca.if_else(a, b, p[0]), ca.logic_not(a)]
+    told += [
+        ca.fmax(a, b),
+        ca.fmin(a, b),
+        ca.fmax(p[0], b),
+        ca.sign(a),
+        ca.floor(a),
+        ca.ceil(p[0]),
+        ca.logic_and(a, b),
+        ca.logic_or(a, p[0]),
+    ]
+    made = [a + b, a - p[0], a * b, p[1] * p[0], a / p[0], 1 / a, -a, ca.fabs(b), ca.sqrt(a), a**2, 2 * b]
+    called = [ca.sin(a), ca.atan2(a, b), ca.exp(a), ca.tanh(a), ca.log(a), ca.power(a, b), a**3, ca.fmod(a, b)]
+    odd = np.array([0.0, -0.0, 1.0, -1.0, 0.5, 2.0, -3.7, 1e-310, -1e-310, 1e300, np.inf, -np.inf, np.nan, 4e5, np.pi])
+    points = np.array(np.meshgrid(odd, odd)).reshape(2, -1).T
+    held = np.array([0.4, -1.0])
+    both = ca.Function("both", [x, p], [ca.densify(ca.vertcat(*told, *made))])
+    assert same(by_columns(both, (1,), points, held)[0], interpreted(both, (1,), points, held)[0])
+    for call in called:
+        function = ca.Function("call", [x, p], [call])
+        expected = interpreted(function, (1,), points, held)[0]
+        found = by_columns(function, (1,), points, held)
+        assert found is None or same(found[0], expected)
+        for row, value in zip(points, expected, strict=True):
+            found = by_columns(function, (1,), row[None, :], held)
+            assert found is None or same(found[0][0], value)
+    many = np.concatenate([points, points])  # so many that columns are tried first
+    for call in called:
+        function = ca.Function("call", [x, p], [call])
+        assert same(Mapped(function, (1,))(many, held)[0], interpreted(function, (1,), many, held)[0])
+
+
 @needs_compiler
 @pytest.mark.parametrize("program", ["gcc", "clang"])
 def test_every_operation_and_every_odd_number(eager, monkeypatch, program) -> None:
@@ -189,6 +244,7 @@ def test_every_effect(eager, number) -> None:
         fresh.evaluate(inputs, *arguments, slopes=slopes)
         assert fresh._mapped[slopes]._state.library is not None, status().refused
         assert same(fresh.evaluate(inputs, *arguments, slopes=slopes).reshape(expected.shape), expected)
+        assert same(by_columns(function._table(slopes), (1, 2, 3), inputs, *arguments)[0], expected)
 
 
 @needs_compiler
@@ -201,6 +257,7 @@ def test_every_preset(eager, name) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(SWITCH, "none")
         expected = plain.linearise(run, values)
+    _assembly._KEPT.clear()
     model.linearise(run, values)
     found = model.linearise(run, values)
     assert status().compiled == 1
@@ -216,6 +273,7 @@ def test_an_identification_is_the_same_to_the_last_bit(monkeypatch, where) -> No
         patch.setenv(SWITCH, "none")
         expected = identify(campaign)
     assert status().compiled == 0
+    _assembly._KEPT.clear()
     for name in ("LOOKED_UP_S", "LOOKED_UP_OPERATION_S", "COMPILED_S", "COMPILED_OPERATION_S"):
         monkeypatch.setattr(_mapped, name, 0.0)
     found = identify(campaign)
@@ -232,6 +290,7 @@ def test_a_plan_is_the_same_to_the_last_bit(eager, monkeypatch, instrument) -> N
     found = plan(preset("table-bc"), instrument=instrument, points=12, starts=1, anywhere=False)
     assert status().compiled >= 5 and not status().refused
     monkeypatch.setenv(SWITCH, "none")
+    _assembly._KEPT.clear()
     expected = plan(preset("table-bc"), instrument=instrument, points=12, starts=1, anywhere=False)
     for one, other in zip(found.campaign.runs, expected.campaign.runs, strict=True):
         assert all(np.array_equal(one.commands[axis], other.commands[axis]) for axis in one.commands)
@@ -243,7 +302,7 @@ def test_a_plan_is_the_same_to_the_last_bit(eager, monkeypatch, instrument) -> N
 @needs_compiler
 def test_little_work_is_never_compiled_and_much_work_is_once(cache) -> None:
     mapped = Mapped(small(), (1,))
-    a_row = mapped._operations * _mapped.INTERPRETED_S
+    a_row = mapped._operations * _mapped.SHARE * _mapped.INTERPRETED_S
     price = _mapped.COMPILED_S + _mapped.COMPILED_OPERATION_S * mapped._operations
     many = np.tile(POINTS, (20, 1))
     for _ in range(int(price / a_row / len(many))):
@@ -276,7 +335,8 @@ def test_what_earlier_runs_have_paid_counts(cache, monkeypatch, note) -> None:
 
 
 @needs_compiler
-def test_one_call_with_many_rows_is_compiled_on_its_way(cache) -> None:
+def test_one_call_with_many_rows_is_compiled_on_its_way(cache, monkeypatch) -> None:
+    monkeypatch.setattr(_mapped, "COMPILED_S", 0.4 * _mapped.COMPILED_S)
     mapped = Mapped(small(), (1,))
     many = np.random.default_rng(1).normal(size=(2_500_000, 2))
     found = mapped(many, HELD)

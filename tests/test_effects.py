@@ -596,6 +596,10 @@ def test_described_and_written(number: int) -> None:
     values = dict(zip(model.index, around(model), strict=True))
     found = {name: quantity.as_data() for name, quantity in effect.describe(model.campaign, values, covariance).items()}
     assert json.loads(json.dumps(found, allow_nan=False)) == found
+    chosen = {"direction"} if effect.id == "spindle_growth" else set(vars(effect))  # not estimated
+    for name, entry in found.items():
+        numbers = np.ravel(entry["value"]).dtype.kind in "if"
+        assert not numbers or name in chosen or entry["std"] is not None, name
     assert effect.vocabulary in VOCABULARY and effect.says and effect.hidden_by
     again = effects_from_data(json.loads(json.dumps([effect_to_data(effect)])), "model.json")
     assert again == (effect,)

@@ -84,6 +84,16 @@ def real(name: str) -> tuple[Recording, Campaign]:
     return recording, recording.prepare(convert(recording.converter))
 
 
+def sized(found: Study) -> bool:
+    """Whether every finding differs from none by 2σ or more, and every number that was estimated has its 1σ."""
+    for finding in found.found.findings:
+        for name, q in finding.parameters.items():
+            numbers = np.ravel(np.asarray(q.value, dtype=object))
+            if not isinstance(numbers[0], str) and name not in vars(finding.effect) and q.std is None:
+                return False
+    return all(finding.sigmas >= 2.0 for finding in found.found.findings)
+
+
 # --- without the recordings ----------------------------------------------------------------------------------
 
 
@@ -198,7 +208,7 @@ def test_emps_friction_comes_back_with_the_published_values(tmp_path: Path) -> N
     recording, campaign = real("emps")
     found = study(recording, campaign)
     finding, *beyond = found.found.findings
-    assert (finding.name, finding.axis) == ("friction", "X")
+    assert (finding.name, finding.axis) == ("friction", "X") and sized(found)
     assert {f.name for f in beyond} <= {"unknown", "latency"}  # what lies beyond the published model
     assert found.found.location.significant[0].link == "drive"
     for name, published in (recording.published or {}).items():
@@ -212,7 +222,7 @@ def test_emps_friction_comes_back_with_the_published_values(tmp_path: Path) -> N
 
 def test_ecmc_cycles_are_predicted_from_others() -> None:
     found = study(*real("ecmc-iso230"))
-    assert found.found.mismatch and {f.axis for f in found.found.findings} == {"X"}
+    assert found.found.mismatch and {f.axis for f in found.found.findings} == {"X"} and sized(found)
     from_the_first, from_the_last = found.held_out
     assert from_the_first.after < 0.4 * from_the_first.before
     assert from_the_last.after < 0.85 * from_the_last.before  # the first reading of all, 110 µm off, counts in either
@@ -226,7 +236,7 @@ def test_slit_has_a_periodic_error_of_one_turn_of_its_screw() -> None:
     run = rows_of(campaign.runs[0], slice(None, None, 2))
     found = study(recording, replace(campaign, runs=(run,)))
     first = found.found.findings[0]
-    assert (first.name, first.axis) == ("transmission_error", "X")
+    assert (first.name, first.axis) == ("transmission_error", "X") and sized(found)
     assert all(part.after < 0.2 * part.before for part in found.held_out)
 
 

@@ -32,7 +32,7 @@ from symfive.inference import gauss_newton
 from symfive.inference._noise import Noise, whiten
 from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model, read_model, write_model
-from symfive.procedures import campaign_of, r_test_grid
+from symfive.procedures import campaign_of, planar_circle, r_test_grid, rotary_circle, static_ball_bar
 from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -341,3 +341,27 @@ def test_readings_in_the_wrong_unit_are_said_to_be_too_quiet():
     small = [run.with_readings({k: 1e-3 * v for k, v in run.readings.items()}) for run in measured.runs]
     assert not [n for n in identify(measured).notes if "smaller than the noise" in n]
     assert [n for n in identify(replace(measured, runs=tuple(small))).notes if "µm, not mm" in n]
+
+
+@pytest.mark.parametrize("name", ["three-axis", "table-bc"])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_ball_bar_procedure_of_the_docs_converges_with_plays(name: str, seed: int) -> None:
+    """A play that is hardly seen comes out near none, where the cost has a kink."""
+    machine = preset(name)
+    rotary = [("C", "radial"), ("C", "axial"), ("B", "axial")] if name == "table-bc" else []
+    runs = [
+        *planar_circle(machine, plane="XY", feed=2000.0, rate_hz=10.0),
+        *planar_circle(machine, plane="ZX", feed=2000.0, rate_hz=10.0, sweep_deg=180.0),
+        *(run for axis, way in rotary for run in rotary_circle(machine, axis=axis, arrangement=way, rate_hz=10.0)),
+        *(static_ball_bar(machine) if rotary else ()),
+    ]
+    truth = ({"backlash.C.width": 45.0} if rotary else {}) | {"backlash.X.width": 9.0}
+    plays = [make_effect("backlash", key.split(".")[1]) for key in truth]
+    measured = simulate(campaign_of(machine, runs), truth=truth, effects=plays, seed=seed).campaign
+    for effects, least, most in (((), 80.0, 130.0), (plays, 0.9, 1.1)):
+        fit = identify(measured, effects=effects)
+        assert fit.converged and not fit.notes
+        assert least < fit.chi2_dof < most
+    assert fit["backlash.X.width"] == pytest.approx(9.0, abs=0.1)
+    for key, width in truth.items():
+        assert abs(fit[key] - width) < 3.0 * fit.uncertainty(key)  # these circles hardly see a play of C

@@ -83,6 +83,15 @@ def test_baseline_effects_come_from_the_machine_file(static):
         Model(campaign, [make_effect("backlash", "C")])
 
 
+def test_models_that_ask_for_the_same_function_share_it(static):
+    play, other = make_effect("backlash", "C"), make_effect("backlash", "B")
+    run = static.runs[0]
+    one = Model(static, [play])._function(run)
+    assert Model(static, [replace(play, spread=3.0)])._function(run) is one
+    assert Model(static, [other])._function(run) is not one
+    assert Model(replace(static, machine=replace(static.machine)), [play])._function(run) is not one
+
+
 def test_error_motion_over_two_axes(static):
     term = ErrorTerm(name="EAC", sigma=20.0, over=("B", "C"), basis=("polynomial", "fourier"), order=(2, 1))
     campaign = static.with_machine(replace(static.machine, errors={**static.machine.errors, "EAC": term}))

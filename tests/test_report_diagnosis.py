@@ -199,6 +199,13 @@ def test_a_fit_that_did_not_converge_says_so_first(found, tmp_path, monkeypatch)
     assert "<strong>The fit did not converge: " in page and 'class="verdict yes"' not in page
 
 
+def test_a_fit_that_did_not_converge_is_not_recommended(found):
+    after = replace(found.after, converged=False)
+    for findings in (found.findings, ()):
+        step = closing(replace(found, after=after, findings=findings)).partition("Next: ")[2]
+        assert "do not use model.json" in step and "record further runs" in step
+
+
 def test_what_geometry_and_set_up_explain_is_a_share_of_its_own(found):
     assert found.geometry_share == pytest.approx(
         1.0 - (found.fit.rms_after_um / found.fit.rms_before_um) ** 2 - 0.842, abs=0.02

@@ -46,13 +46,13 @@ def trace(sense: int, play: tuple[float, float], way: float, seed: int) -> tuple
     return np.degrees(phi), deviation + NOISE * np.random.default_rng(seed).standard_normal(900)
 
 
-def imported(folder: Path, play: tuple[float, float], way: float) -> Campaign:
+def imported(folder: Path, play: tuple[float, float], way: float, machine: str = "three-axis") -> Campaign:
     for sense, name in ((1, "ccw"), (-1, "cw")):
         rows = zip(*trace(sense, play, way, 7 + sense), strict=True)
         (folder / f"{name}.txt").write_text("".join(f"{angle:.3f};{value:.3f}\n" for angle, value in rows))
     files = [str(folder / f"{name}.txt") for name in ("ccw", "cw")]
     words = ["--radius", "100", "--feed", "1000", "--centre", "0,0,80", "--fitted", "-q"]
-    assert main(["import-polar", "three-axis", *files, "-o", str(folder / "c"), *words]) == 0
+    assert main(["import-polar", machine, *files, "-o", str(folder / "c"), *words]) == 0
     return read_campaign(folder / "c")
 
 
@@ -76,6 +76,19 @@ def test_plays_are_named_with_their_widths_and_nothing_beside(name, tmp_path):
     assert len(widths) == len(found.findings)
     assert widths == pytest.approx({"XY"[k]: w for k, w in enumerate(play) if w}, rel=0.05)
     assert all(f.confidence > 0.5 for f in found.findings)  # lateral play reads nearly alike on one circle, and is said
+
+
+@pytest.mark.slow
+def test_on_a_trunnion_machine_play_keeps_its_common_name(tmp_path):
+    """There the errors that the baseline declares leave the mismatch of scales: it is the only finding beside the plays."""
+    found = diagnose(imported(tmp_path, (5.0, 11.0), 0.0, "table-bc"))
+    widths = {f.axis: f.parameters["width"].value for f in found.findings if f.name == "backlash"}
+    assert widths == pytest.approx({"X": 5.0, "Y": 11.0}, rel=0.05)
+    (scale,) = (f for f in found.findings if f.name != "backlash")
+    assert scale.name == "scale_error" and abs(scale.parameters["ppm"].value) == pytest.approx(50.0, rel=0.05)
+    assert all(f.confidence > 0.5 for f in found.findings)
+    said = {name for f in found.findings for name in f.alias}  # what reads the same on one circle
+    assert {"lateral_play.EAY", "lateral_play.EBX"} <= said
 
 
 def test_readings_next_to_a_reversal_are_left_out():
@@ -114,16 +127,17 @@ def test_a_play_follows_the_motion_through_rows_that_are_missing():
         assert readings["lossy"] == pytest.approx(readings[whole.id][~gone], abs=0.05)
 
 
-def test_the_side_before_the_first_move_is_free_in_static_runs(tmp_path):
-    """A plain play of B in poses that begin with a whole turn of C, B having come from the other side."""
+def came_from_the_other_side(folder: Path) -> Campaign:
+    """336 rows of an R-test: a plain play of B, 45 µrad, in poses that begin with a whole turn of C, B having come from the
+    other side."""
     machine = plant.static_table()
     poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
     runs = [
         plant.r_test(machine, f"n{k}", nest=(90, -20, 50 + 50 * k), poses=poses, start_s=1500.0 * k) for k in (0, 1)
     ]
     play = {"effect": "backlash", "axis": "B", "width": 45.0}
-    plant.write_campaign(tmp_path / "c", machine, runs, {"EX0B": 30.0}, None, [play], seed=3)
-    campaign = read_campaign(tmp_path / "c")
+    plant.write_campaign(folder / "c", machine, runs, {"EX0B": 30.0}, None, [play], seed=3)
+    campaign = read_campaign(folder / "c")
     model = Model(campaign, [make_effect("backlash", "B")])
     values = {p.name: 45.0 for p in model.parameters if p.name == "backlash.B.width"}
     other = {p.name: -1.0 for p in model.parameters if p.name.endswith(".start")}
@@ -131,11 +145,27 @@ def test_the_side_before_the_first_move_is_free_in_static_runs(tmp_path):
     one, other_side = (model.predict(values | dict.fromkeys(other, side)) for side in (1.0, -1.0))
     change = {id: other_side[id] - one[id] for id in one}
     read = [np.stack([*run.readings.values()], axis=1) + change[run.id] for run in campaign.runs]
-    came = replace(campaign, runs=tuple(
+    return replace(campaign, runs=tuple(
         run.with_readings(dict(zip(run.readings, columns.T, strict=True)))
         for run, columns in zip(campaign.runs, read, strict=True)
     ))  # fmt: skip
-    fit = identify(came, effects=[make_effect("backlash", "B")])
+
+
+def test_the_side_before_the_first_move_is_free_in_static_runs(tmp_path):
+    fit = identify(came_from_the_other_side(tmp_path), effects=[make_effect("backlash", "B")])
     assert fit.chi2_dof < 1.2
     assert fit["backlash.B.width"] == pytest.approx(45.0, rel=0.03)
-    assert all(fit[name] == pytest.approx(-1.0, abs=0.1) for name in other)
+    sides = [name for name in fit.model.index if name.endswith(".start")]
+    assert len(sides) == 2
+    assert all(fit[name] == pytest.approx(-1.0, abs=0.1) for name in sides)
+
+
+@pytest.mark.slow
+def test_a_plain_play_of_a_static_run_is_the_only_finding(tmp_path):
+    campaign = came_from_the_other_side(tmp_path)
+    assert sum(run.rows for run in campaign.runs) == 336
+    found = diagnose(campaign)
+    (play,) = found.findings
+    assert (play.name, play.axis) == ("backlash", "B") and play.confidence > 0.9
+    assert play.parameters["width"].value == pytest.approx(45.0, rel=0.05)
+    assert found.fit.heldout_rms_after_um is None or found.fit.heldout_rms_after_um < 1.2 * found.noise_um

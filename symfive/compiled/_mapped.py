@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.compiled._cache import cache_folder
+from symfive.compiled._columns import FEWEST, SHARE, Columns
 from symfive.compiled._compiler import SWITCH, Compiler, find_compiler
 from symfive.compiled._library import Library, compiled, found, key_of, note_rent, rent
 
@@ -92,6 +94,8 @@ class Mapped:
     held: tuple[int, ...] = ()
     _state: _State = field(default_factory=_State, repr=False)
     _blocks: dict[int, Any] = field(default_factory=dict, repr=False)
+    _columns: Columns | None = field(default=None, repr=False)
+    _tried: bool = field(default=False, repr=False)
     _lock: Any = field(default_factory=threading.Lock, repr=False)
 
     def __post_init__(self) -> None:
@@ -112,7 +116,8 @@ class Mapped:
                 library(rows - first, self._from(given, first), [result[first:] for result in results])
                 break
             last = min(rows, first + PIECE)
-            self._interpret(given, results, first, last)
+            cost = self._interpret(given, results, first, last)
+            self._state.spent += (last - first) * self._operations * cost
             self._count(given, results, first, last)
             first = last
         return results
@@ -130,7 +135,10 @@ class Mapped:
 
     # ---- by the interpreter
 
-    def _interpret(self, given: Sequence[Array], results: Sequence[Array], first: int, last: int) -> None:
+    def _interpret(self, given: Sequence[Array], results: Sequence[Array], first: int, last: int) -> float:
+        """Write these rows of the results; returns what an operation on one row has cost, s."""
+        if last - first >= FEWEST and self._by_columns(given, results, first, last):
+            return SHARE * INTERPRETED_S
         block = min(BLOCK, 1 << max(0, last - first - 1).bit_length())
         with self._lock:
             trigger, sources, outputs = self._block(block)
@@ -145,6 +153,15 @@ class Mapped:
                 trigger()
                 for result, output in zip(results, outputs, strict=True):
                     result[start : start + count] = output[:count]
+        return INTERPRETED_S
+
+    def _by_columns(self, given: Sequence[Array], results: Sequence[Array], first: int, last: int) -> bool:
+        """The same by array operations; False where they cannot."""
+        if not self._tried:
+            self._tried = True
+            with suppress(NotImplementedError):
+                self._columns = Columns(self.function, self.held)
+        return self._columns is not None and self._columns(given, results, first, last)
 
     def _block(self, block: int) -> tuple[Callable[[], None], list[Array], list[Array]]:
         if block not in self._blocks:
@@ -162,9 +179,8 @@ class Mapped:
     # ---- by machine code
 
     def _count(self, given: Sequence[Array], results: Sequence[Array], first: int, last: int) -> None:
-        """Add what the interpreter has cost; look for machine code, or compile, once that has become the cheaper."""
+        """Look for machine code, or compile, once that has become cheaper than what the interpreter has cost."""
         state = self._state
-        state.spent += (last - first) * self._operations * INTERPRETED_S
         if state.settled or state.spent < LOOKED_UP_S + LOOKED_UP_OPERATION_S * self._operations:
             return
         with _LOCK:

@@ -439,10 +439,17 @@ class Unknown(Effect):
         if self.carrier:
             found["carrier"] = Quantity(self.carrier)
         if self.place == "structure":
-            _, _, right = np.linalg.svd(shape(np.array([values[name] for name in names])), full_matrices=False)
-            main = right[0] * (1.0 if right[0][np.argmax(np.abs(right[0]))] > 0.0 else -1.0)
-            full = dict(zip(self.directions, map(float, main), strict=True))
-            found["direction"] = Quantity(tuple(full.get(c, 0.0) for c in ("abc" if self._turns else "xyz")), None, "1")
+
+            def heading(p: Array) -> Array:
+                _, _, right = np.linalg.svd(shape(p), full_matrices=False)
+                return np.asarray(right[0] * (1.0 if right[0][np.argmax(np.abs(right[0]))] > 0.0 else -1.0))
+
+            both = propagate(heading, names, *known_part(amplitudes, values, covariance))
+            full, spread = (dict(zip(self.directions, part.tolist(), strict=True)) for part in both)
+            letters = "abc" if self._turns else "xyz"
+            found["direction"] = Quantity(
+                tuple(full.get(c, 0.0) for c in letters), tuple(min(spread.get(c, 0.0), 1.0) for c in letters), "1"
+            )
         return found
 
 

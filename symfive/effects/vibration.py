@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
 from symfive.effects._form import TOOL, Form, Scan, Tone
-from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity, seen_length
+from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity, propagate, seen_length
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
@@ -133,13 +133,21 @@ class Vibration(Effect):
 
         amplitude, direction, phase = main(np.array([values[name] for name in names]))
         std = length_spread(lambda p: main(p)[0], names, values, covariance)
+
+        def heading(p: Array) -> Array:
+            _, way, angle = main(p)
+            return np.append(way, phase + math.remainder(angle - phase, 2.0 * math.pi))
+
+        *ways, turn = (float(s) for s in propagate(heading, names, values, covariance)[1])
         found = {
             "frequency_hz": own_quantity(parameters[-1], values, covariance),
             "amplitude": Quantity(amplitude, std, parameters[0].unit),
-            "phase": Quantity(phase, None, "rad"),
+            "phase": Quantity(phase, min(turn, math.pi), "rad"),
         }
         found |= seen_length(names, parameters[0].unit, values, covariance)
         if self.place == "structure":
-            full = dict(zip(self.directions, map(float, direction), strict=True))
-            found["direction"] = Quantity(tuple(full.get(c, 0.0) for c in "xyz"), None, "1")
+            full, spread = (dict(zip(self.directions, part, strict=True)) for part in (direction.tolist(), ways))
+            found["direction"] = Quantity(
+                tuple(full.get(c, 0.0) for c in "xyz"), tuple(min(spread.get(c, 0.0), 1.0) for c in "xyz"), "1"
+            )
         return found

@@ -26,9 +26,10 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-7
 than its walls: a step with less damping than the least is not held back along it."""
 PATIENCE, STALLED = 8, 1.0
 """Where this many steps together lower -2 log posterior by less than this, the rest of the way is not worth it: readings that
-stick and slip have a cost with kinks, in which every step is cut short."""
+stick and slip, or a play that is hardly seen, have a cost with kinks, in which every step is cut short."""
 COST_TOLERANCE = 1e-4
-"""Or when -2 log posterior falls by no more than this: it says nothing about any parameter."""
+"""Or when -2 log posterior falls by no more than this, in a whole step or in so many shortened ones: it says nothing about any
+parameter."""
 HALVINGS = 30
 
 
@@ -73,7 +74,9 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
         total = np.inf if information is None else information.square + pulled
         history.append(min(total, last))
         if damping > 0.0 and len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < STALLED:
-            return best, False
+            return best, history[-1 - PATIENCE] - history[
+                -1
+            ] < COST_TOLERANCE  # no lower in steps of any length: a kink
         accepted = np.isfinite(total) and total <= last * (1 + 1e-12) + 1e-9
         if information is not None:
             here, pull = information.matrix + np.diag(precision), information.gradient - departure * precision

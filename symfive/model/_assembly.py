@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,7 +22,7 @@ from symfive.model._row import Row
 from symfive.motion import Position, Signal
 from symfive.parameters import Parameter
 
-__all__ = ["RowFunction", "apply_errors", "assemble", "machine_parameters", "sensed_columns"]
+__all__ = ["RowFunction", "apply_errors", "assemble", "assembled", "machine_parameters", "sensed_columns"]
 
 Array = NDArray[np.float64]
 
@@ -74,6 +76,31 @@ class RowFunction:
         base = self.slopes if slopes else self.value
         arguments = base.sx_in()
         return ca.Function("table", arguments, [ca.densify(ca.horzcat(*base.call(arguments)).T)])
+
+
+_KEPT: OrderedDict[tuple[object, ...], tuple[Machine, RowFunction]] = OrderedDict()
+"""Functions that models have asked for, the latest last, each with its machine, of which the key holds the identity only."""
+MOST_KEPT = 64
+_LOCK = threading.Lock()
+
+
+def assembled(
+    machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool
+) -> RowFunction:
+    """`assemble`, once for all runs and models of a machine that ask for the same: a search tries each effect many times."""
+    own = tuple((p.name.removeprefix(f"setup.{run.id}."), p.scale) for p in parameters if p.run == run.id)
+    shared = tuple((p.name, p.scale) for p in parameters if p.run is None)
+    options = repr(sorted(run.options.items(), key=lambda item: item[0]))
+    key = (id(machine), run.instrument, run.dynamic, options, own, shared, tuple(effects), linear)
+    with _LOCK:
+        kept = _KEPT.get(key)
+        if kept is None:
+            kept = _KEPT[key] = machine, assemble(machine, run, effects, parameters, linear)
+            if len(_KEPT) > MOST_KEPT:
+                _KEPT.popitem(last=False)
+        else:
+            _KEPT.move_to_end(key)
+    return kept[1]
 
 
 def assemble(

@@ -16,7 +16,7 @@ from symfive.effects import baseline_effects
 from symfive.effects._base import Effect
 from symfive.errors import EvaluationError, InputError
 from symfive.instruments import Column, instruments_of
-from symfive.model._assembly import RowFunction, assemble, machine_parameters, sensed_columns
+from symfive.model._assembly import RowFunction, assembled, machine_parameters, sensed_columns
 from symfive.motion import GAINS, RunMotion, Series
 from symfive.parameters import Parameter
 from symfive.screen import OnScreen, plural
@@ -65,7 +65,7 @@ class Model(OnScreen):
         self.parameters = self._collect()
         self.index = {p.name: i for i, p in enumerate(self.parameters)}
         self._freed = self._collect_freed()
-        self._functions: dict[tuple[object, ...], RowFunction] = {}
+        self._functions: WeakKeyDictionary[Run, RowFunction] = WeakKeyDictionary()
         self._inputs: WeakKeyDictionary[Run, tuple[tuple[float, ...], list[_Clock]]] = WeakKeyDictionary()
 
     def __str__(self) -> str:
@@ -244,12 +244,11 @@ class Model(OnScreen):
         return f"setup.{run.id}.{name.removeprefix('setup.')}" if name.startswith("setup.") else name
 
     def _function(self, run: Run) -> RowFunction:
-        effects = tuple(effect for effect in self.effects if effect.applies(run))
-        own = tuple(p.name.removeprefix(f"setup.{run.id}.") for p in self.parameters if p.run == run.id)
-        key = (run.instrument, run.dynamic, repr(sorted(run.options.items(), key=lambda i: i[0])), own, effects)
-        if key not in self._functions:
-            self._functions[key] = assemble(self.machine, run, effects, self.parameters, self.linear)
-        return self._functions[key]
+        found = self._functions.get(run)
+        if found is None:
+            effects = tuple(effect for effect in self.effects if effect.applies(run))
+            found = self._functions[run] = assembled(self.machine, run, effects, self.parameters, self.linear)
+        return found
 
     def _arguments(self, run: Run, vector: Array) -> tuple[RowFunction, tuple[Array, Array, Array]]:
         function = self._function(run)

@@ -20,6 +20,8 @@ def closing(diagnosis: Diagnosis) -> str:
 
 
 def _next_step(diagnosis: Diagnosis) -> str:
+    if not diagnosis.after.converged:
+        return "record further runs and diagnose all together (--with); do not use model.json, its fit did not converge"
     for finding in diagnosis.by_share:
         if finding.next_test and finding.test is not None:
             return f"record {finding.next_test}: {finding.test.says}"
