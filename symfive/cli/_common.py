@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 __all__ = [
-    "CampaignPath", "Dialects", "Json", "OutputPath", "Progress", "Quiet", "app", "dialects_of", "joined", "read",
+    "CampaignPath", "Dialects", "Json", "OutputPath", "Overwrite", "Progress", "Quiet", "app", "dialects_of", "joined", "read",
     "tell",
 ]  # fmt: skip
 
@@ -27,6 +27,9 @@ app = typer.Typer(
 )
 
 CampaignPath = Annotated[Path, typer.Argument(help="A campaign's folder, or its campaign.toml.", show_default=False)]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace results that lie there, unless somebody changed them.")
+]
 OutputPath = Annotated[Path, typer.Option("-o", "--output", help="The folder for the results.", show_default=False)]
 Dialects = Annotated[
     list[str] | None,

@@ -12,6 +12,7 @@ from symfive.cli._common import (
     Dialects,
     Json,
     OutputPath,
+    Overwrite,
     Progress,
     Quiet,
     app,
@@ -93,6 +94,7 @@ def plan(
         int, typer.Option(help="Processes of this computer that share the starts; 0: none but this one.")
     ] = 0,
     scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
+    overwrite: Overwrite = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -102,30 +104,32 @@ def plan(
     from symfive.executors import executor
     from symfive.given import machine_given
     from symfive.nc import Post
+    from symfive.outputs import output_folder
 
     dialects = dialects_of(nc)
-    data = machine_given(machine)
-    post = Post(
-        tool_centre_on=tool_centre_on,
-        tool_centre_off=tool_centre_off,
-        reversed_axes=_rotary(data, reversed_axes),
-        machine_top=machine_top,
-    )
-    names = tuple(name.strip() for name in wanted.split(",") if name.strip())
-    if circles is not None:
-        result: Any = plan_circles(
-            data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
-            per_minute=per_minute, noise_um=noise_um, radii=tuple(bars or _bars_of(data)),
-        )  # fmt: skip
-    else:
-        with executor(workers, scheduler) as pool:
-            result = make_plan(
-                data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
-                setups=setups, lengths=tuple(bars or ()), repeats=repeats, returns=returns, noise_um=noise_um,
-                survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
-                given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
+    with output_folder(output, overwrite=overwrite) as folder:
+        data = machine_given(machine)
+        post = Post(
+            tool_centre_on=tool_centre_on,
+            tool_centre_off=tool_centre_off,
+            reversed_axes=_rotary(data, reversed_axes),
+            machine_top=machine_top,
+        )
+        names = tuple(name.strip() for name in wanted.split(",") if name.strip())
+        if circles is not None:
+            result: Any = plan_circles(
+                data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
+                per_minute=per_minute, noise_um=noise_um, radii=tuple(bars or _bars_of(data)),
             )  # fmt: skip
-    result.write(output, nc=dialects, post=post)
+        else:
+            with executor(workers, scheduler) as pool:
+                result = make_plan(
+                    data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
+                    setups=setups, lengths=tuple(bars or ()), repeats=repeats, returns=returns, noise_um=noise_um,
+                    survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
+                    given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
+                )  # fmt: skip
+        result.write(folder, nc=dialects, post=post)
     tell(result.to_data(), str(result), as_json)
 
 
@@ -196,16 +200,17 @@ def simulate(
     output: OutputPath,
     truth: Annotated[Path | None, typer.Option(help="True parameter values (JSON); the others are drawn.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of machine and noise.")] = 0,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Measure a plan in simulation: the campaign with readings and truth.json."""
     from symfive.campaign import write_campaign_files
-    from symfive.files import output_folder, write_json
+    from symfive.outputs import output_folder, write_json
     from symfive.simulate import simulate as simulate_plan
 
-    values, effects = truth_of(truth)
-    result = simulate_plan(read(campaign, quiet), truth=values, effects=effects, seed=seed)
-    with output_folder(output) as folder:
+    with output_folder(output, overwrite=overwrite) as folder:
+        values, effects = truth_of(truth)
+        result = simulate_plan(read(campaign, quiet), truth=values, effects=effects, seed=seed)
         write_campaign_files(result.campaign, folder)
         write_json(folder / "truth.json", result.to_data())
     if not quiet:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
-from symfive.files import read_text, shown, write_json
+from symfive.files import read_text, shown
 from symfive.machine import Machine, machine_from_data, machine_to_data
 from symfive.numbers import with_std
+from symfive.outputs import write_json
 from symfive.screen import OnScreen, listed, plural
 
 __all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
@@ -92,9 +93,9 @@ def write_model(model: FittedModel, path: Path | str) -> None:
     write_json(Path(path), data)
 
 
-def read_json(path: Path) -> Any:
-    """A JSON file; what is not JSON ends in an `InputError` with line and column."""
-    text = read_text(path)
+def read_json(path: Path, *, listed: bool = False) -> Any:
+    """A JSON file; what is not JSON ends in an `InputError` with line and column. `listed`: as `symfive.files.read_bytes`."""
+    text = read_text(path, listed=listed)
     try:
         data = json.loads(text)
         json.dumps(data, ensure_ascii=False).encode()  # half a character (\\ud800) has no UTF-8
@@ -116,7 +117,7 @@ def read_model(path: Path | str) -> FittedModel:
     path = Path(path)
     if path.is_dir():
         path = path / "model.json"
-    data = read_json(path)
+    data = read_json(path, listed=True)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise InputError(
             f'this is not a model: its schema is not "{SCHEMA}"', path=path, remedy="run symfive identify to make one"
