@@ -102,14 +102,23 @@ class Fleet(OnScreen):
         return text.getvalue()
 
     def __str__(self) -> str:
+        return "\n".join([self.text, *self.failures])
+
+    @property
+    def failures(self) -> list[str]:
+        """A sentence for each campaign that has no results."""
+        return [one_line(f"{row.campaign}: failed: {row.says}") for row in self.rows if row.failed]
+
+    @property
+    def text(self) -> str:
+        """The table of those that have some."""
         heads = ["campaign", "verdict", "rms", "chi²/dof", *(f"{n} {unit_words(u)}" for n, u in self.errors.items())]
         lines = [heads, *(self._line(row) for row in self.rows if not row.failed)]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         text = [
             "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
         ]
-        failed = [f"{row.campaign}: failed: {row.says}" for row in self.rows if row.failed]
-        return "\n".join([*text, *map(one_line, failed)])
+        return "\n".join(text)
 
     def _line(self, row: Row) -> list[str]:
         found = (row.errors.get(name) for name in self.errors)

@@ -184,7 +184,7 @@ def _put(path: Path, data: bytes) -> None:
 @contextmanager
 def output_file(target: Path) -> Iterator[Path]:
     """The path under which to write a file that becomes `target` when the block ends; one that exists is never replaced."""
-    target = Path(os.path.realpath(target))
+    target = _real(target)
     with _place(target, False, False) as output:
         if os.path.lexists(target):
             problem = "a file or folder of that name exists"
@@ -211,7 +211,7 @@ def output_folder(target: Path, *, overwrite: bool = False, recorded: bool = Fal
             target.mkdir(parents=True, exist_ok=True)
         yield target
         return
-    target = Path(os.path.realpath(target))
+    target = _real(target)
     with _place(target, overwrite, recorded) as output:
         _replaceable(output)
         number = 0
@@ -230,6 +230,14 @@ def output_folder(target: Path, *, overwrite: bool = False, recorded: bool = Fal
             raise
         finally:
             shutil.rmtree(output.beside, ignore_errors=True)
+
+
+def _real(target: Path) -> Path:
+    """The place itself. Raises `InputError` for a root, beside which nothing lies."""
+    real = Path(os.path.realpath(target))
+    if not real.name:
+        raise InputError("a folder of that name exists", path=target, remedy="name a folder inside it")
+    return real
 
 
 @contextmanager

@@ -133,7 +133,7 @@ def test_one_bad_campaign_stops_no_other(machines: Path, tmp_path: Path, capsys:
     readings.write_text(readings.read_text().replace("0", "x", 1))
     words = [*sorted((tmp_path / "recorded").iterdir()), tmp_path / "absent"]
     assert cli.main(["fleet", *map(str, words), "-o", str(tmp_path / "results"), "--no-figures", "--workers", "0"]) == 2
-    said = capsys.readouterr().out.splitlines()
+    said = capsys.readouterr().err.replace("symfive: ", "").splitlines()
     failed = [line for line in said if ": failed: " in line]
     assert [line.split(":")[0] for line in failed] == ["recorded/m1", "recorded/m2", "absent"]
     assert "campaign.toml, line 2" in failed[0]

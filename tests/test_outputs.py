@@ -68,6 +68,7 @@ def run(capsys, *words: str) -> tuple[int, str]:
         ["simulate", "plan", "-o", "./plan/../plan/"],
         ["simulate", "plan", "-o", "byhand"],
         ["simulate", "plan", "-o", "."],
+        ["simulate", "plan", "-o", "/"],
         ["simulate", "plan", "-o", "link"],
         ["identify", "byhand", "-o", "byhand"],
         ["codegen", "model", "-o", "model"],

@@ -15,7 +15,7 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine import Axis, Machine
 from symfive.outputs import write_text
-from symfive.separated import SIGNS, Marks, cells_of, sign_of
+from symfive.separated import LARGEST, SIGNS, Marks, cells_of, sign_of
 
 __all__ = ["read_columns", "write_columns"]
 
@@ -128,7 +128,7 @@ def _numbers(path: Path, lines: list[str], header: list[str], first: int, sign: 
     if plain is not None:
         try:
             table = np.loadtxt(plain, delimiter=sign, comments=None, ndmin=2, dtype=float)
-            if table.shape == (len(lines), width) and np.isfinite(table).all():
+            if table.shape == (len(lines), width) and (np.abs(table) <= LARGEST).all():
                 return np.asarray(table)
         except ValueError:
             pass

@@ -18,6 +18,7 @@ from symfive.cli._common import (
     app,
     dialects_of,
     joined,
+    number,
     read,
     tell,
 )
@@ -90,7 +91,8 @@ def diagnose(
     output: OutputPath,
     also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
     false_alarms: Annotated[
-        float, typer.Option(min=1e-6, max=0.5, help="False-alarm rate over the whole catalogue.")
+        float,
+        typer.Option(parser=number(1e-6, 0.5), metavar="N", help="False-alarm rate over the whole catalogue."),
     ] = 0.01,
     nc: Dialects = None,
     overwrite: Overwrite = False,
@@ -134,6 +136,8 @@ def fleet(
         table = fleet_of(
             campaigns, output, diagnose=diagnose, figures=figures, redo=redo, pool=pool, progress=Progress(quiet)
         )
-    tell(table.to_data(), str(table), as_json)
+    tell(table.to_data(), table.text, as_json)
+    for sentence in table.failures:
+        typer.echo(f"symfive: {sentence}", err=True)
     if any(row.failed for row in table.rows):
         raise typer.Exit(2)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from symfive.cli._common import OutputPath, Overwrite, Quiet, app
+from symfive.cli._common import POSITIVE, OutputPath, Overwrite, Quiet, app, number
 
 if TYPE_CHECKING:
     from symfive.errors import InputError
@@ -44,8 +44,13 @@ def import_polar(
     machine: Annotated[str, typer.Argument(help="A machine file, or the name of a preset.", show_default=False)],
     files: Annotated[list[Path], typer.Argument(help="Angle and deviation, one file per sense.", show_default=False)],
     output: OutputPath,
-    radius: Annotated[float | None, typer.Option(help="Radius of the circle: the bar's length, mm.")] = None,
-    feed: Annotated[float | None, typer.Option(help="Feed along the circle, mm/min.")] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(parser=number(POSITIVE), metavar="N", help="Radius of the circle: the bar's length, mm."),
+    ] = None,
+    feed: Annotated[
+        float | None, typer.Option(parser=number(POSITIVE), metavar="N", help="Feed along the circle, mm/min.")
+    ] = None,
     columns: Annotated[str, typer.Option(help="The file's columns in order, - for what is not needed.")] = (
         "angle,deviation"
     ),
@@ -55,12 +60,20 @@ def import_polar(
     centre: Annotated[str, typer.Option(help="The table ball in the workpiece frame, mm.")] = "0,0,0",
     plane: Annotated[str, typer.Option(help="XY, YZ or ZX.")] = "XY",
     unit: Annotated[str, typer.Option(help="Unit of the deviation: um or mm.")] = "um",
-    noise_um: Annotated[float, typer.Option(help="1σ of one reading, from the instrument's data sheet.")] = 0.3,
+    noise_um: Annotated[
+        float,
+        typer.Option(parser=number(POSITIVE), metavar="N", help="1σ of one reading, from the instrument's data sheet."),
+    ] = 0.3,
     fitted: Annotated[
         bool, typer.Option("--fitted", help="The software took each circle's own mean radius and centre off.")
     ] = False,
     angle_error: Annotated[
-        float, typer.Option(help="How well the angle is known, degree: readings so near a reversal are left out.")
+        float,
+        typer.Option(
+            parser=number(0.0),
+            metavar="N",
+            help="How well the angle is known, degree: readings so near a reversal are left out.",
+        ),
     ] = 0.5,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -114,10 +127,11 @@ def import_polar(
 
 def _place(centre: str) -> list[float]:
     from symfive.errors import InputError
+    from symfive.separated import LARGEST
 
     try:
         place = [float(word) for word in centre.split(",")]
-        if len(place) != 3:
+        if len(place) != 3 or not all(abs(value) <= LARGEST for value in place):
             raise ValueError
     except ValueError:
         raise InputError(f'--centre "{centre}" is no place', remedy="write --centre 0,0,50") from None

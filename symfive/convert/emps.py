@@ -48,7 +48,7 @@ def _run(path: Path) -> Run:
     content = io.BytesIO(read_bytes(path))
     try:
         data: dict[str, Any] = loadmat(content)
-    except (ValueError, NotImplementedError, OSError, TypeError) as error:
+    except Exception as error:  # SciPy's reader fails in many ways
         raise InputError(f"the file is not a MAT file of version 7 or lower ({error})", path=path) from None
     missing = [key for key in KEYS if key not in data]
     if missing:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -19,6 +18,7 @@ from symfive.machine import Machine, machine_from_data, machine_to_data
 from symfive.numbers import with_std
 from symfive.outputs import write_json
 from symfive.screen import OnScreen, listed, plural
+from symfive.separated import LARGEST
 
 __all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
 
@@ -128,7 +128,11 @@ def read_model(path: Path | str) -> FittedModel:
         _check_units(machine, entries)
         names = tuple(map(str, data["covariance"]["names"]))
         covariance = np.array(data["covariance"]["matrix"], dtype=float).reshape(len(names), len(names))
-        if len(set(names)) < len(names) or not set(names) <= set(entries) or not np.isfinite(covariance).all():
+        if (
+            len(set(names)) < len(names)
+            or not set(names) <= set(entries)
+            or not (np.abs(covariance) <= LARGEST**2).all()
+        ):
             raise ValueError("its covariance is not one of its parameters")
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
@@ -154,7 +158,7 @@ def _check_units(machine: Machine, entries: Mapping[str, tuple[float, float, str
 
 def _entry(name: str, entry: Any, path: Path) -> tuple[float, float, str]:
     value, std = float(entry["value"]), float(entry["std"])
-    if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
-        problem = f"parameter {shown(name)} is not a finite number with a 1σ"
+    if not (abs(value) <= LARGEST and 0.0 <= std <= LARGEST):
+        problem = f"parameter {shown(name)} is not a number within ±{LARGEST:g} with a 1σ"
         raise InputError(problem, path=path, remedy="run symfive identify again")
     return value, std, str(entry["unit"])
