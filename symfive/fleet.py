@@ -107,7 +107,7 @@ class Fleet(OnScreen):
     @property
     def failures(self) -> list[str]:
         """A sentence for each campaign that has no results."""
-        return [one_line(f"{row.campaign}: failed: {row.says}") for row in self.rows if row.failed]
+        return [one_line(f"{_short(row.campaign)}: failed: {row.says}") for row in self.rows if row.failed]
 
     @property
     def text(self) -> str:
@@ -125,6 +125,11 @@ class Fleet(OnScreen):
         errors = ["" if e is None else with_std(e[0], e[1]) for e in found]
         rms = f"{plain_number(row.rms or 0.0, row.rms_unit)} {unit_words(row.rms_unit)}"
         return [one_line(row.campaign), row.verdict, rms, plain_number(row.chi2_dof or 0.0), *errors]
+
+
+def _short(name: str) -> str:
+    """A campaign's name as it stands in a sentence."""
+    return name if len(name) <= 200 else f"{name[:100]} … {name[-90:]}"
 
 
 def _cell(value: object) -> object:

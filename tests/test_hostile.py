@@ -162,6 +162,11 @@ def test_what_failed_in_a_fleet_goes_to_standard_error(here, capsys):
     assert "failed" not in said.out and said.err.startswith("symfive: measured: failed: ")
 
 
+def test_a_name_of_5000_characters_makes_no_long_line(here, capsys):
+    assert cli.main(["fleet", "measured", "a" * 5000, "-o", "out", "--workers", "0", "--no-figures"]) == 2
+    assert max(map(len, capsys.readouterr().err.splitlines())) <= 1000
+
+
 def test_random_calls_end_in_a_result_or_a_sentence(here):
     """A sample; `python -m tests.fuzz.verbs 10000` makes as many as one likes."""
     calls = Calls(here, random.Random(7))

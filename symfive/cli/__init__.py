@@ -70,6 +70,6 @@ def _sentence(error: Exception) -> str | None:
     if isinstance(error, MemoryError):
         return "the recording does not fit into memory; split the campaign."
     if isinstance(error, OSError):
-        place = f"{error.filename}: " if error.filename else ""
-        return f"{place}{error.strerror or error}; check the disk and your rights."
+        said = error.strerror or str(error)
+        return str(InputError(said, path=error.filename or None, remedy="check the disk and your rights"))
     return None
