@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Everything from a fresh clone: `python3 go.py demo`, `test`, `lint` or `docs`.
+"""Everything from a fresh clone: `python3 go.py demo`, `test`, `lint`, `docs`, `lock` or `sbom`.
 
-The first start makes `.venv` and installs the pinned packages there; later starts use it at once. Only Python
-and its pip are needed: no ensurepip, no make, and nothing is installed outside the repository.
+The first start makes `.venv` and installs the locked packages there, each checked against its hash; later starts use it
+at once. Only Python and its pip are needed: no ensurepip, no make, and nothing is installed outside the repository.
 """
 
 import hashlib
@@ -21,6 +21,8 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 STAMP = VENV / f"installed-{sys.implementation.cache_tag}"  # "<fingerprint> <extra> <extra> ..."
+LOCK = ROOT / "constraints.txt"
+EXTRAS = ("build", "test", "lint", "docs", "dask", "sbom", "lock")
 FAST = "not slow and not linuxcnc"
 
 
@@ -40,7 +42,7 @@ def run(*arguments: str) -> int:
 
 def fingerprint() -> str:
     """Digest of all that decides what gets installed, and where."""
-    sources = [(ROOT / name).read_bytes() for name in ("pyproject.toml", "constraints.txt")]
+    sources = [path.read_bytes() for path in (ROOT / "pyproject.toml", LOCK)]
     return hashlib.sha256(b"\0".join([*sources, sys.version.encode(), bytes(ROOT)])).hexdigest()
 
 
@@ -72,10 +74,35 @@ def prepare(extra: str) -> None:
     STAMP.unlink(missing_ok=True)
     if not installed:
         step("-m", "venv", "--without-pip", "--clear", str(VENV))
+    wanted_packages = VENV / "requirements.txt"
+    wanted_packages.write_text(locked("build", *extras))
     pip_install = ("-m", "pip", "--python", str(PYTHON), "install", "-q", "--disable-pip-version-check")
     # --no-compile: byte code comes with the first import; compiling all of it at once doubles the wait
-    step(*pip_install, "--no-compile", "-c", "constraints.txt", "-e", package)
+    step(*pip_install, "--no-compile", "--require-hashes", "-r", str(wanted_packages))
+    step(*pip_install, "--no-deps", "--no-build-isolation", "-e", package)
     STAMP.write_text(" ".join([wanted, *extras]))
+
+
+def locked(*extras: str) -> str:
+    """The part of the lock that symfive with these extras needs: pip requirements with hashes, for every platform."""
+    import tomllib  # not at the top: an older Python has to reach the sentence above
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    direct = [*project["dependencies"], *(d for e in extras for d in project["optional-dependencies"][e])]
+    needed = {plain_name(requirement) for requirement in direct}
+    entries = re.findall(r"^[\w.-]+==.*?(?=^[\w.-]+==|\Z)", LOCK.read_text(encoding="utf-8"), re.M | re.S)
+    texts = {plain_name(entry.split("==")[0]): entry for entry in entries}
+    wanted_by = {name: set(re.findall(r"^ +# +(?:via +)?(\S+)", text, re.M)) for name, text in texts.items()}
+    while more := {name for name, users in wanted_by.items() if name not in needed and users & needed}:
+        needed |= more
+    if needed - set(texts):
+        fail(f"constraints.txt lacks {', '.join(sorted(needed - set(texts)))}; run `python3 go.py lock`.")
+    return "".join(text for name, text in texts.items() if name in needed)
+
+
+def plain_name(requirement: str) -> str:
+    """The package's normalised name in a requirement such as `PyYAML>=6`."""
+    return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", requirement)[0]).lower()  # type: ignore[index]
 
 
 def step(*arguments: str) -> None:
@@ -120,7 +147,33 @@ def docs(*arguments: str) -> int:
     return run("-m", "sphinx", "-W", "--keep-going", "docs", "docs/_build/html", *arguments)
 
 
-VERBS: dict[str, Callable[..., int]] = {"demo": demo, "test": test, "lint": lint, "docs": docs}
+def lock(*arguments: str) -> int:
+    """Resolve the dependencies anew into constraints.txt, for every platform; `--upgrade` takes newer versions."""
+    prepare("lock")
+    extras = [word for extra in EXTRAS for word in ("--extra", extra)]
+    command = ["pip", "compile", "pyproject.toml", "--universal", "--python-version", "3.11", "--generate-hashes"]
+    own = ["--custom-compile-command", "python3 go.py lock", "--no-config", "-q", "-o", LOCK.name]
+    return run("-m", "uv", *command, *own, *extras, *arguments)
+
+
+def sbom(*arguments: str) -> int:
+    """Write the software bill of materials of symfive and its extra dask (CycloneDX, JSON) from the lock: build/sbom.json."""
+    prepare("sbom")
+    (ROOT / "build").mkdir(exist_ok=True)
+    wanted_packages = ROOT / "build" / "sbom-requirements.txt"
+    wanted_packages.write_text(locked("dask"))
+    words = ["requirements", str(wanted_packages), "--pyproject", "pyproject.toml", "--output-reproducible"]
+    return run("-m", "cyclonedx_py", *words, "-o", "build/sbom.json", *arguments)
+
+
+VERBS: dict[str, Callable[..., int]] = {
+    "demo": demo,
+    "test": test,
+    "lint": lint,
+    "docs": docs,
+    "lock": lock,
+    "sbom": sbom,
+}
 
 if __name__ == "__main__":
     if len(sys.argv) < 2 or sys.argv[1] not in VERBS:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from symfive.files import write_json
+from symfive.outputs import write_json
 
 __all__ = ["Claim", "markdown", "write_claims"]
 

@@ -80,6 +80,8 @@ def check(path: Path | str) -> Check:
         machine, found = machine_problems(path)
     if machine is not None and not machine.errors and not runs and not any(map(_concerns_errors, found)):
         found = [*found, _nothing_free(path)]
+    if machine is not None and machine.effects and not found:
+        found = _effect_problems(machine, runs, path)
     notes = (
         tuple(
             f'key "{key}" is unknown to symfive; it is kept'
@@ -106,6 +108,21 @@ def check(path: Path | str) -> Check:
         except InputError as error:
             found = [error]
     return Check(path, machine, runs, tuple(found), notes)
+
+
+def _effect_problems(machine: Machine, runs: tuple[Run, ...], path: Path) -> list[InputError]:
+    """What every other verb would say of the effects that the machine file holds."""
+    from symfive.effects import baseline_effects
+    from symfive.model import Model
+
+    try:
+        if runs:
+            Model(Campaign(machine=machine, runs=runs))
+        else:
+            baseline_effects(machine)
+    except InputError as error:
+        return [error.at(_machine_path(path), keys=("model", "effects"))]
+    return []
 
 
 def _nothing_free(path: Path) -> InputError:

@@ -8,6 +8,9 @@ from pathlib import Path
 
 __all__ = ["EvaluationError", "InputError", "inside"]
 
+MOST = 800
+"""Characters of a sentence."""
+
 
 class InputError(ValueError):
     """Bad input, said in one sentence.
@@ -60,8 +63,14 @@ class InputError(ValueError):
         if self.column is not None:
             place += f", column {self.column}"
         text = f"{place}: {self.problem}" if place else self.problem
-        text = f"{text}; {self.remedy}." if self.remedy else f"{text}."
-        return " ".join(text.split())
+        end = f"; {_cut(self.remedy, MOST // 3)}." if self.remedy else "."
+        return _cut(" ".join(text.split()), MOST - len(end)) + end
+
+
+def _cut(text: str, most: int) -> str:
+    """At most so many characters, its middle left out."""
+    text = " ".join(text.split())
+    return text if len(text) <= most else f"{text[: most - most // 3 - 3]} … {text[len(text) - most // 3 :]}"
 
 
 class EvaluationError(InputError):

@@ -23,6 +23,8 @@ __all__ = ["DEATHS", "Inline", "Processes", "connect", "executor", "finished", "
 
 DEATHS = 4
 """A task ends in an error when so many processes have died under it; Dask's own default, too."""
+MOST_WORKERS = 1024
+"""Processes of one computer; more computers are a scheduler's."""
 ANSWER_S = 5.0
 """A scheduler answers within so many seconds."""
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -165,6 +167,8 @@ def executor(workers: int, scheduler: str | None = None, *, fresh: bool = False)
     """The scheduler's workers if one is named, else `workers` local processes; 0: in this process."""
     if scheduler is not None:
         return connect(scheduler)
+    if workers > MOST_WORKERS:
+        raise InputError(f"{workers} workers are more than {MOST_WORKERS}", remedy="write as many as there are cores")
     if workers < 0:
         raise InputError(f"{workers} workers cannot work", remedy="write --workers 1 or more, or 0 for this process")
     return Processes(workers, fresh=fresh) if workers else Inline()

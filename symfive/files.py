@@ -1,20 +1,14 @@
-"""Reading text whatever the file is, and writing files whole or not at all."""
+"""Reading text whatever the file is."""
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
 import stat
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from symfive.errors import InputError
+from symfive.outputs import Reading
 
-__all__ = ["one_line", "output_folder", "read_text", "shown", "write_json", "write_text"]
+__all__ = ["one_line", "read_bytes", "read_text", "shown"]
 
 MAX_TEXT_BYTES = 1_000_000_000
 
@@ -33,9 +27,13 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
 
 
-def read_text(path: Path, *, at_most: int = MAX_TEXT_BYTES) -> str:
-    """The file's text; every way in which that can fail is one `InputError`."""
+def read_bytes(path: Path, *, at_most: int = MAX_TEXT_BYTES, text: bool = False, listed: bool = False) -> bytes:
+    """The file's bytes; every way in which that can fail is one `InputError`, a `text` in UTF-16 too.
+
+    `listed`: a manifest beside it must hold it.
+    """
     try:
+        reading = Reading(path, listed=listed)
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
             raise InputError("this is a folder, not a file", path=path, remedy="name the file inside it")
@@ -46,7 +44,8 @@ def read_text(path: Path, *, at_most: int = MAX_TEXT_BYTES) -> str:
             raise InputError(problem, path=path, remedy="check that it is the right file, or split it")
         with path.open("rb") as stream:
             start = stream.read(65536)
-            _refuse_other_encodings(path, start)
+            if text:
+                _refuse_other_encodings(path, start)
             data = start + stream.read()
     except FileNotFoundError:
         raise InputError("there is no such file", path=path, remedy="check the name and the folder") from None
@@ -58,6 +57,14 @@ def read_text(path: Path, *, at_most: int = MAX_TEXT_BYTES) -> str:
     except (MemoryError, ValueError) as error:  # ValueError: a NUL in the name
         problem = f"the file cannot be read ({str(error) or 'not enough memory'})"
         raise InputError(problem, path=path, remedy="check its name and size") from None
+    reading.update(data)
+    reading.end()
+    return data
+
+
+def read_text(path: Path, *, at_most: int = MAX_TEXT_BYTES, listed: bool = False) -> str:
+    """The same as text."""
+    data = read_bytes(path, at_most=at_most, text=True, listed=listed)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -75,63 +82,3 @@ def _refuse_other_encodings(path: Path, data: bytes) -> None:
     if b"\0" in data:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
         raise InputError("a NUL byte stands in the text", path=path, line=line, remedy="give a text file in UTF-8")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write `path` whole or not at all (a temporary sibling, flushed to disk, then renamed)."""
-    with _writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".writing.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-                stream.write(text)
-                stream.flush()
-                os.fsync(stream.fileno())
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-
-
-@contextmanager
-def _writing(target: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        problem = f"it cannot be written ({error.strerror or error})"
-        raise InputError(problem, path=target, remedy="choose a place with room where you may write") from None
-
-
-def write_json(path: Path, data: Any) -> None:
-    """Write JSON whole or not at all; NaN and infinity are refused, dates become text."""
-    write_text(path, json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False, default=str) + "\n")
-
-
-@contextmanager
-def output_folder(target: Path) -> Iterator[Path]:
-    """A temporary folder that becomes `target` when the block ends without an error.
-
-    Where `target` already exists, files of the same name are replaced one by one (each whole) and others
-    stay.
-    """
-    target = Path(target)
-    with _writing(target):
-        if target.exists() and not target.is_dir():
-            problem = "the output must be a folder, and a file of that name exists"
-            raise InputError(problem, path=target, remedy="name another")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=".writing."))
-    try:
-        yield temporary
-        with _writing(target):
-            os.chmod(temporary, 0o755)
-            if not target.exists():
-                os.rename(temporary, target)
-                return
-            for file in sorted(p for p in temporary.rglob("*") if p.is_file()):
-                destination = target / file.relative_to(temporary)
-                destination.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(file, destination)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)

@@ -24,10 +24,11 @@ from symfive.diagnose import diagnose as diagnose_campaign
 from symfive.diagnose._result import EXPLAINED
 from symfive.errors import InputError
 from symfive.executors import Inline, finished
-from symfive.files import one_line, output_folder, write_json, write_text
+from symfive.files import one_line
 from symfive.identify import Identification, identify
 from symfive.model import read_json
 from symfive.numbers import plain_number, unit_words, with_std
+from symfive.outputs import output_folder, write_json, write_text
 from symfive.results import write_diagnosis, write_identification
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
@@ -36,7 +37,7 @@ __all__ = ["SCHEMA", "Fleet", "Row", "Task", "fleet", "row_of"]
 
 SCHEMA = "symfive.fleet/1"
 DONE = "fleet-row.json"
-"""Written last into a campaign's results: where it lies, they are complete."""
+"""Lies among a campaign's results, which are the fleet's where it does: their row in the table, and of what they are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,20 +102,34 @@ class Fleet(OnScreen):
         return text.getvalue()
 
     def __str__(self) -> str:
+        return "\n".join([self.text, *self.failures])
+
+    @property
+    def failures(self) -> list[str]:
+        """A sentence for each campaign that has no results."""
+        return [one_line(f"{_short(row.campaign)}: failed: {row.says}") for row in self.rows if row.failed]
+
+    @property
+    def text(self) -> str:
+        """The table of those that have some."""
         heads = ["campaign", "verdict", "rms", "chi²/dof", *(f"{n} {unit_words(u)}" for n, u in self.errors.items())]
         lines = [heads, *(self._line(row) for row in self.rows if not row.failed)]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         text = [
             "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
         ]
-        failed = [f"{row.campaign}: failed: {row.says}" for row in self.rows if row.failed]
-        return "\n".join([*text, *map(one_line, failed)])
+        return "\n".join(text)
 
     def _line(self, row: Row) -> list[str]:
         found = (row.errors.get(name) for name in self.errors)
         errors = ["" if e is None else with_std(e[0], e[1]) for e in found]
         rms = f"{plain_number(row.rms or 0.0, row.rms_unit)} {unit_words(row.rms_unit)}"
         return [one_line(row.campaign), row.verdict, rms, plain_number(row.chi2_dof or 0.0), *errors]
+
+
+def _short(name: str) -> str:
+    """A campaign's name as it stands in a sentence."""
+    return name if len(name) <= 200 else f"{name[:100]} … {name[-90:]}"
 
 
 def _cell(value: object) -> object:
@@ -145,15 +160,17 @@ def fleet(
                 "results would go into the campaign itself", path=task.folder, remedy="name another folder"
             )
     rows: dict[int, Row] = {}
-    for number, outcome in finished(pool or Inline(), row_of, [(task,) for task in tasks]):
-        name = tasks[number].name
-        rows[number] = (
-            Row(campaign=name, verdict="failed", says=_sentence(outcome)) if isinstance(outcome, Exception) else outcome
-        )
-        progress(f"{len(rows)} of {len(tasks)}: {name}: {rows[number].verdict}")
+    try:
+        for number, outcome in finished(pool or Inline(), row_of, [(task,) for task in tasks]):
+            name, failed = tasks[number].name, isinstance(outcome, Exception)
+            rows[number] = Row(campaign=name, verdict="failed", says=_sentence(outcome)) if failed else outcome
+            progress(f"{len(rows)} of {len(tasks)}: {name}: {rows[number].verdict}")
+    except KeyboardInterrupt as interrupt:
+        done = sum(not row.failed for row in rows.values())
+        interrupt.add_note(f"{done} of {len(tasks)} campaigns are complete, and the same command goes on")
+        raise
     table = Fleet("diagnose" if diagnose else "identify", tuple(rows[number] for number in range(len(tasks))))
     write_text(root / "fleet.csv", table.csv())
-    write_text(root / "fleet.txt", f"{table}\n")
     return table
 
 
@@ -179,22 +196,22 @@ def row_of(task: Task) -> Row:
     before = _before(done, task.name, key) if done.is_file() and not task.redo else None
     if before is not None:
         return before
-    result = diagnose_campaign(campaign) if task.diagnose else identify(campaign)
-    done.unlink(missing_ok=True)
-    with output_folder(task.target) as folder:
+    with output_folder(task.target, overwrite=task.redo or done.is_file()) as folder:
+        campaign = read_campaign(task.folder)
+        result = diagnose_campaign(campaign) if task.diagnose else identify(campaign)
         if isinstance(result, Diagnosis):
             write_diagnosis(result, folder)
         else:
             write_identification(result, folder, figures=task.figures)
-    row = _row(task.name, result)
-    write_json(done, {"key": key, "row": asdict(row)})
+        row = _row(task.name, result)
+        write_json(folder / DONE, {"key": key, "row": asdict(row)})
     return row
 
 
 def _before(done: Path, name: str, key: str) -> Row | None:
     """The row of results that lie there complete; None where it is of others or cannot be used."""
     try:
-        data = read_json(done)
+        data = read_json(done, listed=True)
         if data["key"] != key:
             return None
         row = dict(data["row"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from symfive.campaign import Campaign, read_campaign
@@ -41,8 +42,17 @@ def machine_given(given: object) -> Machine:
     if isinstance(given, Machine):
         return given
     if isinstance(given, (str, Path)):
-        return read_machine(given) if Path(given).suffix == ".toml" or Path(given).is_file() else preset(str(given))
+        return preset(str(given)) if _is_preset(given) else read_machine(given)
     raise _other(given, "a machine, the path of its file or the name of a preset", 'read_machine("machine.toml")')
+
+
+def _is_preset(given: str | Path) -> bool:
+    """Whether it names a ready-made machine. Raises `InputError` where a file or folder of its name would be as good."""
+    path = Path(given)
+    if str(given) in presets() and os.path.lexists(path):
+        problem = f'"{given}" is a ready-made machine and a {"folder" if path.is_dir() else "file"} here'
+        raise InputError(problem, remedy=f"write ./{given} for the one here, or rename it")
+    return path.suffix != ".toml" and not path.is_file() and os.sep not in str(given)
 
 
 def model_given(given: object) -> FittedModel:
@@ -61,10 +71,10 @@ def machine_or_model_given(given: object) -> Machine | FittedModel:
     if not isinstance(given, (str, Path)):
         raise _other(given, "a machine, a fitted model or the path of either", 'read_model("results/model.json")')
     path = Path(given)
-    if path.suffix == ".json" or path.is_dir():
-        return read_model(path)
     if path.suffix == ".toml" or str(given) in presets():
         return machine_given(given)
+    if path.suffix == ".json" or path.is_dir():
+        return read_model(path)
     remedy = f"name a machine.toml, a model.json, or one of {', '.join(presets())}"
     raise InputError("this is neither a machine nor a model", path=path, remedy=remedy)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from symfive.design import write_test
 from symfive.diagnose import Diagnosis
-from symfive.files import write_json
 from symfive.identify import Identification, fitted_model
 from symfive.model import write_model
+from symfive.outputs import write_json
 
 __all__ = ["write_diagnosis", "write_identification"]
 
@@ -39,7 +39,6 @@ def write_diagnosis(
     write_json(folder / "diagnosis.json", result.to_data())
     for finding in result.findings:
         if finding.next_test is not None and finding.test is not None:
-            (folder / finding.next_test).mkdir(parents=True)
             write_test(finding.test, folder / finding.next_test, nc)
     write_identification(result.after, folder, figures=False)
     progress("drawing the figures")

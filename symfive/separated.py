@@ -10,6 +10,10 @@ from symfive.files import shown
 
 __all__ = ["SIGNS", "Marks", "cells_of", "sign_of", "signs_of"]
 
+LARGEST = 1e12
+"""No number in a file or an option is larger, in its unit: beside 1e12 µm a double resolves no nanometre any more."""
+SMALLEST = 1e-12
+"""What has to be positive is at least this, in its unit."""
 SIGNS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
 _SPLIT = {";": re.compile(";"), "\t": re.compile("\t"), ",": re.compile(","), " ": re.compile(r",?\s+")}
 
@@ -60,9 +64,10 @@ class Marks:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"{said} is not a number", line=line, remedy="write a number") from None
-        if not math.isfinite(value):
+        if not abs(value) <= LARGEST:
             remedy = "remove the row or write the reading"
-            raise InputError(f"{said} is not a finite number", line=line, remedy=remedy)
+            problem = f"{said} is not a finite number" if not math.isfinite(value) else f"{said} is beyond {LARGEST:g}"
+            raise InputError(problem, line=line, remedy=remedy)
         return value
 
     def _pointed(self, text: str, line: int) -> str:

@@ -17,6 +17,7 @@ from typing import Any
 
 from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
+from symfive.separated import LARGEST
 
 __all__ = ["TomlFile", "edited_toml", "parse_toml", "read_toml", "refuse_what_toml_lacks", "toml_text"]
 
@@ -110,6 +111,9 @@ def refuse_what_toml_lacks(file: TomlFile) -> None:
             key = keys[-1] if keys else ""
             if isinstance(value, float) and not math.isfinite(value):
                 raise file.error(f"{key} = {value} is not a finite number", *keys, remedy="write a number")
+            if isinstance(value, (int, float)) and not -LARGEST <= value <= LARGEST:
+                problem = f"{key} = {shown(value)} is beyond {LARGEST:g}"
+                raise file.error(problem, *keys, remedy="write it in the unit of the conventions")
             if value is None:
                 raise file.error(f"{shown(key)} is null", *keys, remedy="give it a value or remove it")
             for text in (*keys, value):

@@ -271,7 +271,7 @@ def test_identify_without_figures_as_json_on_two_campaigns(symfive, tmp_path):
     assert answer.code == 0
     assert answer.err == ""
     assert json.loads(answer.out) == json.loads((tmp_path / "r" / "identification.json").read_text())
-    assert files(tmp_path / "r") == {"identification.json", "model.json"}
+    assert files(tmp_path / "r") == {"identification.json", "manifest.json", "model.json"}
     assert "c2-low" in json.loads(answer.out)["setup"]
 
 
@@ -283,7 +283,7 @@ def test_predict(symfive, fitted, tmp_path):
     data = json.loads((tmp_path / "p" / "prediction.json").read_text())
     assert data["rms"]["check"] < 0.45
     assert read_campaign(tmp_path / "p").measured
-    as_json = symfive("predict", fitted, heldout, "-o", tmp_path / "p", "--json", "-q")
+    as_json = symfive("predict", fitted, heldout, "-o", tmp_path / "p", "--overwrite", "--json", "-q")
     assert json.loads(as_json.out) == data
 
 
@@ -518,16 +518,6 @@ def test_a_full_disk(symfive, small_plan, tmp_path, monkeypatch):
     answer = symfive("simulate", small_plan, "-o", tmp_path / "o")
     refused(answer, "No space left on device")
     assert not (tmp_path / "o").exists()
-
-
-def test_results_are_replaced_and_other_files_stay(symfive, small_plan, tmp_path):
-    out = tmp_path / "o"
-    out.mkdir()
-    (out / "notes.txt").write_text("mine")
-    (out / "truth.json").write_text("old")
-    assert symfive("simulate", small_plan, "-o", out, "-q").code == 0
-    assert (out / "notes.txt").read_text() == "mine"
-    assert json.loads((out / "truth.json").read_text())["seed"] == 0
 
 
 # --- quiet, notes and progress ------------------------------------------------------------------------------------

@@ -410,7 +410,7 @@ def test_a_library_of_another_model_is_not_loaded(tmp_path, kind) -> None:
     run(sys.executable, "-c", f"import sf; sf.{kind}()", cwd=tmp_path / "c")
     (library,) = (tmp_path / "c").glob("lib*.so")
     stale = Path(shutil.copy(library, tmp_path / "stale.so"))
-    codegen(new, tmp_path / "c")
+    codegen(new, tmp_path / "c", overwrite=True)
     module = loaded(tmp_path / "c" / "sf.py")
     with pytest.raises(module.WrongLibrary, match="another model"):
         getattr(module, kind)(stale)

@@ -83,7 +83,8 @@ def circles() -> Campaign:
 @pytest.mark.parametrize("page", pages_with("python"), ids=named)
 def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, own_tables, circles):
     monkeypatch.chdir(tmp_path)
-    write_campaign(circles, "measured")
+    if not any(word in page.read_text() for word in ("-o measured", ', "measured")')):
+        write_campaign(circles, "measured")
     space: dict[str, object] = {"__name__": "page"}
     for block in blocks(page):
         where = f"{named(page)}:{block.line}"

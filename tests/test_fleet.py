@@ -62,7 +62,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 # --- the table ---------------------------------------------------------------------------------------------
-def test_the_table_says_what_identify_says(serial: Path, measured: list[Simulation]) -> None:
+def test_the_table_says_what_identify_says(serial: Path, machines: Path, measured: list[Simulation]) -> None:
     rows = list(csv.DictReader((serial / "fleet.csv").read_text().splitlines()))
     assert [row["campaign"] for row in rows] == [f"m{number}" for number in range(MACHINES)]
     result = identify(measured[3].campaign)
@@ -74,7 +74,7 @@ def test_the_table_says_what_identify_says(serial: Path, measured: list[Simulati
     assert float(rows[3]["rms"]) == result.rms_um
     assert rows[3]["rms_unit"] == "um"
     assert rows[3]["verdict"] == "explained"
-    text = (serial / "fleet.txt").read_text().splitlines()
+    text = str(fleet([machines], serial, figures=False)).splitlines()
     assert len(text) == 1 + MACHINES
     assert "EX0C µm" in text[0]
     p = locations[0]
@@ -85,7 +85,9 @@ def test_the_table_says_what_identify_says(serial: Path, measured: list[Simulati
 def test_every_machine_has_a_folder_as_identify_writes_it(serial: Path, machines: Path, tmp_path: Path) -> None:
     assert cli.main(["identify", str(machines / "m1"), "-o", str(tmp_path / "m1"), "--no-figures", "-q"]) == 0
     alone, among = contents(tmp_path / "m1"), contents(serial / "m1")
-    among.pop("fleet-row.json")
+    for name in ("fleet-row.json", "manifest.json"):
+        among.pop(name)
+    alone.pop("manifest.json")
     assert among == alone
 
 
@@ -131,7 +133,7 @@ def test_one_bad_campaign_stops_no_other(machines: Path, tmp_path: Path, capsys:
     readings.write_text(readings.read_text().replace("0", "x", 1))
     words = [*sorted((tmp_path / "recorded").iterdir()), tmp_path / "absent"]
     assert cli.main(["fleet", *map(str, words), "-o", str(tmp_path / "results"), "--no-figures", "--workers", "0"]) == 2
-    said = capsys.readouterr().out.splitlines()
+    said = capsys.readouterr().err.replace("symfive: ", "").splitlines()
     failed = [line for line in said if ": failed: " in line]
     assert [line.split(":")[0] for line in failed] == ["recorded/m1", "recorded/m2", "absent"]
     assert "campaign.toml, line 2" in failed[0]
@@ -171,13 +173,15 @@ def test_what_is_complete_is_not_done_again(
         return identify(campaign)
 
     monkeypatch.setattr("symfive.fleet.identify", counted)
-    (tmp_path / "results" / "m2" / "fleet-row.json").unlink()  # interrupted
-    readings = next((tmp_path / "recorded" / "m4").glob("*.csv"))
-    readings.write_text(readings.read_text() + "\n")  # changed
+    shutil.rmtree(tmp_path / "results" / "m2")  # interrupted
+    declared = tmp_path / "recorded" / "m4" / "campaign.toml"
+    declared.write_text(declared.read_text() + "\n")  # changed
     fleet([tmp_path / "recorded"], tmp_path / "results", figures=False)
     assert done == ["m2", "m4"]
     after = contents(tmp_path / "results")
-    assert {name for name in before if before[name] != after[name]} == {"m4/fleet-row.json"}
+    assert {name for name in before if before[name] != after[name]} == {
+        "m4/fleet-row.json", *(f"m{number}/manifest.json" for number in (2, 4))
+    }  # fmt: skip
     fleet([tmp_path / "recorded"], tmp_path / "results", figures=False, redo=True)
     assert len(done) == 2 + MACHINES
 
@@ -199,8 +203,7 @@ def same(machines: Path, results: Path, serial: Path, pool: Executor, pid: Any) 
     with pool:
         table = fleet([machines], results, figures=False, pool=pool, progress=killing(results, pid))
     assert not any(row.failed for row in table.rows)
-    found = {name: data for name, data in contents(results).items() if ".writing." not in name}
-    assert found == contents(serial)
+    assert contents(results) == contents(serial)
 
 
 @pytest.mark.slow

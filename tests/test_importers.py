@@ -214,7 +214,7 @@ def test_what_is_odd_about_a_circle_is_noted_with_the_remedy(name: str, tmp_path
     assert main([*call, *options]) == 0
     notes = capsys.readouterr().err
     assert all(words in notes for words in says), notes
-    assert main([*call, "--feed", "1000", "-q"]) == 0
+    assert main([*call, "--feed", "1000", "-q", "--overwrite"]) == 0
     assert capsys.readouterr().err == ""
 
 
@@ -225,7 +225,7 @@ def test_two_files_of_one_direction_are_noted(tmp_path: Path, capsys):
     call += ["--radius", "100", "--feed", "1000"]
     assert main(call) == 0
     assert "note: all 2 files go ccw by their angles: play cannot be told from lag" in capsys.readouterr().err
-    assert main([*call, "--direction", "ccw", "--direction", "cw"]) == 0
+    assert main([*call, "--direction", "ccw", "--direction", "cw", "--overwrite"]) == 0
     assert "note:" not in capsys.readouterr().err
 
 
@@ -247,7 +247,7 @@ def test_a_radius_that_was_taken_off_is_noted_and_left_open(tmp_path: Path, caps
     call += ["--radius", "100", "--feed", "1000", "--centre", "0,0,110"]
     assert main(call) == 0
     assert "note: no circle has a mean deviation: its software has taken the radius off" in capsys.readouterr().err
-    assert main([*call, "--fitted"]) == 0
+    assert main([*call, "--fitted", "--overwrite"]) == 0
     assert "note:" not in capsys.readouterr().err
     read = read_campaign(tmp_path / "c")
     assert all(run.setup_sigma_um.length == run.setup_sigma_um.table_ball == 1000.0 for run in read.runs)

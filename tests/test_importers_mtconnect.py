@@ -227,4 +227,4 @@ def test_one_of_several_devices_must_be_chosen(device: str):
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["import-mtconnect", str(TRUNNION), "-o", str(tmp_path)]) == 2
-    assert "cannot be written" in capsys.readouterr().err and not list(tmp_path.iterdir())
+    assert "exists" in capsys.readouterr().err and not list(tmp_path.iterdir())

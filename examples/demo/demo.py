@@ -23,10 +23,10 @@ from symfive.design import Plan, plan
 from symfive.diagnose import Diagnosis, diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
-from symfive.files import write_json
 from symfive.identify import Identification, Prediction, fitted_model, identify, predict
 from symfive.machine import Machine, preset
 from symfive.model import write_model
+from symfive.outputs import write_json
 from symfive.procedures import campaign_of, planar_circle, r_test_grid, rotary_circle
 from symfive.report import (
     diagnosis_report,
@@ -176,7 +176,7 @@ def main(arguments: list[str] | None = None) -> int:
         f"  R-test poses: certified to reach {share:.1f} % of what the best {chosen.certificate.points} poses could tell"
     )
     measured = simulate(campaign, seed=SEED)
-    write_campaign(measured.campaign, folder / "measured")
+    write_campaign(measured.campaign, folder / "measured", overwrite=True)
     print(f"3 Measured in simulation with drawn errors and white noise (seed {SEED}): {folder / 'measured'}")
 
     result = identify(measured.campaign)

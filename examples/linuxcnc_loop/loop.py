@@ -19,11 +19,11 @@ from typing import Any
 from symfive.campaign import Run, SetupSigma, read_campaign
 from symfive.design import plan
 from symfive.errors import InputError
-from symfive.files import output_folder, write_json
 from symfive.identify import fitted_model, identify
 from symfive.machine import machine_to_data, preset
 from symfive.model import write_model
 from symfive.nc import Post
+from symfive.outputs import output_folder, write_json
 
 from .baseline import with_error_motions
 from .controller import Controller, require_linuxcnc, setp_lines
@@ -126,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(arguments)
     try:
         require_linuxcnc()
-        with output_folder(options.output) as folder:
+        with output_folder(options.output, overwrite=True) as folder:
             loops = []
             for name in options.preset or ["table-bc"]:
                 own = folder / name

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from symfive.files import write_json, write_text
+from symfive.outputs import write_json, write_text
 
 from .deviation import size
 from .figures import save_figures

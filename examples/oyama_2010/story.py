@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from examples.claims import write_claims
 from symfive.diagnose import Diagnosis
-from symfive.files import write_json
+from symfive.outputs import write_json
 
 from . import figures
 from .claims import all_claims

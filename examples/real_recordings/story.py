@@ -11,7 +11,7 @@ import numpy as np
 
 from symfive.convert import convert
 from symfive.errors import InputError
-from symfive.files import write_json
+from symfive.outputs import write_json
 
 from . import figures
 from .recordings import RECORDINGS, Recording

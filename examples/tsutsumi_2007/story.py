@@ -9,7 +9,7 @@ from pathlib import Path
 from examples.claims import Claim, write_claims
 from symfive.campaign import write_campaign
 from symfive.diagnose import diagnose
-from symfive.files import write_json
+from symfive.outputs import write_json
 
 from .claims import claims_of_the_simulations
 from .concealed import (
@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"  once C is turned by half its play ({turn:.1f} µm), since the paper's play touches on the positive flank")
 
     campaigns = measured()
-    write_campaign(campaigns[ECCENTRIC], folder / "eccentric")
+    write_campaign(campaigns[ECCENTRIC], folder / "eccentric", overwrite=True)
     view = look(campaigns[ECCENTRIC])
     print("4 Concealed by dx = +30 µm:")
     for words, fit in (

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from examples.claims import write_claims
 from symfive.campaign import Campaign, write_campaign
 from symfive.design import Assessment, Plan, assess, plan
-from symfive.files import write_json
 from symfive.identify import Identification, identify
 from symfive.model import Model
+from symfive.outputs import write_json
 from symfive.procedures import campaign_of
 
 from . import figures
@@ -153,7 +153,7 @@ def main(arguments: Arguments[str] | None = None) -> int:
     pictures, machine = folder / "figures", paper_machine()
 
     tests = campaign_of(machine, (*grid_tests(machine), *bar_tests(machine, motions=True)), "wang-li-2016")
-    write_campaign(tests, folder / "plan")
+    write_campaign(tests, folder / "plan", overwrite=True)
     print(f"1 Machine: {machine.name}, {machine.structure.code}; {len(machine.errors)} errors")
     print(f"  the paper's tests as a plan: {len(tests.runs)} runs, {tests.rows} readings: {folder / 'plan'}")
 

@@ -12,9 +12,10 @@ from symfive.campaign._data import Array, Run
 from symfive.campaign._disk import Spool
 from symfive.campaign._lines import lines_of
 from symfive.errors import InputError
-from symfive.files import shown, write_text
+from symfive.files import shown
 from symfive.machine import Axis, Machine
-from symfive.separated import SIGNS, Marks, cells_of, sign_of
+from symfive.outputs import write_text
+from symfive.separated import LARGEST, SIGNS, Marks, cells_of, sign_of
 
 __all__ = ["read_columns", "write_columns"]
 
@@ -127,7 +128,7 @@ def _numbers(path: Path, lines: list[str], header: list[str], first: int, sign: 
     if plain is not None:
         try:
             table = np.loadtxt(plain, delimiter=sign, comments=None, ndmin=2, dtype=float)
-            if table.shape == (len(lines), width) and np.isfinite(table).all():
+            if table.shape == (len(lines), width) and (np.abs(table) <= LARGEST).all():
                 return np.asarray(table)
         except ValueError:
             pass
@@ -210,9 +211,10 @@ class _Clock:
         raise InputError(problem, path=self._path, line=line, column=self._column + 1, remedy=remedy)
 
 
-def write_columns(path: Path, run: Run, machine: Machine) -> None:
+def write_columns(path: Path, run: Run, machine: Machine, *, to_edit: bool = False) -> None:
     """Write a run's CSV, whole or not at all; numbers in the shortest form that reads back exactly."""
     names = ["t_s", *(machine.axes[a].column for a in machine.axis_names), *run.readings]
     columns = [run.time, *(run.commands[a] for a in machine.axis_names), *run.readings.values()]
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    write_text(path, "\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows)]) + "\n")
+    text = "\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows)]) + "\n"
+    write_text(path, text, to_edit=to_edit)

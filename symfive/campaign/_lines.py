@@ -9,6 +9,7 @@ from pathlib import Path
 
 from symfive.errors import InputError
 from symfive.files import read_text
+from symfive.outputs import Reading
 
 __all__ = ["lines_of"]
 
@@ -46,11 +47,14 @@ def _texts(path: Path, block: int) -> Iterator[str]:
     """The file's text in blocks that end with a line."""
     before, rest = 0, b""
     try:
+        reading = Reading(path)
         with path.open("rb") as stream:
             while True:
                 fresh = stream.read(block)
+                reading.update(fresh)
                 data = rest + fresh
                 if not data:
+                    reading.end()
                     return
                 end = len(data) if not fresh else 1 + max(data.rfind(b"\n"), data.rfind(b"\r", 0, len(data) - 1))
                 text = _decoded(path, data[:end] or data, before)

@@ -14,9 +14,10 @@ from symfive.campaign._csv import read_columns, write_columns
 from symfive.campaign._data import Campaign, Run, SetupSigma
 from symfive.campaign._options import OPTIONS
 from symfive.errors import InputError, inside
-from symfive.files import output_folder, shown, write_text
+from symfive.files import shown
 from symfive.instruments import instruments_of
 from symfive.machine import Machine, machine_problems, read_machine, refuse_slips, unknown_keys, write_machine
+from symfive.outputs import output_folder, write_text
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
 
 __all__ = ["SCHEMA", "campaign_problems", "read_campaign", "write_campaign"]
@@ -196,18 +197,21 @@ def _run_table(run: Run) -> dict[str, Any]:
     return {**table, **dict(run.options)}
 
 
-def write_campaign(campaign: Campaign, folder: Path | str) -> None:
-    """Write a campaign folder with its own copy of the machine file, whole or not at all."""
-    with output_folder(Path(folder)) as target:
-        write_campaign_files(campaign, target)
+def write_campaign(campaign: Campaign, folder: Path | str, *, overwrite: bool = False) -> None:
+    """Write a campaign folder with its own copy of the machine file, whole or not at all (`symfive.outputs`)."""
+    with output_folder(Path(folder), overwrite=overwrite) as target:
+        write_campaign_files(campaign, target, to_edit=True)
 
 
-def write_campaign_files(campaign: Campaign, folder: Path) -> None:
-    """The same into a folder that exists (used where more files go beside them)."""
+def write_campaign_files(campaign: Campaign, folder: Path, *, to_edit: bool = False) -> None:
+    """The same into a folder that exists (used where more files go beside them).
+
+    A manifest binds readings, where they are not to be edited; never tables without readings, which people fill in.
+    """
     write_machine(campaign.machine, folder / "machine.toml")
     for run in campaign.runs:
-        write_columns(folder / run.file, run, campaign.machine)
-    write_text(folder / "campaign.toml", _text(campaign))
+        write_columns(folder / run.file, run, campaign.machine, to_edit=to_edit or not run.measured)
+    write_text(folder / "campaign.toml", _text(campaign), to_edit=True)
 
 
 def _text(campaign: Campaign) -> str:

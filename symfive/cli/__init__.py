@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +20,10 @@ __all__ = ["app", "main"]
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 1 problems found, 2 bad input, 130 interrupted)."""
-    code = _guarded(lambda: app(arguments, prog_name="symfive", standalone_mode=True))
+    from symfive.outputs import by_command
+
+    with by_command(shlex.join(["symfive", *(sys.argv[1:] if arguments is None else arguments)])):
+        code = _guarded(lambda: app(arguments, prog_name="symfive", standalone_mode=True))
     if arguments is None:
         sys.exit(code)
     return code
@@ -29,10 +33,11 @@ def _guarded(run: Callable[[], Any]) -> int:
     try:
         run()
     except SystemExit as end:
+        if end.code == 130:  # what typer makes of an interruption
+            return _interrupted(end)
         return int(end.code or 0) if not isinstance(end.code, str) else 2
-    except KeyboardInterrupt:
-        typer.echo("symfive: interrupted; nothing was written.", err=True)
-        return 130
+    except KeyboardInterrupt as interrupt:
+        return _interrupted(interrupt)
     except Exception as error:
         said = _sentence(error)
         if said is None:
@@ -40,6 +45,16 @@ def _guarded(run: Callable[[], Any]) -> int:
         typer.echo(f"symfive: {said}", err=True)
         return 2
     return 0
+
+
+def _interrupted(error: BaseException) -> int:
+    """Say what is left, as whoever was writing noted it on the interruption."""
+    at: BaseException | None = error
+    while at is not None and not isinstance(at, KeyboardInterrupt):
+        at = at.__cause__ or at.__context__
+    left = getattr(at, "__notes__", ["nothing was written"])
+    typer.echo(f"symfive: interrupted; {'; '.join(left)}.", err=True)
+    return 130
 
 
 def _sentence(error: Exception) -> str | None:
@@ -55,6 +70,6 @@ def _sentence(error: Exception) -> str | None:
     if isinstance(error, MemoryError):
         return "the recording does not fit into memory; split the campaign."
     if isinstance(error, OSError):
-        place = f"{error.filename}: " if error.filename else ""
-        return f"{place}{error.strerror or error}; check the disk and your rights."
+        said = error.strerror or str(error)
+        return str(InputError(said, path=error.filename or None, remedy="check the disk and your rights"))
     return None

@@ -4,16 +4,33 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from symfive.files import shown
+from symfive.separated import LARGEST, SMALLEST
+
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 __all__ = [
-    "CampaignPath", "Dialects", "Json", "OutputPath", "Progress", "Quiet", "app", "dialects_of", "joined", "read",
+    "MOST",
+    "MOST_SEED",
+    "POSITIVE",
+    "CampaignPath",
+    "Dialects",
+    "Json",
+    "OutputPath",
+    "Overwrite",
+    "Progress",
+    "Quiet",
+    "app",
+    "dialects_of",
+    "joined",
+    "read",
     "tell",
 ]  # fmt: skip
 
@@ -27,6 +44,9 @@ app = typer.Typer(
 )
 
 CampaignPath = Annotated[Path, typer.Argument(help="A campaign's folder, or its campaign.toml.", show_default=False)]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace results that lie there, unless somebody changed them.")
+]
 OutputPath = Annotated[Path, typer.Option("-o", "--output", help="The folder for the results.", show_default=False)]
 Dialects = Annotated[
     list[str] | None,
@@ -36,6 +56,28 @@ Dialects = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors and the result.")]
+
+
+def number(low: float = -LARGEST, high: float = LARGEST) -> Callable[[str], float]:
+    """The parser of an option: a number from `low` to `high`, neither NaN nor infinity nor beyond all machines."""
+
+    def parsed(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise typer.BadParameter(f"{shown(text)} is not a number") from None
+        if not low <= value <= high:
+            raise typer.BadParameter(f"{shown(text)} is not a number from {low:g} to {high:g}")
+        return value
+
+    return parsed
+
+
+POSITIVE = SMALLEST
+"""The least that is positive."""
+MOST = 100_000
+"""Poses, circles, repeats, starts: more would not end."""
+MOST_SEED = 2**63 - 1
 
 
 def _version(wanted: bool) -> None:

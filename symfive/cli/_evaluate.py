@@ -12,11 +12,13 @@ from symfive.cli._common import (
     Dialects,
     Json,
     OutputPath,
+    Overwrite,
     Progress,
     Quiet,
     app,
     dialects_of,
     joined,
+    number,
     read,
     tell,
 )
@@ -32,19 +34,20 @@ def identify(
     noise: Annotated[str, typer.Option(help="estimate, or declared (believe the data sheet).")] = "estimate",
     loss: Annotated[str, typer.Option(help="square, or huber (by IPOPT).")] = "square",
     figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
+    overwrite: Overwrite = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Identify the machine's errors: identification.json, model.json, identification.html and figures."""
-    from symfive.files import output_folder
     from symfive.identify import identify as identify_campaign
+    from symfive.outputs import output_folder
     from symfive.report import identification_text
     from symfive.results import write_identification
 
     progress = Progress(quiet)
-    data = joined(campaign, also, quiet)
-    result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
-    with output_folder(output) as folder:
+    with output_folder(output, overwrite=overwrite) as folder:
+        data = joined(campaign, also, quiet)
+        result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
         write_identification(result, folder, figures=figures, progress=progress)
     _notes(result.notes, quiet)
     tell(result.to_data(), identification_text(result), as_json)
@@ -62,17 +65,18 @@ def predict(
     model: Annotated[Path, typer.Argument(help="A fitted model.json (or its folder).", show_default=False)],
     campaign: CampaignPath,
     output: OutputPath,
+    overwrite: Overwrite = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Predict the readings of a plan or campaign; a run's own set-up is fitted where it has readings."""
     from symfive.campaign import write_campaign_files
-    from symfive.files import output_folder, write_json
     from symfive.identify import predict as predict_campaign
     from symfive.model import read_model
+    from symfive.outputs import output_folder, write_json
 
-    result = predict_campaign(read_model(model), read(campaign, quiet))
-    with output_folder(output) as folder:
+    with output_folder(output, overwrite=overwrite) as folder:
+        result = predict_campaign(read_model(model), read(campaign, quiet))
         write_campaign_files(result.campaign, folder)
         setup = {run: dict(values) for run, values in result.setup.items()}
         summary = {"schema": "symfive.prediction/1", "rms": dict(result.rms), "rms_kept": dict(result.rms_kept),
@@ -87,22 +91,24 @@ def diagnose(
     output: OutputPath,
     also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
     false_alarms: Annotated[
-        float, typer.Option(min=1e-6, max=0.5, help="False-alarm rate over the whole catalogue.")
+        float,
+        typer.Option(parser=number(1e-6, 0.5), metavar="N", help="False-alarm rate over the whole catalogue."),
     ] = 0.01,
     nc: Dialects = None,
+    overwrite: Overwrite = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Where the model is wrong: locate the mismatch, name the physics left out, model it and show the fit improve."""
     from symfive.diagnose import diagnose as diagnose_campaign
-    from symfive.files import output_folder
+    from symfive.outputs import output_folder
     from symfive.report import diagnosis_text
     from symfive.results import write_diagnosis
 
     progress, dialects = Progress(quiet), dialects_of(nc)
-    data = joined(campaign, also, quiet)
-    result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
-    with output_folder(output) as folder:
+    with output_folder(output, overwrite=overwrite) as folder:
+        data = joined(campaign, also, quiet)
+        result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
         write_diagnosis(result, folder, nc=dialects, progress=progress)
     _notes(result.after.notes, quiet)
     tell(result.to_data(), diagnosis_text(result), as_json)
@@ -118,7 +124,7 @@ def fleet(
     workers: Annotated[int, typer.Option(help="Processes of this computer; 0: none but this one.")] = 1,
     scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
     figures: Annotated[bool, typer.Option(help="Draw the figures (a diagnosis always does).")] = True,
-    redo: Annotated[bool, typer.Option("--redo", help="Begin anew what is complete already.")] = False,
+    redo: Annotated[bool, typer.Option("--redo", "--overwrite", help="Begin anew what is complete already.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -130,6 +136,8 @@ def fleet(
         table = fleet_of(
             campaigns, output, diagnose=diagnose, figures=figures, redo=redo, pool=pool, progress=Progress(quiet)
         )
-    tell(table.to_data(), str(table), as_json)
+    tell(table.to_data(), table.text, as_json)
+    for sentence in table.failures:
+        typer.echo(f"symfive: {sentence}", err=True)
     if any(row.failed for row in table.rows):
         raise typer.Exit(2)

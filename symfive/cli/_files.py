@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from symfive.cli._common import OutputPath, Quiet, app
+from symfive.cli._common import POSITIVE, OutputPath, Overwrite, Quiet, app, number
 
 if TYPE_CHECKING:
     from symfive.errors import InputError
@@ -25,12 +25,13 @@ def codegen(
         str, typer.Option(help="c, linuxcnc, setp, isg, or a sheet: siemens, fanuc, heidenhain, haas.")
     ] = "c",
     prefix: Annotated[str, typer.Option(help="What every C name and file begins with.")] = "sf",
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Code for controllers: C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
     from symfive.codegen import codegen as generate
 
-    written = generate(model, output, target=target, prefix=prefix)
+    written = generate(model, output, target=target, prefix=prefix, overwrite=overwrite)
     if not quiet:
         typer.echo("\n".join(str(path) for path in written))
 
@@ -43,8 +44,13 @@ def import_polar(
     machine: Annotated[str, typer.Argument(help="A machine file, or the name of a preset.", show_default=False)],
     files: Annotated[list[Path], typer.Argument(help="Angle and deviation, one file per sense.", show_default=False)],
     output: OutputPath,
-    radius: Annotated[float | None, typer.Option(help="Radius of the circle: the bar's length, mm.")] = None,
-    feed: Annotated[float | None, typer.Option(help="Feed along the circle, mm/min.")] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(parser=number(POSITIVE), metavar="N", help="Radius of the circle: the bar's length, mm."),
+    ] = None,
+    feed: Annotated[
+        float | None, typer.Option(parser=number(POSITIVE), metavar="N", help="Feed along the circle, mm/min.")
+    ] = None,
     columns: Annotated[str, typer.Option(help="The file's columns in order, - for what is not needed.")] = (
         "angle,deviation"
     ),
@@ -54,13 +60,22 @@ def import_polar(
     centre: Annotated[str, typer.Option(help="The table ball in the workpiece frame, mm.")] = "0,0,0",
     plane: Annotated[str, typer.Option(help="XY, YZ or ZX.")] = "XY",
     unit: Annotated[str, typer.Option(help="Unit of the deviation: um or mm.")] = "um",
-    noise_um: Annotated[float, typer.Option(help="1σ of one reading, from the instrument's data sheet.")] = 0.3,
+    noise_um: Annotated[
+        float,
+        typer.Option(parser=number(POSITIVE), metavar="N", help="1σ of one reading, from the instrument's data sheet."),
+    ] = 0.3,
     fitted: Annotated[
         bool, typer.Option("--fitted", help="The software took each circle's own mean radius and centre off.")
     ] = False,
     angle_error: Annotated[
-        float, typer.Option(help="How well the angle is known, degree: readings so near a reversal are left out.")
+        float,
+        typer.Option(
+            parser=number(0.0),
+            metavar="N",
+            help="How well the angle is known, degree: readings so near a reversal are left out.",
+        ),
     ] = 0.5,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """A campaign from what a ball bar's software exports: deviation over angle, the positions reconstructed."""
@@ -68,37 +83,37 @@ def import_polar(
 
     from symfive.campaign import write_campaign_files
     from symfive.errors import InputError
-    from symfive.files import output_folder
     from symfive.given import machine_given
     from symfive.importers import FITTED, polar_doubts, polar_run, read_polar
+    from symfive.outputs import output_folder
     from symfive.procedures import campaign_of
 
-    data = machine_given(machine)
-    place = _place(centre)
-    names = [name.strip() for name in columns.split(",")]
-    senses: list[str | None] = list(direction) if direction else [None] * len(files)
-    if len(senses) != len(files):
-        problem = f"{len(files)} files have {len(senses)} directions"
-        raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
-    runs, angles, notes = [], [], list[str]()
-    for path, sense in zip(files, senses, strict=True):
-        angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense)
-        angles.append(angle)
-        if radius is None or feed is None:
-            raise _not_in_the_file(path, radius, feed)
-        if unit == "um" and float(np.abs(deviation).max()) < noise_um:
-            notes.append(f"{path.name}: no deviation reaches {noise_um:g} µm; if they are mm, give --unit mm")
-        try:
-            runs.append(
-                polar_run(
-                    data, angle, deviation, centre=place, radius=radius, feed=feed, id=path.stem, plane=plane,
-                    noise_um=noise_um, setup_sigma_um=FITTED if fitted else None, angle_error=angle_error,
-                )
-            )  # fmt: skip
-        except InputError as error:
-            raise error.at(path) from None
-    campaign = campaign_of(data, runs, output.name)
-    with output_folder(output) as folder:
+    with output_folder(output, overwrite=overwrite, recorded=True) as folder:
+        data = machine_given(machine)
+        place = _place(centre)
+        names = [name.strip() for name in columns.split(",")]
+        senses: list[str | None] = list(direction) if direction else [None] * len(files)
+        if len(senses) != len(files):
+            problem = f"{len(files)} files have {len(senses)} directions"
+            raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
+        runs, angles, notes = [], [], list[str]()
+        for path, sense in zip(files, senses, strict=True):
+            angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense)
+            angles.append(angle)
+            if radius is None or feed is None:
+                raise _not_in_the_file(path, radius, feed)
+            if unit == "um" and float(np.abs(deviation).max()) < noise_um:
+                notes.append(f"{path.name}: no deviation reaches {noise_um:g} µm; if they are mm, give --unit mm")
+            try:
+                runs.append(
+                    polar_run(
+                        data, angle, deviation, centre=place, radius=radius, feed=feed, id=path.stem, plane=plane,
+                        noise_um=noise_um, setup_sigma_um=FITTED if fitted else None, angle_error=angle_error,
+                    )
+                )  # fmt: skip
+            except InputError as error:
+                raise error.at(path) from None
+        campaign = campaign_of(data, runs, output.name)
         write_campaign_files(campaign, folder)
     if not quiet:
         if radius is not None and feed is not None:
@@ -112,10 +127,11 @@ def import_polar(
 
 def _place(centre: str) -> list[float]:
     from symfive.errors import InputError
+    from symfive.separated import LARGEST
 
     try:
         place = [float(word) for word in centre.split(",")]
-        if len(place) != 3:
+        if len(place) != 3 or not all(abs(value) <= LARGEST for value in place):
             raise ValueError
     except ValueError:
         raise InputError(f'--centre "{centre}" is no place', remedy="write --centre 0,0,50") from None
@@ -147,9 +163,11 @@ def import_mtconnect(
     from symfive.importers import read_mtconnect
     from symfive.importers.mtconnect import TO_DO
     from symfive.machine import write_machine
+    from symfive.outputs import output_file
 
-    machine = read_mtconnect(probe, device=device, code=code)
-    write_machine(machine, output)
+    with output_file(output) as path:
+        machine = read_mtconnect(probe, device=device, code=code)
+        write_machine(machine, path)
     if not quiet:
         for comment in machine.comments:
             if comment.startswith(TO_DO):
@@ -162,15 +180,16 @@ def convert(
     name: Annotated[str, typer.Argument(help="A real recording: emps, ess-xyz, irb120-tracker, …", show_default=False)],
     output: OutputPath,
     data: Annotated[Path | None, typer.Option(help="Where the recordings lie (default: $SYMFIVE_DATA).")] = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Turn a public real recording into a campaign (docs/recordings.md says which, and under which licence)."""
     from symfive.campaign import write_campaign_files
     from symfive.convert import convert as convert_recording
-    from symfive.files import output_folder
+    from symfive.outputs import output_folder
 
-    campaign = convert_recording(name, data)
-    with output_folder(output) as folder:
+    with output_folder(output, overwrite=overwrite, recorded=True) as folder:
+        campaign = convert_recording(name, data)
         write_campaign_files(campaign, folder)
     if not quiet:
         typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)

@@ -8,14 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from symfive.cli._common import (
+    MOST,
+    MOST_SEED,
+    POSITIVE,
     CampaignPath,
     Dialects,
     Json,
     OutputPath,
+    Overwrite,
     Progress,
     Quiet,
     app,
     dialects_of,
+    number,
     read,
     tell,
 )
@@ -51,21 +56,30 @@ def plan(
     output: OutputPath,
     instrument: Annotated[str, typer.Option(help="r_test or ball_bar.")] = "r_test",
     criterion: Annotated[str, typer.Option(help="D, A, E, G or V.")] = "D",
-    points: Annotated[int, typer.Option(help="Number of poses.")] = 40,
+    points: Annotated[int, typer.Option(max=MOST, help="Number of poses.")] = 40,
     wanted: Annotated[
         str, typer.Option("--for", help="What is to be known, as EX0C,EY0C,EXC (default: everything).")
     ] = "",
     nc: Dialects = None,
     given: Annotated[Path | None, typer.Option(help="A campaign already measured, to which the plan adds.")] = None,
-    minutes: Annotated[float | None, typer.Option(help="Time budget in minutes, set-up included.")] = None,
-    per_minute: Annotated[bool, typer.Option("--per-minute", help="The poses that tell most per minute.")] = False,
-    setups: Annotated[int | None, typer.Option(help="At most so many places of nest or balls.")] = None,
-    bars: Annotated[
-        list[float] | None, typer.Option("--bar", help="Length in mm of a bar you own; may be repeated.")
+    minutes: Annotated[
+        float | None,
+        typer.Option(parser=number(POSITIVE), metavar="N", help="Time budget in minutes, set-up included."),
     ] = None,
-    repeats: Annotated[int, typer.Option(help="Readings of each pose.")] = 1,
-    returns: Annotated[int, typer.Option(help="Visits back to the first pose of a run, against drift.")] = 2,
-    noise_um: Annotated[float, typer.Option(help="1σ of one reading, from the instrument's data sheet.")] = 0.3,
+    per_minute: Annotated[bool, typer.Option("--per-minute", help="The poses that tell most per minute.")] = False,
+    setups: Annotated[int | None, typer.Option(max=MOST, help="At most so many places of nest or balls.")] = None,
+    bars: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--bar", parser=number(POSITIVE), metavar="N", help="Length in mm of a bar you own; may be repeated."
+        ),
+    ] = None,
+    repeats: Annotated[int, typer.Option(max=MOST, help="Readings of each pose.")] = 1,
+    returns: Annotated[int, typer.Option(max=MOST, help="Visits back to the first pose of a run, against drift.")] = 2,
+    noise_um: Annotated[
+        float,
+        typer.Option(parser=number(POSITIVE), metavar="N", help="1σ of one reading, from the instrument's data sheet."),
+    ] = 0.3,
     survive: Annotated[bool, typer.Option("--survive", help="Stay good if any one pose is lost.")] = False,
     robust: Annotated[
         str, typer.Option(help="nominal, or mean or worst over machines drawn from the priors.")
@@ -76,7 +90,7 @@ def plan(
     effects: Annotated[
         list[str] | None, typer.Option("--effect", help="What circles are to find, as backlash:C; may be repeated.")
     ] = None,
-    count: Annotated[int, typer.Option(help="Number of circles.")] = 2,
+    count: Annotated[int, typer.Option(max=MOST, help="Number of circles.")] = 2,
     tool_centre_on: Annotated[
         str, typer.Option(help="Your control's line that switches tool-centre control on, as TRAORI.")
     ] = "",
@@ -85,14 +99,18 @@ def plan(
         str, typer.Option("--reversed", help="Rotary axes that turn against ISO 841, as B,C.")
     ] = "",
     machine_top: Annotated[
-        float, typer.Option(help="Where the tool's axis is at its top, mm in machine coordinates.")
+        float,
+        typer.Option(
+            parser=number(), metavar="N", help="Where the tool's axis is at its top, mm in machine coordinates."
+        ),
     ] = 0.0,
-    starts: Annotated[int, typer.Option(help="Starts of the search.")] = 6,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
+    starts: Annotated[int, typer.Option(max=MOST, help="Starts of the search.")] = 6,
+    seed: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of the search.")] = 0,
     workers: Annotated[
         int, typer.Option(help="Processes of this computer that share the starts; 0: none but this one.")
     ] = 0,
     scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
+    overwrite: Overwrite = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -102,30 +120,32 @@ def plan(
     from symfive.executors import executor
     from symfive.given import machine_given
     from symfive.nc import Post
+    from symfive.outputs import output_folder
 
     dialects = dialects_of(nc)
-    data = machine_given(machine)
-    post = Post(
-        tool_centre_on=tool_centre_on,
-        tool_centre_off=tool_centre_off,
-        reversed_axes=_rotary(data, reversed_axes),
-        machine_top=machine_top,
-    )
-    names = tuple(name.strip() for name in wanted.split(",") if name.strip())
-    if circles is not None:
-        result: Any = plan_circles(
-            data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
-            per_minute=per_minute, noise_um=noise_um, radii=tuple(bars or _bars_of(data)),
-        )  # fmt: skip
-    else:
-        with executor(workers, scheduler) as pool:
-            result = make_plan(
-                data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
-                setups=setups, lengths=tuple(bars or ()), repeats=repeats, returns=returns, noise_um=noise_um,
-                survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
-                given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
+    with output_folder(output, overwrite=overwrite) as folder:
+        data = machine_given(machine)
+        post = Post(
+            tool_centre_on=tool_centre_on,
+            tool_centre_off=tool_centre_off,
+            reversed_axes=_rotary(data, reversed_axes),
+            machine_top=machine_top,
+        )
+        names = tuple(name.strip() for name in wanted.split(",") if name.strip())
+        if circles is not None:
+            result: Any = plan_circles(
+                data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
+                per_minute=per_minute, noise_um=noise_um, radii=tuple(bars or _bars_of(data)),
             )  # fmt: skip
-    result.write(output, nc=dialects, post=post)
+        else:
+            with executor(workers, scheduler) as pool:
+                result = make_plan(
+                    data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
+                    setups=setups, lengths=tuple(bars or ()), repeats=repeats, returns=returns, noise_um=noise_um,
+                    survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
+                    given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
+                )  # fmt: skip
+        result.write(folder, nc=dialects, post=post)
     tell(result.to_data(), str(result), as_json)
 
 
@@ -195,17 +215,18 @@ def simulate(
     campaign: CampaignPath,
     output: OutputPath,
     truth: Annotated[Path | None, typer.Option(help="True parameter values (JSON); the others are drawn.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of machine and noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of machine and noise.")] = 0,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Measure a plan in simulation: the campaign with readings and truth.json."""
     from symfive.campaign import write_campaign_files
-    from symfive.files import output_folder, write_json
+    from symfive.outputs import output_folder, write_json
     from symfive.simulate import simulate as simulate_plan
 
-    values, effects = truth_of(truth)
-    result = simulate_plan(read(campaign, quiet), truth=values, effects=effects, seed=seed)
-    with output_folder(output) as folder:
+    with output_folder(output, overwrite=overwrite) as folder:
+        values, effects = truth_of(truth)
+        result = simulate_plan(read(campaign, quiet), truth=values, effects=effects, seed=seed)
         write_campaign_files(result.campaign, folder)
         write_json(folder / "truth.json", result.to_data())
     if not quiet:

@@ -14,9 +14,10 @@ from symfive.codegen.linuxcnc import linuxcnc_files
 from symfive.codegen.setp import setp_files
 from symfive.codegen.sheet import CONTROLS, sheet_files
 from symfive.errors import InputError
-from symfive.files import output_folder, shown, write_text
+from symfive.files import shown
 from symfive.machine import Machine
 from symfive.model import FittedModel
+from symfive.outputs import output_folder, write_text
 
 __all__ = ["TARGETS", "codegen"]
 
@@ -34,20 +35,27 @@ _PREFIX = re.compile(r"[a-z][a-z0-9_]{0,23}\Z")
 
 
 def codegen(
-    source: Machine | FittedModel | Path | str, output: Path | str, *, target: str = "c", prefix: str = "sf"
+    source: Machine | FittedModel | Path | str,
+    output: Path | str,
+    *,
+    target: str = "c",
+    prefix: str = "sf",
+    overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Generate the files of a target into the folder `output` and return their paths.
 
     `source`: a machine, a fitted model, the file of either, or the name of a preset. `target`: a name in `TARGETS`.
     `prefix`: what every C name and file begins with, lower-case letters, digits and `_`. The same source gives the same
-    bytes. Raises `InputError` for an unknown target, an unusable prefix, and where the target cannot hold the machine.
+    bytes. `overwrite` replaces results that lie there.
+
+    Raises `InputError` for an unknown target, an unusable prefix, and where the target cannot hold the machine.
     """
     if target not in TARGETS:
         raise InputError(f"there is no target {shown(target)}", remedy=f"use one of {', '.join(TARGETS)}")
     if not _PREFIX.match(prefix):
         raise InputError(f"the prefix {shown(prefix)} cannot begin C names", remedy="use up to 24 of a-z, 0-9 and _")
-    texts = TARGETS[target](subject_of(source), prefix)
-    with output_folder(Path(output)) as folder:
+    with output_folder(Path(output), overwrite=overwrite) as folder:
+        texts = TARGETS[target](subject_of(source), prefix)
         for name, text in texts.items():
             write_text(folder / name, text)
     return tuple(Path(output) / name for name in texts)

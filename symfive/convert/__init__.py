@@ -26,6 +26,7 @@ from symfive.convert.irb120_tracker import irb120_tracker
 from symfive.convert.jjxray_slit import jjxray_slit
 from symfive.convert.mukca import mukca
 from symfive.errors import InputError
+from symfive.separated import LARGEST
 
 __all__ = ["CONVERTERS", "VARIABLE", "convert", "data_folder"]
 
@@ -86,8 +87,8 @@ def convert(name: str, data: Path | str | None = None) -> Campaign:
         raise InputError(f"the recording cannot be converted ({error})", path=folder, remedy=remedy) from None
     for run in campaign.runs:
         columns = (run.time, *run.commands.values(), *run.readings.values())
-        if not all(np.isfinite(column).all() for column in columns) or np.any(np.diff(run.time) <= 0.0):
-            problem = f"run {run.id}: a value is not finite or time does not increase"
+        if not all((np.abs(column) <= LARGEST).all() for column in columns) or np.any(np.diff(run.time) <= 0.0):
+            problem = f"run {run.id}: a value is not finite, beyond {LARGEST:g}, or time does not increase"
             raise InputError(problem, path=folder, remedy=remedy)
     return _within_travel(campaign)
 

@@ -5,6 +5,7 @@ A. Janot, M. Gautier & M. Brunot 2019, "Data set and reference models of EMPS".
 
 from __future__ import annotations
 
+import io
 import math
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from scipy.io import loadmat
 from symfive.campaign import Campaign, Run
 from symfive.convert._files import array, files, positive_name
 from symfive.errors import InputError
+from symfive.files import read_bytes
 from symfive.instruments.drive_force import low_pass
 from symfive.machine import Machine, Structure, make_axis
 
@@ -43,9 +45,10 @@ def emps(folder: Path) -> Campaign:
 
 
 def _run(path: Path) -> Run:
+    content = io.BytesIO(read_bytes(path))
     try:
-        data: dict[str, Any] = loadmat(path)
-    except (ValueError, NotImplementedError, OSError, TypeError) as error:
+        data: dict[str, Any] = loadmat(content)
+    except Exception as error:  # SciPy's reader fails in many ways
         raise InputError(f"the file is not a MAT file of version 7 or lower ({error})", path=path) from None
     missing = [key for key in KEYS if key not in data]
     if missing:

@@ -29,11 +29,11 @@ from symfive.design._refine_circles import CircleObjective, refined_shapes
 from symfive.design._write import SCHEMA, assessment_data, write_circles
 from symfive.effects import Effect
 from symfive.errors import InputError
-from symfive.files import output_folder
 from symfive.given import machine_given
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.nc import Post
+from symfive.outputs import output_folder
 from symfive.parameters import Parameter
 from symfive.procedures import campaign_of, circle_frame
 from symfive.procedures._path import senses
@@ -84,9 +84,11 @@ class CirclePlan(OnScreen):
             **assessment_data(assess(self.campaign, effects=self.effects)), "notes": list(self.notes),
         }  # fmt: skip
 
-    def write(self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None) -> None:
+    def write(
+        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
+    ) -> None:
         """The campaign without readings, plan.json, NC programs and set-up sheet, whole or not at all."""
-        with output_folder(Path(folder)) as target:
+        with output_folder(Path(folder), overwrite=overwrite) as target:
             write_circles(self, target, tuple(nc), post)
 
     def __str__(self) -> str:

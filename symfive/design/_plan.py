@@ -31,10 +31,10 @@ from symfive.design._schedule import Schedule, retimed, scheduled
 from symfive.design._space import Space, make_space
 from symfive.design._ways import cleared
 from symfive.errors import InputError
-from symfive.files import output_folder
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import LETTERS, Post
+from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
@@ -75,11 +75,13 @@ class Plan(OnScreen):
     post: Post = field(default_factory=Post)
     notes: tuple[str, ...] = ()
 
-    def write(self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None) -> None:
+    def write(
+        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
+    ) -> None:
         """The campaign without readings, plan.json, NC programs, set-up sheet and figures, whole or not at all."""
         from symfive.design._write import write_plan
 
-        with output_folder(Path(folder)) as target:
+        with output_folder(Path(folder), overwrite=overwrite) as target:
             write_plan(self, target, tuple(nc), post)
 
     def __str__(self) -> str:

@@ -16,8 +16,8 @@ from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.design._ways import cleared
 from symfive.errors import InputError
-from symfive.files import write_json, write_text
 from symfive.nc import DIALECTS, LETTERS, Post, write_programs
+from symfive.outputs import write_json, write_text
 
 if TYPE_CHECKING:
     from symfive.design._discriminate import Discrimination

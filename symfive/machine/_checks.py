@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, TypeGuard
 
 from symfive.errors import InputError
 from symfive.files import shown
+from symfive.separated import LARGEST, SMALLEST
 
 __all__ = ["finite", "freeze", "is_number", "numbers", "one_of", "positive"]
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Whether it is a finite int or float (and no bool, no integer beyond all floats)."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
+    """Whether it is an int or float (and no bool) within `symfive.separated.LARGEST`."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
 
 
 def finite(owner: str, /, **values: object) -> None:
@@ -39,7 +34,7 @@ def positive(owner: str, /, **values: Any) -> None:
         if value is None:
             continue
         finite(owner, **{name: value})
-        if value <= 0:
+        if value < SMALLEST:
             problem = f"{owner}: {name} = {shown(value)} is not positive"
             raise InputError(problem, remedy="write a number above zero", keys=(name,))
 

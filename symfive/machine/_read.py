@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from symfive.errors import InputError
-from symfive.files import shown, write_text
+from symfive.files import shown
 from symfive.machine._axis import UNREAD, Axis, Drive, make_axis
 from symfive.machine._data import EffectEntry, Machine, Workspace, check_error
 from symfive.machine._errors import ErrorTerm, axis_of_error
 from symfive.machine._structure import DEFAULT_DIRECTION, Structure, default_kind
 from symfive.machine._suggest import meant, nearest_error, place_of, refuse_slips
+from symfive.outputs import write_text
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, refuse_what_toml_lacks, toml_text
 
 __all__ = [
@@ -66,7 +67,7 @@ def unknown_keys(machine: Machine) -> tuple[str, ...]:
 
 def write_machine(machine: Machine, path: Path | str) -> None:
     """Write a machine file, whole or not at all; what was read from a file keeps its comments and layout."""
-    write_text(Path(path), _text(machine))
+    write_text(Path(path), _text(machine), to_edit=True)
 
 
 def _text(machine: Machine) -> str:

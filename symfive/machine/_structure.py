@@ -16,6 +16,8 @@ DEFAULT_DIRECTION = {
     "A": (1.0, 0.0, 0.0), "B": (0.0, 1.0, 0.0), "C": (0.0, 0.0, 1.0),
 }  # fmt: skip
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*\Z")
+MOST_AXES = 24
+"""A five-axis machine that carries a robot of seven axes twice; the equations grow with the axes."""
 _RESERVED = ("w", "b", "t")
 
 
@@ -46,6 +48,9 @@ class Structure:
         for token in tokens[bed + 1 : -1]:
             if token.endswith("'"):
                 raise InputError(f"axis {token} on the tool side of {said} has a prime", remedy=form)
+        if len(tokens) - 3 > MOST_AXES:
+            problem = f"the structure has {len(tokens) - 3} axes, more than {MOST_AXES}"
+            raise InputError(problem, remedy="write a chain of no more than that")
         names = [token.removesuffix("'") for token in tokens[1:-1] if token != "b"]
         for name in names:
             if not _NAME.match(name) or name in _RESERVED:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,10 +13,12 @@ from numpy.typing import NDArray
 
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
-from symfive.files import read_text, shown, write_json
+from symfive.files import read_text, shown
 from symfive.machine import Machine, machine_from_data, machine_to_data
 from symfive.numbers import with_std
+from symfive.outputs import write_json
 from symfive.screen import OnScreen, listed, plural
+from symfive.separated import LARGEST
 
 __all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
 
@@ -92,9 +93,9 @@ def write_model(model: FittedModel, path: Path | str) -> None:
     write_json(Path(path), data)
 
 
-def read_json(path: Path) -> Any:
-    """A JSON file; what is not JSON ends in an `InputError` with line and column."""
-    text = read_text(path)
+def read_json(path: Path, *, listed: bool = False) -> Any:
+    """A JSON file; what is not JSON ends in an `InputError` with line and column. `listed`: as `symfive.files.read_bytes`."""
+    text = read_text(path, listed=listed)
     try:
         data = json.loads(text)
         json.dumps(data, ensure_ascii=False).encode()  # half a character (\\ud800) has no UTF-8
@@ -116,7 +117,7 @@ def read_model(path: Path | str) -> FittedModel:
     path = Path(path)
     if path.is_dir():
         path = path / "model.json"
-    data = read_json(path)
+    data = read_json(path, listed=True)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise InputError(
             f'this is not a model: its schema is not "{SCHEMA}"', path=path, remedy="run symfive identify to make one"
@@ -127,7 +128,11 @@ def read_model(path: Path | str) -> FittedModel:
         _check_units(machine, entries)
         names = tuple(map(str, data["covariance"]["names"]))
         covariance = np.array(data["covariance"]["matrix"], dtype=float).reshape(len(names), len(names))
-        if len(set(names)) < len(names) or not set(names) <= set(entries) or not np.isfinite(covariance).all():
+        if (
+            len(set(names)) < len(names)
+            or not set(names) <= set(entries)
+            or not (np.abs(covariance) <= LARGEST**2).all()
+        ):
             raise ValueError("its covariance is not one of its parameters")
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
@@ -153,7 +158,7 @@ def _check_units(machine: Machine, entries: Mapping[str, tuple[float, float, str
 
 def _entry(name: str, entry: Any, path: Path) -> tuple[float, float, str]:
     value, std = float(entry["value"]), float(entry["std"])
-    if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
-        problem = f"parameter {shown(name)} is not a finite number with a 1σ"
+    if not (abs(value) <= LARGEST and 0.0 <= std <= LARGEST):
+        problem = f"parameter {shown(name)} is not a number within ±{LARGEST:g} with a 1σ"
         raise InputError(problem, path=path, remedy="run symfive identify again")
     return value, std, str(entry["unit"])

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from symfive.campaign import Campaign, Run
 from symfive.errors import InputError
-from symfive.files import write_text
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._pace import CAUTION, pace
@@ -18,6 +17,7 @@ from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
 from symfive.nc.siemens import SIEMENS
+from symfive.outputs import write_text
 
 __all__ = [
     "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Step", "Way", "arrival_times", "at_the_top",

@@ -16,7 +16,6 @@ from symfive.diagnose._result import SHOWN_SHARE
 from symfive.diagnose._words import facts_of
 from symfive.drawing import poses_figure
 from symfive.errors import InputError
-from symfive.files import output_folder
 from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten
 from symfive.report._bands import error_motion_bands
 from symfive.report._cards import card
@@ -65,19 +64,18 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
     deviation, the machine's chain with the guilty links, before and after, what the campaign can see at all, the
     quality of the data, noise and set-up. Raises `InputError` where the folder cannot be written.
     """
-    folder = Path(folder)
+    target = Path(folder)
     findings = diagnosis.by_share
     title = f"Diagnosis of {diagnosis.after.model.machine.name}"
-    with output_folder(folder) as target:
-        body = [
-            *_head(diagnosis, findings, title),
-            *_cards(diagnosis, findings, target / "figures"),
-            *_proof(diagnosis, target / "figures"),
-            *_sight(diagnosis),
-            *_quality(diagnosis, target / "figures"),
-        ]
-        write_page(target / NAME, title, "\n".join(body))
-    return folder / NAME
+    body = [
+        *_head(diagnosis, findings, title),
+        *_cards(diagnosis, findings, target / "figures"),
+        *_proof(diagnosis, target / "figures"),
+        *_sight(diagnosis),
+        *_quality(diagnosis, target / "figures"),
+    ]
+    write_page(target / NAME, title, "\n".join(body))
+    return target / NAME
 
 
 def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list[str]:

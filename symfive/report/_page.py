@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from symfive import __version__
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAGE_STYLE, PAPER
 from symfive.drawing import SCRIPT as POSES
-from symfive.files import write_text
+from symfive.outputs import write_text
 from symfive.report._style import Tips, rendered
 
 __all__ = ["embedded", "sentences", "write_page"]

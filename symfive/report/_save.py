@@ -9,8 +9,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from symfive.errors import InputError
-from symfive.files import output_folder
 from symfive.identify import Identification
+from symfive.outputs import write_bytes
 from symfive.report._bands import error_motion_bands
 from symfive.report._correlation import correlation_matrix
 from symfive.report._over_coordinates import coordinates_with_tips
@@ -77,12 +77,7 @@ def drawings(identification: Identification) -> Iterator[tuple[Drawing, Figure, 
 
 def keep(figure: Figure, name: str, folder: Path) -> None:
     """Write one figure as PNG, and freeze its layout: whoever renders it next need not arrange it again."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.png").write_bytes(rendered(figure, "png"))
-    except OSError as error:
-        problem = f"it cannot be written ({error.strerror or error})"
-        raise InputError(problem, path=folder, remedy="choose a place with room where you may write") from None
+    write_bytes(folder / f"{name}.png", rendered(figure, "png"))
     figure.set_layout_engine("none")
 
 
@@ -98,10 +93,9 @@ def save_figures(
         if format not in FORMATS:
             raise InputError(f'figures cannot be written as "{format}"', remedy=f"use one of {', '.join(FORMATS)}")
     folder = Path(folder)
-    names = []
-    with output_folder(folder) as target:
-        for drawing, figure, _ in drawings(identification):
-            for format in formats:
-                names.append(f"{drawing.name}.{format}")
-                (target / names[-1]).write_bytes(rendered(figure, format))
-    return [folder / name for name in names]
+    written = []
+    for drawing, figure, _ in drawings(identification):
+        for format in formats:
+            written.append(folder / f"{drawing.name}.{format}")
+            write_bytes(written[-1], rendered(figure, format))
+    return written

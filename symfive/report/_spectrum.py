@@ -27,6 +27,7 @@ READING = (
 )
 
 LEVEL = 0.01
+BLOCK_ROWS = 1 << 14
 MOST_ORDERS = 32
 MOST_RUNS = 12
 LEAST_TURN = 0.9
@@ -127,32 +128,44 @@ def _orders(traces: list[Trace], finder: CircleFinder) -> tuple[Array, Array, Ar
     good = ~np.any([trace.outlier for trace in traces], axis=0)
     per_turn = len(np.unique(np.round(np.mod(angle[good], 2.0 * np.pi), 6)))
     most = int(min(MOST_ORDERS, (per_turn - 2) // 2, len(angle) // (4 * max(turns, 1.0)) + 1))
+    count = int(good.sum())
+    normal, right = _sums(angle[good], [trace.residual[good] for trace in traces], max(most, 0))
     while most >= 1:
-        orders = np.arange(1, most + 1)
-        columns = [np.ones_like(angle), *(f(k * angle) for k in orders for f in (np.cos, np.sin))]
-        matrix = np.column_stack(columns)[good]
-        swollen = _swollen(matrix)
+        size = 2 * most + 1
+        swollen = _swollen(normal[:size, :size], count)
         if swollen.max() <= SWOLLEN:
             break
         most -= 1
     else:
         return None
-    square = np.zeros(most)
-    for trace in traces:
-        x = np.linalg.lstsq(matrix, trace.residual[good], rcond=None)[0]
-        square += x[1::2] ** 2 + x[2::2] ** 2
-    mean_square = sum(4.0 * t.noise.declared**2 / len(matrix) for t in traces) * swollen
-    return orders.astype(float), np.sqrt(square), np.sqrt(mean_square * np.log(most / LEVEL)), over
+    x = np.linalg.solve(normal[:size, :size], right[:size])
+    square = np.sum(x[1::2] ** 2 + x[2::2] ** 2, axis=1)
+    mean_square = sum(4.0 * t.noise.declared**2 / count for t in traces) * swollen
+    orders = np.arange(1.0, most + 1.0)
+    return orders, np.sqrt(square), np.sqrt(mean_square * np.log(most / LEVEL)), over
 
 
-def _swollen(matrix: Array) -> Array:
+def _sums(angle: Array, residuals: list[Array], most: int) -> tuple[Array, Array]:
+    """MᵀM (2·most+1, 2·most+1) and Mᵀr (2·most+1, columns), block by block: M of a long recording would not fit."""
+    size = 2 * most + 1
+    normal, right = np.zeros((size, size)), np.zeros((size, len(residuals)))
+    for first in range(0, len(angle), BLOCK_ROWS):
+        rows = slice(first, first + BLOCK_ROWS)
+        turned = np.outer(angle[rows], np.arange(1, most + 1))
+        matrix = np.ones((len(turned), size))
+        matrix[:, 1::2], matrix[:, 2::2] = np.cos(turned), np.sin(turned)
+        normal += matrix.T @ matrix
+        right += matrix.T @ np.column_stack([residual[rows] for residual in residuals])
+    return normal, right
+
+
+def _swollen(normal: Array, count: int) -> Array:
     """Per order: the noise variance of its worse phase over that of even angles; infinite where angles leave it open."""
-    normal = matrix.T @ matrix
     if np.linalg.cond(normal) > 1e9:
-        return np.full(matrix.shape[1] // 2, np.inf)
+        return np.full(len(normal) // 2, np.inf)
     inverse = np.linalg.inv(normal)
     blocks = [np.linalg.eigvalsh(inverse[i : i + 2, i : i + 2])[-1] for i in range(1, len(inverse), 2)]
-    return 0.5 * len(matrix) * np.array(blocks)
+    return 0.5 * count * np.array(blocks)
 
 
 def _angle(trace: Trace, finder: CircleFinder) -> tuple[Array, str] | None:

@@ -69,7 +69,12 @@ def campaign_is_right(campaign: Campaign, target: Path) -> None:
         if campaign.path is None or campaign.name != campaign.path.name:
             equal(campaign.name, back.name, "name")
         written = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
-        expected = {"campaign.toml", "machine.toml", *(Path(run.file).as_posix() for run in campaign.runs)}
+        expected = {
+            "campaign.toml",
+            "machine.toml",
+            "manifest.json",
+            *(Path(run.file).as_posix() for run in campaign.runs),
+        }
         if written != expected:
             raise Fault(f"written were {sorted(written)}")
 

@@ -1,0 +1,204 @@
+"""Random calls of every verb on damaged files and with damaged words: `python -m tests.fuzz.verbs COUNT [--seed S]`.
+
+A call is right that ends by itself within ten seconds of processor time with exit code 0, 1 or 2, without a traceback, and
+with no line of more than 800 characters on standard error. All run in this process, so that ten thousand take minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType
+
+import typer
+
+import symfive.cli as cli
+from symfive.campaign import write_campaign
+from symfive.identify import fitted_model, identify
+from symfive.machine import preset, write_machine
+from symfive.model import write_model
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.simulate import simulate
+
+from .mutate import NUMBERS, STRINGS, Mutator
+
+LIMIT_S = 10.0
+MOST = 800
+VERBS = {
+    "check": ["campaign"],
+    "assess": ["campaign"],
+    "simulate": ["campaign", "-o", "out", "--seed", "3"],
+    "identify": ["campaign", "-o", "out", "--no-figures"],
+    "predict": ["model.json", "campaign", "-o", "out"],
+    "diagnose": ["campaign", "-o", "out"],
+    "fleet": ["campaign", "-o", "out", "--no-figures", "--workers", "0"],
+    "codegen": ["model.json", "-o", "out"],
+    "plan": ["machine.toml", "-o", "out", "--points", "2", "--starts", "1", "--setups", "1"],
+    "import-polar": ["three-axis", "polar.csv", "-o", "out", "--radius", "100", "--feed", "1000"],
+    "import-mtconnect": ["probe.xml", "-o", "out.toml"],
+    "convert": ["emps", "-o", "out", "--data", "data"],
+}
+WEIGHTS = {"diagnose": 1, "plan": 1}
+"""Verbs that compute for seconds are called less often."""
+WORDS = (
+    "", " ", "-", "--", ".", "..", "/", "out", "campaign", "campaign/campaign.toml", "machine.toml", "model.json", "absent",
+    "table-bc", "c,siemens", "EX0C", "X,Y,Z", "backlash:C", "0", "1", "-1", "2", "1e9", "1000000000", "nan", "inf", "-inf",
+    "1e308", "1e-300", "0x10", "\x00", "é" * 300, "a" * 5000, "\n", "%s", "{0}", "__import__", "iso", "huber", "declared",
+    "0,0,0",
+    "1,nan,2",
+)  # fmt: skip
+LONG = {"--points", "--starts", "--scheduler", "--workers", "--count", "--repeats", "--returns", "--robust"}
+"""Options whose right values only make a call long, or look for a server."""
+
+
+class _TooLong(BaseException):
+    pass
+
+
+def _alarm(number: int, frame: FrameType | None) -> None:
+    raise _TooLong
+
+
+class Calls:
+    """Makes calls in `folder`; `wrong` says of each that was not right what it was."""
+
+    def __init__(self, folder: Path, rng: random.Random) -> None:
+        self.folder, self.rng, self.wrong, self.longest = folder, rng, list[str](), 0.0
+        self.codes = Counter[tuple[str, int]]()
+        self._store = folder / "seeds"
+        self._make()
+        self._files = [path for path in sorted(self._store.rglob("*")) if path.is_file()]
+        self._mutate = Mutator((), [path.read_bytes() for path in self._files])
+        for verb, words in VERBS.items():  # first of all everything is imported, which is no part of a call
+            if verb not in WEIGHTS:
+                shutil.copytree(self._store, folder / "first" / verb)
+                self._call([verb, *words], folder / "first" / verb, limit=60.0)
+        self._parameters = {
+            verb: sorted(
+                {name for p in command.params for name in (*p.opts, *p.secondary_opts) if name.startswith("-")}
+            )
+            for verb, command in typer.main.get_command(cli.app).commands.items()  # type: ignore[attr-defined]
+        }
+
+    def _make(self) -> None:
+        machine = preset("oyama-2010")
+        machine = replace(machine, errors={name: machine.errors[name] for name in ("EX0C", "EA0B")})
+        runs = [*r_test_grid(machine, step_deg=120.0, returning=False), *planar_circle(machine, rate_hz=2.0)]
+        campaign = simulate(campaign_of(machine, runs), seed=1).campaign
+        write_campaign(campaign, self._store / "campaign")
+        write_machine(machine, self._store / "machine.toml")
+        write_model(fitted_model(identify(campaign)), self._store / "model.json")
+        (self._store / "polar.csv").write_text(
+            "angle,deviation\n" + "".join(f"{a},{a % 3}\n" for a in range(0, 360, 4))
+        )
+        probe = Path(__file__).parent.parent / "data" / "mtconnect" / "trunnion.xml"
+        shutil.copy(probe, self._store / "probe.xml")
+        (self._store / "data" / "emps").mkdir(parents=True)
+        (self._store / "data" / "emps" / "DATA_EMPS.mat").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(400))
+
+    def one(self) -> None:
+        """One call."""
+        rng, room = self.rng, self.folder / "room"
+        shutil.rmtree(room, ignore_errors=True)
+        shutil.copytree(self._store, room)
+        verb = rng.choices(list(VERBS), [WEIGHTS.get(name, 8) for name in VERBS])[0]
+        words = [verb, *VERBS[verb]]
+        kind = rng.random()
+        if kind < 0.6:
+            place = rng.choice([path for path in self._files if self._concerns(path, words)])
+            damaged = room / place.relative_to(self._store)
+            damaged.write_bytes(self._mutate(damaged.read_bytes(), rng.randrange(2**32)))
+        if kind > 0.5:
+            words = self._damaged(verb, words)
+        self._call(words, room)
+
+    def _concerns(self, path: Path, words: list[str]) -> bool:
+        top = path.relative_to(self._store).parts[0]
+        return top in words and path.name != "manifest.json"
+
+    def _damaged(self, verb: str, words: list[str]) -> list[str]:
+        rng = self.rng
+        value = rng.choice([*WORDS, *(text.decode("utf-8", "replace") for text in (*NUMBERS, *STRINGS))])
+        match rng.randrange(4):
+            case 0:
+                words[rng.randrange(1, len(words))] = value
+            case 1:
+                del words[rng.randrange(1, len(words))]
+            case _:
+                option = rng.choice([name for name in self._parameters[verb] if name not in LONG])
+                words += [option, value] if rng.random() < 0.8 else [option]
+        return words
+
+    def _call(self, words: list[str], room: Path, limit: float = LIMIT_S) -> None:
+        begin, before = time.process_time(), os.getcwd()
+        out, err = io.StringIO(), io.StringIO()
+        said = ""
+        os.chdir(room)
+        previous = signal.signal(signal.SIGPROF, _alarm)
+        signal.setitimer(signal.ITIMER_PROF, limit)
+        code = -1
+        try:
+            with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+                code = cli.main(words)
+        except _TooLong:
+            said = f"longer than {LIMIT_S:g} s, in {traceback.extract_tb(sys.exc_info()[2])[-1]}"
+        except BaseException as error:
+            said = f"{type(error).__name__}: {str(error)[:200]} at {traceback.extract_tb(error.__traceback__)[-1]}"
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            signal.signal(signal.SIGPROF, previous)
+            os.chdir(before)
+        if limit > LIMIT_S:
+            return
+        self.longest = max(self.longest, time.process_time() - begin)
+        self.codes[words[0], code] += 1
+        text = err.getvalue()
+        if not said and code not in (0, 1, 2):
+            said = f"exit code {code}"
+        if not said and "Traceback" in text:
+            said = f"a traceback: {text[-300:]}"
+        if not said and code == 2 and text.startswith("symfive: ") and max(map(len, text.splitlines())) > MOST + 20:
+            said = f"a line of {max(map(len, text.splitlines()))} characters"
+        if said:
+            kept = self.folder / f"wrong-{len(self.wrong)}"
+            shutil.copytree(room, kept, dirs_exist_ok=True)
+            self.wrong.append(f"{[w[:80] for w in words]} in {kept}: {said}")
+
+
+def main() -> int:
+    """Make the calls; 1 where one was not right."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.verbs", description="Random calls of every verb.")
+    parser.add_argument("count", type=int)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("-o", dest="folder", type=Path, default=None, help="where wrong calls are kept")
+    options = parser.parse_args()
+    folder = options.folder or Path(tempfile.mkdtemp(prefix="symfive-calls."))
+    calls, begin, said = Calls(folder, random.Random(options.seed)), time.monotonic(), 0
+    for number in range(1, options.count + 1):
+        calls.one()
+        for line in calls.wrong[said:]:
+            print("WRONG", line, flush=True)
+        said = len(calls.wrong)
+        if number % 500 == 0:
+            print(
+                f"{number} calls, {said} wrong, longest {calls.longest:.1f} s, {time.monotonic() - begin:.0f} s",
+                flush=True,
+            )
+    print(f"{options.count} calls: {said} wrong, longest {calls.longest:.1f} s; exit codes {dict(calls.codes)}")
+    return int(bool(calls.wrong))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
