@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-import typer
+import click
 
 from symfive.cli import _evaluate, _files, _measure  # noqa: F401  (in the order of the help)
 from symfive.cli._common import app
@@ -19,7 +19,7 @@ __all__ = ["app", "main"]
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 1 problems found, 2 bad input, 130 interrupted)."""
-    code = _guarded(lambda: app(arguments, prog_name="symfive", standalone_mode=True))
+    code = _guarded(lambda: app.main(arguments, prog_name="symfive", standalone_mode=False))
     if arguments is None:
         sys.exit(code)
     return code
@@ -27,19 +27,20 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _guarded(run: Callable[[], Any]) -> int:
     try:
-        run()
-    except SystemExit as end:
-        return int(end.code or 0) if not isinstance(end.code, str) else 2
-    except KeyboardInterrupt:
-        typer.echo("symfive: interrupted; nothing was written.", err=True)
+        code = run()  # of `click.exceptions.Exit`
+    except click.Abort:
+        click.echo("symfive: interrupted; nothing was written.", err=True)
         return 130
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
     except Exception as error:
         said = _sentence(error)
         if said is None:
             raise
-        typer.echo(f"symfive: {said}", err=True)
+        click.echo(f"symfive: {said}", err=True)
         return 2
-    return 0
+    return code if isinstance(code, int) else 0
 
 
 def _sentence(error: Exception) -> str | None:

@@ -3,37 +3,48 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 from symfive.cli._common import (
-    CampaignPath,
-    Dialects,
-    Json,
-    OutputPath,
+    PATH,
     Progress,
-    Quiet,
     app,
+    as_json,
+    campaign_path,
+    dialects,
     dialects_of,
     joined,
+    output_path,
+    quiet,
     read,
+    scheduler,
     tell,
 )
 
 __all__ = ["diagnose", "fleet", "identify", "predict"]
 
+also = click.option("--with", "also", type=PATH, multiple=True, help="A further campaign of the same machine.")
+
 
 @app.command(epilog="Example: symfive identify measured/ -o results/")
+@campaign_path
+@output_path
+@also
+@click.option("--noise", default="estimate", help="estimate, or declared (believe the data sheet).")
+@click.option("--loss", default="square", help="square, or huber (by IPOPT).")
+@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
+@as_json
+@quiet
 def identify(
-    campaign: CampaignPath,
-    output: OutputPath,
-    also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
-    noise: Annotated[str, typer.Option(help="estimate, or declared (believe the data sheet).")] = "estimate",
-    loss: Annotated[str, typer.Option(help="square, or huber (by IPOPT).")] = "square",
-    figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    campaign: Path,
+    output: Path,
+    also: tuple[Path, ...],
+    noise: str,
+    loss: str,
+    figures: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Identify the machine's errors: identification.json, model.json, identification.html and figures."""
     from symfive.files import output_folder
@@ -54,17 +65,16 @@ def _notes(notes: tuple[str, ...], quiet: bool) -> None:
     """What a fit has to say of itself."""
     if not quiet:
         for note in notes:
-            typer.echo(f"note: {note}", err=True)
+            click.echo(f"note: {note}", err=True)
 
 
 @app.command(epilog="Example: symfive predict results/model.json heldout/ -o predicted/")
-def predict(
-    model: Annotated[Path, typer.Argument(help="A fitted model.json (or its folder).", show_default=False)],
-    campaign: CampaignPath,
-    output: OutputPath,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+@click.argument("model", type=PATH, help="A fitted model.json (or its folder).")
+@campaign_path
+@output_path
+@as_json
+@quiet
+def predict(model: Path, campaign: Path, output: Path, as_json: bool, quiet: bool) -> None:
     """Predict the readings of a plan or campaign; a run's own set-up is fitted where it has readings."""
     from symfive.campaign import write_campaign_files
     from symfive.files import output_folder, write_json
@@ -82,16 +92,23 @@ def predict(
 
 
 @app.command(epilog="Example: symfive diagnose measured/ -o diagnosis/")
+@campaign_path
+@output_path
+@also
+@click.option(
+    "--false-alarms", type=click.FloatRange(1e-6, 0.5), default=0.01, help="False-alarm rate over the whole catalogue."
+)
+@dialects
+@as_json
+@quiet
 def diagnose(
-    campaign: CampaignPath,
-    output: OutputPath,
-    also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
-    false_alarms: Annotated[
-        float, typer.Option(min=1e-6, max=0.5, help="False-alarm rate over the whole catalogue.")
-    ] = 0.01,
-    nc: Dialects = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    campaign: Path,
+    output: Path,
+    also: tuple[Path, ...],
+    false_alarms: float,
+    nc: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Where the model is wrong: locate the mismatch, name the physics left out, model it and show the fit improve."""
     from symfive.diagnose import diagnose as diagnose_campaign
@@ -109,18 +126,25 @@ def diagnose(
 
 
 @app.command(epilog="Example: symfive fleet machines/ -o results/ --workers 4")
+@click.argument("campaigns", type=PATH, nargs=-1, required=True, help="Campaigns' folders, or folders that hold some.")
+@output_path
+@click.option("--diagnose", is_flag=True, help="Diagnose instead of identify.")
+@click.option("--workers", default=1, help="Processes of this computer; 0: none but this one.")
+@scheduler
+@click.option("--figures/--no-figures", default=True, help="Draw the figures (a diagnosis always does).")
+@click.option("--redo", is_flag=True, help="Begin anew what is complete already.")
+@as_json
+@quiet
 def fleet(
-    campaigns: Annotated[
-        list[Path], typer.Argument(help="Campaigns' folders, or folders that hold some.", show_default=False)
-    ],
-    output: OutputPath,
-    diagnose: Annotated[bool, typer.Option("--diagnose", help="Diagnose instead of identify.")] = False,
-    workers: Annotated[int, typer.Option(help="Processes of this computer; 0: none but this one.")] = 1,
-    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
-    figures: Annotated[bool, typer.Option(help="Draw the figures (a diagnosis always does).")] = True,
-    redo: Annotated[bool, typer.Option("--redo", help="Begin anew what is complete already.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    campaigns: tuple[Path, ...],
+    output: Path,
+    diagnose: bool,
+    workers: int,
+    scheduler: str | None,
+    figures: bool,
+    redo: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Identify or diagnose many campaigns: a folder of results each, and one table of all (CSV and text)."""
     from symfive.executors import executor
@@ -132,4 +156,4 @@ def fleet(
         )
     tell(table.to_data(), str(table), as_json)
     if any(row.failed for row in table.rows):
-        raise typer.Exit(2)
+        raise click.exceptions.Exit(2)
