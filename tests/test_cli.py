@@ -120,16 +120,18 @@ def test_help_lists_the_dialects(symfive, verb):
     assert set(DIALECTS) <= set(re.findall(r"\w+", symfive(verb, "--help").out))
 
 
-def loaded(code: str, **environment: str) -> tuple[set[str], subprocess.CompletedProcess[str]]:
-    """What a fresh process has imported beyond the standard library once this code has run: a start stays quick only as long
-    as nothing heavy is imported. Seconds depend on the computer, imports do not."""
+def loaded(code: str, depth: int = 1, **environment: str) -> tuple[set[str], subprocess.CompletedProcess[str]]:
+    """What a fresh process has imported beyond the standard library once this code has run, foreign names cut to `depth` parts.
+
+    A start stays quick only as long as nothing heavy is imported. Seconds depend on the computer, imports do not.
+    """
     say = "lambda: sys.stderr.write(' '.join(['', 'loaded', *sorted(sys.modules.keys() - before)]))"
     program = f"import atexit, sys; before = set(sys.modules); atexit.register({say}); {code}"
     words = [sys.executable, "-c", program]
     done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **environment})
     modules = done.stderr.rpartition(" loaded ")[2].split()
     foreign = {name for name in modules if name.partition(".")[0] not in sys.stdlib_module_names}
-    return {name if name.startswith("symfive") else name.partition(".")[0] for name in foreign}, done
+    return {".".join(name.split(".")[: None if name.startswith("symfive") else depth]) for name in foreign}, done
 
 
 def test_version_help_and_completion_load_the_command_line_alone():
@@ -150,6 +152,21 @@ def test_check_loads_no_symbolic_mathematics(campaign):
     assert done.returncode == 0 and "no problem found" in done.stdout, done.stderr
     assert {name for name in modules if not name.startswith("symfive")} <= {"click", "numpy"}
     assert not modules & {"symfive._api", "symfive.model", "symfive.report", "symfive.design"}
+
+
+@pytest.mark.parametrize("campaign", ["static-ball-bar-two-heights", "static-none"])
+def test_identify_loads_what_it_uses(tmp_path, campaign):
+    """Of SciPy a small campaign needs functions and the simplex search; signal, stats and interpolate alone take a second."""
+    words = ["identify", str(CAMPAIGNS / campaign / "fit"), "-o", str(tmp_path / "r"), "--no-figures", "-q"]
+    modules, done = loaded(f"from symfive.cli import main; main({words!r})", depth=2)
+    assert done.returncode == 0 and "rms" in done.stdout, done.stderr
+    assert "scipy.special" in modules and not modules & {
+        "scipy.signal",
+        "scipy.stats",
+        "scipy.interpolate",
+        "matplotlib",
+    }
+    assert not modules & {"symfive._api", "symfive.design", "symfive.diagnose", "symfive.executors"}
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
