@@ -124,6 +124,7 @@ def test_a_step_that_no_second_one_corrects_is_shortened():
     assert converged and values == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_coverage_of_95_percent_intervals_over_200_machines():
     plan = _open("static-none")
     hits = trials = 0
