@@ -34,10 +34,14 @@ def fail(sentence: str) -> NoReturn:
 def run(*arguments: str) -> int:
     """Run the environment's Python in the repository and return its exit code.
 
-    One thread for BLAS: the matrices are small, and threads of several processes only hinder each other.
+    One thread for BLAS: the matrices are small, and threads of several processes only hinder each other. Byte code is
+    written whatever the environment says: the installation leaves it to the first import, and without it every
+    process would compile CasADi's, SciPy's and Matplotlib's sources again.
     """
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    return subprocess.call([str(PYTHON), *arguments], cwd=ROOT, env={**one_thread, **os.environ})
+    environment = {**one_thread, **os.environ}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    return subprocess.call([str(PYTHON), *arguments], cwd=ROOT, env=environment)
 
 
 def fingerprint() -> str:

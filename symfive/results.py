@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from symfive.design import write_test
-from symfive.diagnose import Diagnosis
 from symfive.identify import Identification, fitted_model
 from symfive.model import write_model
 from symfive.outputs import write_json
+
+if TYPE_CHECKING:
+    from symfive.diagnose import Diagnosis
 
 __all__ = ["write_diagnosis", "write_identification"]
 
@@ -34,6 +36,7 @@ def write_diagnosis(
 ) -> None:
     """diagnosis.json, the plans of the next tests with programs in the `nc` dialects and set-up sheets, the identification
     with the findings, the page and its figures."""
+    from symfive.design import write_test
     from symfive.report import diagnosis_report
 
     write_json(folder / "diagnosis.json", result.to_data())

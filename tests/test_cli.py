@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import typer
 
 import symfive.cli as cli
 from symfive import __version__
@@ -25,7 +24,7 @@ from symfive.procedures import campaign_of, r_test_grid
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 BAR = CAMPAIGNS / "static-ball-bar-two-heights" / "fit"
 NESTS = CAMPAIGNS / "static-none" / "fit"
-COMMANDS = typer.main.get_command(cli.app).commands
+COMMANDS = cli.app.commands
 
 
 class Answer:
@@ -121,32 +120,59 @@ def test_help_lists_the_dialects(symfive, verb):
     assert set(DIALECTS) <= set(re.findall(r"\w+", symfive(verb, "--help").out))
 
 
-def test_version_help_and_completion_load_no_numerics():
-    """They stay below 0.3 s only as long as nothing heavy is imported; seconds depend on the computer, imports do not."""
-    code = (
-        "import sys; from symfive.cli import main; main([{word!r}]); "
-        "heavy = {{'symfive._api', 'numpy', 'casadi', 'scipy', 'matplotlib', 'rich'}} & set(sys.modules); "
-        "sys.exit(str(heavy) if heavy else 0)"
-    )
-    for word in ("--version", "--help"):
-        done = subprocess.run([sys.executable, "-c", code.format(word=word)], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-    environment = {**os.environ, "_SYMFIVE_COMPLETE": "complete_bash", "COMP_WORDS": "symfive di", "COMP_CWORD": "1"}
-    words = [sys.executable, "-X", "importtime", "-m", "symfive.cli"]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True)
-    assert done.stdout.split() == ["diagnose"] and "casadi" not in done.stderr and "numpy" not in done.stderr
+def loaded(code: str, depth: int = 1, **environment: str) -> tuple[set[str], subprocess.CompletedProcess[str]]:
+    """What a fresh process has imported beyond the standard library once this code has run, foreign names cut to `depth` parts.
+
+    A start stays quick only as long as nothing heavy is imported. Seconds depend on the computer, imports do not.
+    """
+    say = "lambda: sys.stderr.write(' '.join(['', 'loaded', *sorted(sys.modules.keys() - before)]))"
+    program = f"import atexit, sys; before = set(sys.modules); atexit.register({say}); {code}"
+    words = [sys.executable, "-c", program]
+    done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **environment})
+    modules = done.stderr.rpartition(" loaded ")[2].split()
+    foreign = {name for name in modules if name.partition(".")[0] not in sys.stdlib_module_names}
+    return {".".join(name.split(".")[: None if name.startswith("symfive") else depth]) for name in foreign}, done
+
+
+def test_version_help_and_completion_load_the_command_line_alone():
+    allowed = re.compile(r"click|symfive(\.cli(\..*)?)?")
+    completion = {"_SYMFIVE_COMPLETE": "bash_complete", "COMP_WORDS": "symfive di", "COMP_CWORD": "1"}
+    cases = {"['--version']": {}, "['--help']": {}, "['plan', '--help']": {}, "None": completion}
+    for words, environment in cases.items():
+        modules, done = loaded(f"from symfive.cli import main; main({words})", **environment)
+        assert "click" in modules and done.returncode == 0 and done.stdout, done.stderr
+        assert [name for name in modules if not allowed.fullmatch(name)] == [], words
+    assert done.stdout.split() == ["plain,diagnose"]
 
 
 @pytest.mark.parametrize("campaign", ["static-ball-bar-two-heights", "static-none", "planar-none"])
 def test_check_loads_no_symbolic_mathematics(campaign):
-    """It costs a tenth of what it did only as long as it needs none of these; seconds depend on the computer, imports do not."""
-    code = (
-        f"import sys; from symfive.cli import main; main(['check', {str(CAMPAIGNS / campaign / 'fit')!r}]); "
-        "heavy = {'symfive._api', 'casadi', 'scipy', 'matplotlib', 'tomlkit', 'rich', 'numpy.ma'} & set(sys.modules); "
-        "sys.exit(str(heavy) if heavy else 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    folder = str(CAMPAIGNS / campaign / "fit")
+    modules, done = loaded(f"from symfive.cli import main; main(['check', {folder!r}])")
     assert done.returncode == 0 and "no problem found" in done.stdout, done.stderr
+    assert {name for name in modules if not name.startswith("symfive")} <= {"click", "numpy"}
+    assert not modules & {"symfive._api", "symfive.model", "symfive.report", "symfive.design"}
+
+
+@pytest.mark.parametrize("campaign", ["static-ball-bar-two-heights", "static-none"])
+def test_identify_loads_what_it_uses(tmp_path, campaign):
+    """Of SciPy a small campaign needs functions and the simplex search; signal, stats and interpolate alone take a second."""
+    words = ["identify", str(CAMPAIGNS / campaign / "fit"), "-o", str(tmp_path / "r"), "--no-figures", "-q"]
+    modules, done = loaded(f"from symfive.cli import main; main({words!r})", depth=2)
+    assert done.returncode == 0 and "rms" in done.stdout, done.stderr
+    assert "scipy.special" in modules and not modules & {
+        "scipy.signal",
+        "scipy.stats",
+        "scipy.interpolate",
+        "matplotlib",
+    }
+    assert not modules & {"symfive._api", "symfive.design", "symfive.diagnose", "symfive.executors"}
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_is_shown_for_every_shell(symfive, shell):
+    answer = symfive("--show-completion", shell)
+    assert answer.code == 0 and f"_SYMFIVE_COMPLETE={shell}_complete" in answer.out
 
 
 def test_check_quietly(symfive, small_plan, broken):

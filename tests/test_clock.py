@@ -116,6 +116,7 @@ def test_slow_noise_without_a_clock_lasts_rows() -> None:
     assert "rows" not in clocked.to_data()["noise"]["cycle-1.laser"]
 
 
+@pytest.mark.slow
 def test_a_diagnosis_without_a_clock_finds_nothing_over_time() -> None:
     """With it, the drift has its name."""
     with_clock = diagnose(tour())

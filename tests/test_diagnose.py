@@ -30,7 +30,9 @@ def sag_and_drift() -> Diagnosis:
     return _open("static-sag-and-drift")
 
 
-@pytest.mark.parametrize("name", ["static-none", "static-ball-bar-two-heights", "planar-none"])
+@pytest.mark.parametrize(
+    "name", ["static-none", "static-ball-bar-two-heights", pytest.param("planar-none", marks=pytest.mark.slow)]
+)
 def test_clean_campaigns_stay_clean(name):
     result = _open(name)
     assert not result.mismatch
@@ -131,6 +133,7 @@ def test_a_sag_that_comes_back_by_another_way_is_one_effect(tmp_path):
     assert found["amplitude_branch"].value == pytest.approx(0.2 * 9.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path):
     """A sag whose way back takes over bit by bit over 60° and more."""
     sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 30.0, "form": "hysteresis"}
@@ -151,6 +154,7 @@ def test_heat_that_comes_late_is_one_drift_with_its_onset(tmp_path):
     assert said["amplitude"].value == pytest.approx(12.0, abs=2.0 * said["amplitude"].std)
 
 
+@pytest.mark.slow
 def test_without_the_true_effect_in_the_catalogue_the_answer_is_unknown_over_the_right_coordinate(tmp_path):
     machine = plant.static_table()
     poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))

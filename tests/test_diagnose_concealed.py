@@ -110,6 +110,7 @@ def test_a_scale_that_geometry_hides_but_for_a_hair_is_named_though_it_is_far_be
     assert abs(said.value + 3000.0) < 3.0 * said.std and said.std < 600.0
 
 
+@pytest.mark.slow
 def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     """Three bars at rest: noise that wanders as slowly as a run lasts would explain the drift, too."""
     machine = plant.static_table()
@@ -290,6 +291,7 @@ def test_a_name_that_slow_noise_was_weighed_against_stays_a_rival(tmp_path):
     assert {"setup_shift.bar-x", "thermal_drift"} <= set(state.met)
 
 
+@pytest.mark.slow
 def test_noise_too_slow_and_too_large_for_an_instrument_is_a_drift_without_a_name(tmp_path):
     """Heat in a library that has none: noise that wanders would explain it, but as large hardly any instrument has."""
     machine = plant.static_table()
@@ -306,6 +308,7 @@ def test_noise_too_slow_and_too_large_for_an_instrument_is_a_drift_without_a_nam
             assert found.fit.chi2_dof_before > 4.0 and found.fit.chi2_dof_after < 1.5
 
 
+@pytest.mark.slow
 def test_a_drift_found_as_noise_that_is_too_large_gets_the_name_that_leaves_none(tmp_path):
     """Under noise that none of it may be, whatever bends most explains most: a name competes with the noise it leaves."""
     machine = plant.static_table()
@@ -321,6 +324,7 @@ def test_a_drift_found_as_noise_that_is_too_large_gets_the_name_that_leaves_none
     assert others and newest(drift(state.after, [*others, *nameless], {}, 0.005, state.progress)).id == "unknown"
 
 
+@pytest.mark.slow
 def test_what_changes_with_the_faster_axis_is_one_term_over_both_velocities(tmp_path):
     """Master/slave changeover of old controls: sectors that begin at 45°, which terms over one coordinate cannot hold."""
     machine = plant.planar_table()
@@ -344,6 +348,7 @@ def test_a_compliance_that_softens_by_another_curve_brings_no_resonance(tmp_path
     assert 0.05 < found.findings[0].shape_differs < 0.5
 
 
+@pytest.mark.slow
 def test_a_step_along_a_path_is_found_with_its_ramp_and_brings_no_other_effect(tmp_path):
     machine = plant.planar_table()
     step = {"effect": "compensation_table_step", "axis": "X", "at": 9.65, "ramp": 2.0, "step": 4.6}
@@ -365,6 +370,7 @@ def test_what_did_not_help_one_fit_may_help_the_next(tmp_path):
     assert [state.open(Score.unscored(e, {}, 1)) for e in (step, play)] == [True, False]
 
 
+@pytest.mark.slow
 def test_two_names_go_before_one_term_over_both_their_axes(tmp_path):
     machine = plant.static_table()
     bow = {"effect": "error_motion", "component": "EYB", "coefficients": [0.0, 6.0, 9.0]}
@@ -655,6 +661,7 @@ def test_a_cycle_is_looked_for_where_the_fit_leaves_it(tmp_path):
     assert found.period == pytest.approx(1092.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_small_cycle_is_not_taken_for_slow_noise(tmp_path):
     machine = plant.static_table()
     cycle = {

@@ -54,6 +54,7 @@ def _circles(tmp_path: Path, feeds: tuple[float, ...], effects: list[dict], seed
     return read_campaign(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     campaign = read_campaign(CAMPAIGNS / "static-sag-and-drift" / "fit")
     detection = detect(campaign)

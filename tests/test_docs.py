@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-import typer
 
 from symfive.campaign import Campaign, Run, write_campaign
 from symfive.cli import app, main
@@ -24,7 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "benchmarks").glob("*.md"))]
 PAGES += [page for page in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in page.parts]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-COMMANDS = typer.main.get_command(app)
+COMMANDS = app
 ONLY_CHECKED = ("plan", "codegen")  # their own tests run them; here only that verb and options exist
 LINKS = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 

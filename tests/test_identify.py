@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.design import assess
@@ -30,6 +31,7 @@ from symfive.identify import (
 )
 from symfive.inference import gauss_newton
 from symfive.inference._noise import Noise, whiten
+from symfive.inference._whitening import innovations
 from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model, read_model, write_model
 from symfive.procedures import campaign_of, planar_circle, r_test_grid, rotary_circle, static_ball_bar
@@ -122,6 +124,7 @@ def test_a_step_that_no_second_one_corrects_is_shortened():
     assert converged and values == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_coverage_of_95_percent_intervals_over_200_machines():
     plan = _open("static-none")
     hits = trials = 0
@@ -164,6 +167,17 @@ def test_coverage_holds_under_coloured_noise_that_no_file_declares():
         trials += 1
     assert hits / trials >= 0.83
     assert naive / trials <= 0.6
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (31, 2), (33, 3), (5000, 1), (1025, 40), (70, 2000)])
+def test_innovations_are_those_of_the_recursive_filter(rows, columns):
+    """Whole blocks, broken ones, several levels of them and several spans of rows, against SciPy's own loop."""
+    rng = np.random.default_rng(rows)
+    table, memory = rng.normal(size=(rows, columns)), rng.normal(size=(1, columns))
+    for phi, theta in ((0.98, 0.93), (0.2, 0.0), (0.999999, 0.999)):
+        wanted, after = lfilter([1.0, -phi], [1.0, -theta], table, axis=0, zi=memory)
+        found, left = innovations(table, phi, theta, memory)
+        assert np.abs(found - wanted).max() < 1e-11 and np.abs(left - after).max() < 1e-11
 
 
 def test_whitening_is_the_exact_inverse_of_the_covariance():

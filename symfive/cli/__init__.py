@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-import typer
+import click
 
 from symfive.cli import _evaluate, _files, _measure  # noqa: F401  (in the order of the help)
 from symfive.cli._common import app
@@ -23,7 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     from symfive.outputs import by_command
 
     with by_command(shlex.join(["symfive", *(sys.argv[1:] if arguments is None else arguments)])):
-        code = _guarded(lambda: app(arguments, prog_name="symfive", standalone_mode=True))
+        code = _guarded(lambda: app.main(arguments, prog_name="symfive", standalone_mode=False))
     if arguments is None:
         sys.exit(code)
     return code
@@ -31,20 +31,19 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _guarded(run: Callable[[], Any]) -> int:
     try:
-        run()
-    except SystemExit as end:
-        if end.code == 130:  # what typer makes of an interruption
-            return _interrupted(end)
-        return int(end.code or 0) if not isinstance(end.code, str) else 2
-    except KeyboardInterrupt as interrupt:
+        code = run()  # of `click.exceptions.Exit`
+    except (KeyboardInterrupt, click.Abort) as interrupt:
         return _interrupted(interrupt)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
     except Exception as error:
         said = _sentence(error)
         if said is None:
             raise
-        typer.echo(f"symfive: {said}", err=True)
+        click.echo(f"symfive: {said}", err=True)
         return 2
-    return 0
+    return code if isinstance(code, int) else 0
 
 
 def _interrupted(error: BaseException) -> int:
@@ -53,7 +52,7 @@ def _interrupted(error: BaseException) -> int:
     while at is not None and not isinstance(at, KeyboardInterrupt):
         at = at.__cause__ or at.__context__
     left = getattr(at, "__notes__", ["nothing was written"])
-    typer.echo(f"symfive: interrupted; {'; '.join(left)}.", err=True)
+    click.echo(f"symfive: interrupted; {'; '.join(left)}.", err=True)
     return 130
 
 

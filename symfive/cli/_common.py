@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
+from symfive import __version__
 from symfive.files import shown
 from symfive.separated import LARGEST, SMALLEST
 
@@ -17,84 +18,83 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 __all__ = [
-    "MOST",
-    "MOST_SEED",
-    "POSITIVE",
-    "CampaignPath",
-    "Dialects",
-    "Json",
-    "OutputPath",
-    "Overwrite",
-    "Progress",
-    "Quiet",
-    "app",
-    "dialects_of",
-    "joined",
-    "read",
-    "tell",
+    "COUNT", "MOST", "PATH", "POSITIVE", "SEED", "Number", "Progress", "app", "as_json", "campaign_path", "dialects",
+    "dialects_of", "joined", "output_path", "overwrite", "quiet", "read", "scheduler", "tell",
 ]  # fmt: skip
 
-app = typer.Typer(
-    name="symfive",
-    help="One symbolic model of five-axis machine tools: plan, measure, identify, diagnose, predict, generate code.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # plain help: loading rich takes as long as all the rest
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
 
-CampaignPath = Annotated[Path, typer.Argument(help="A campaign's folder, or its campaign.toml.", show_default=False)]
-Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace results that lie there, unless somebody changed them.")
-]
-OutputPath = Annotated[Path, typer.Option("-o", "--output", help="The folder for the results.", show_default=False)]
-Dialects = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--nc", help="Dialect of the NC programs: iso (default), siemens, heidenhain or linuxcnc; may be repeated."
-    ),
-]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors and the result.")]
+class Number(click.ParamType[float]):
+    """A number from `low` to `high`, neither NaN nor infinity nor beyond all machines."""
 
+    name = "number"
 
-def number(low: float = -LARGEST, high: float = LARGEST) -> Callable[[str], float]:
-    """The parser of an option: a number from `low` to `high`, neither NaN nor infinity nor beyond all machines."""
+    def __init__(self, low: float = -LARGEST, high: float = LARGEST) -> None:
+        self.low, self.high = low, high
 
-    def parsed(text: str) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number that the text says."""
         try:
-            value = float(text)
+            number = float(value)
         except ValueError:
-            raise typer.BadParameter(f"{shown(text)} is not a number") from None
-        if not low <= value <= high:
-            raise typer.BadParameter(f"{shown(text)} is not a number from {low:g} to {high:g}")
-        return value
-
-    return parsed
+            self.fail(f"{shown(value)} is not a number", param, ctx)
+        if not self.low <= number <= self.high:
+            self.fail(f"{shown(value)} is not a number from {self.low:g} to {self.high:g}", param, ctx)
+        return number
 
 
-POSITIVE = SMALLEST
-"""The least that is positive."""
+PATH = click.Path(path_type=Path)
+POSITIVE = Number(SMALLEST)
 MOST = 100_000
 """Poses, circles, repeats, starts: more would not end."""
-MOST_SEED = 2**63 - 1
+COUNT = click.IntRange(max=MOST)
+SEED = click.IntRange(0, 2**63 - 1)
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        from importlib.metadata import version
+class _InOrder(click.Group):
+    """The help lists the verbs in the order in which they are defined."""
 
-        typer.echo(f"symfive {version('symfive')}")
-        raise typer.Exit
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
 
 
-@app.callback()
-def _root(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    pass
+def _show_completion(ctx: click.Context, parameter: click.Parameter, shell: str | None) -> None:
+    from click.shell_completion import get_completion_class
+
+    if shell is not None:
+        complete = get_completion_class(shell)
+        assert complete is not None  # the option takes no other shell
+        click.echo(complete(app, {}, "symfive", "_SYMFIVE_COMPLETE").source())
+        ctx.exit()
+
+
+@click.group(
+    cls=_InOrder,
+    help="One symbolic model of five-axis machine tools: plan, measure, identify, diagnose, predict, generate code.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
+)
+@click.version_option(__version__, message="symfive %(version)s", help="Print the version.")
+@click.option(
+    "--show-completion", type=click.Choice(["bash", "zsh", "fish"]), expose_value=False, is_eager=True,
+    callback=_show_completion, help="Print what completes the verbs in this shell, to be added to its start file.",
+)  # fmt: skip
+def app() -> None:
+    """The program."""
+
+
+campaign_path = click.argument("campaign", type=PATH, help="A campaign's folder, or its campaign.toml.")
+overwrite = click.option(
+    "--overwrite", is_flag=True, help="Replace results that lie there, unless somebody changed them."
+)
+output_path = click.option("-o", "--output", type=PATH, required=True, help="The folder for the results.")
+dialects = click.option(
+    "--nc",
+    multiple=True,
+    help="Dialect of the NC programs: iso (default), siemens, heidenhain or linuxcnc; may be repeated.",
+)
+as_json = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors and the result.")
+scheduler = click.option("--scheduler", help="A Dask scheduler instead, as tcp://host:8786.")
 
 
 class Progress:
@@ -107,10 +107,10 @@ class Progress:
     def __call__(self, message: str) -> None:
         elapsed = time.monotonic() - self._begin
         if not self._quiet and elapsed > 2.0:
-            typer.echo(f"{elapsed:5.1f} s  {message}", err=True)
+            click.echo(f"{elapsed:5.1f} s  {message}", err=True)
 
 
-def dialects_of(names: list[str] | None) -> tuple[str, ...]:
+def dialects_of(names: Sequence[str]) -> tuple[str, ...]:
     """The dialects asked for. Raises `InputError` for an unknown one, before any work is done."""
     from symfive.nc import dialect_of
 
@@ -125,21 +125,21 @@ def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
     campaign = campaign_given(path)
     if not quiet:
         for note in campaign.notes:
-            typer.echo(f"note: {note}", err=True)
+            click.echo(f"note: {note}", err=True)
     if measured and not campaign.measured:
         empty = next(run.id for run in campaign.runs if not run.measured)
         raise InputError(f"run {empty} has no readings", path=path, remedy="measure or simulate the plan first")
     return campaign
 
 
-def joined(path: Path, also: list[Path] | None, quiet: bool) -> Campaign:
+def joined(path: Path, also: Sequence[Path], quiet: bool) -> Campaign:
     """A measured campaign, joined with further ones of the same machine."""
     data = read(path, quiet, measured=True)
-    for number, more in enumerate(also or [], start=2):
+    for number, more in enumerate(also, start=2):
         data = data.joined(read(more, quiet, measured=True), prefix=f"c{number}-")
     return data
 
 
 def tell(data: dict[str, Any], text: str, as_json: bool) -> None:
     """The result on standard output."""
-    typer.echo(json.dumps(data, indent=1) if as_json else text)
+    click.echo(json.dumps(data, indent=1) if as_json else text)

@@ -3,40 +3,52 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 from symfive.cli._common import (
-    CampaignPath,
-    Dialects,
-    Json,
-    OutputPath,
-    Overwrite,
+    PATH,
+    Number,
     Progress,
-    Quiet,
     app,
+    as_json,
+    campaign_path,
+    dialects,
     dialects_of,
     joined,
-    number,
+    output_path,
+    overwrite,
+    quiet,
     read,
+    scheduler,
     tell,
 )
 
 __all__ = ["diagnose", "fleet", "identify", "predict"]
 
+also = click.option("--with", "also", type=PATH, multiple=True, help="A further campaign of the same machine.")
+
 
 @app.command(epilog="Example: symfive identify measured/ -o results/")
+@campaign_path
+@output_path
+@also
+@click.option("--noise", default="estimate", help="estimate, or declared (believe the data sheet).")
+@click.option("--loss", default="square", help="square, or huber (by IPOPT).")
+@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
+@overwrite
+@as_json
+@quiet
 def identify(
-    campaign: CampaignPath,
-    output: OutputPath,
-    also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
-    noise: Annotated[str, typer.Option(help="estimate, or declared (believe the data sheet).")] = "estimate",
-    loss: Annotated[str, typer.Option(help="square, or huber (by IPOPT).")] = "square",
-    figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    campaign: Path,
+    output: Path,
+    also: tuple[Path, ...],
+    noise: str,
+    loss: str,
+    figures: bool,
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Identify the machine's errors: identification.json, model.json, identification.html and figures."""
     from symfive.identify import identify as identify_campaign
@@ -57,18 +69,17 @@ def _notes(notes: tuple[str, ...], quiet: bool) -> None:
     """What a fit has to say of itself."""
     if not quiet:
         for note in notes:
-            typer.echo(f"note: {note}", err=True)
+            click.echo(f"note: {note}", err=True)
 
 
 @app.command(epilog="Example: symfive predict results/model.json heldout/ -o predicted/")
-def predict(
-    model: Annotated[Path, typer.Argument(help="A fitted model.json (or its folder).", show_default=False)],
-    campaign: CampaignPath,
-    output: OutputPath,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+@click.argument("model", type=PATH, help="A fitted model.json (or its folder).")
+@campaign_path
+@output_path
+@overwrite
+@as_json
+@quiet
+def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json: bool, quiet: bool) -> None:
     """Predict the readings of a plan or campaign; a run's own set-up is fitted where it has readings."""
     from symfive.campaign import write_campaign_files
     from symfive.identify import predict as predict_campaign
@@ -86,18 +97,25 @@ def predict(
 
 
 @app.command(epilog="Example: symfive diagnose measured/ -o diagnosis/")
+@campaign_path
+@output_path
+@also
+@click.option(
+    "--false-alarms", type=Number(1e-6, 0.5), default=0.01, help="False-alarm rate over the whole catalogue."
+)
+@dialects
+@overwrite
+@as_json
+@quiet
 def diagnose(
-    campaign: CampaignPath,
-    output: OutputPath,
-    also: Annotated[list[Path] | None, typer.Option("--with", help="A further campaign of the same machine.")] = None,
-    false_alarms: Annotated[
-        float,
-        typer.Option(parser=number(1e-6, 0.5), metavar="N", help="False-alarm rate over the whole catalogue."),
-    ] = 0.01,
-    nc: Dialects = None,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    campaign: Path,
+    output: Path,
+    also: tuple[Path, ...],
+    false_alarms: float,
+    nc: tuple[str, ...],
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Where the model is wrong: locate the mismatch, name the physics left out, model it and show the fit improve."""
     from symfive.diagnose import diagnose as diagnose_campaign
@@ -115,18 +133,25 @@ def diagnose(
 
 
 @app.command(epilog="Example: symfive fleet machines/ -o results/ --workers 4")
+@click.argument("campaigns", type=PATH, nargs=-1, required=True, help="Campaigns' folders, or folders that hold some.")
+@output_path
+@click.option("--diagnose", is_flag=True, help="Diagnose instead of identify.")
+@click.option("--workers", default=1, help="Processes of this computer; 0: none but this one.")
+@scheduler
+@click.option("--figures/--no-figures", default=True, help="Draw the figures (a diagnosis always does).")
+@click.option("--redo", "--overwrite", "redo", is_flag=True, help="Begin anew what is complete already.")
+@as_json
+@quiet
 def fleet(
-    campaigns: Annotated[
-        list[Path], typer.Argument(help="Campaigns' folders, or folders that hold some.", show_default=False)
-    ],
-    output: OutputPath,
-    diagnose: Annotated[bool, typer.Option("--diagnose", help="Diagnose instead of identify.")] = False,
-    workers: Annotated[int, typer.Option(help="Processes of this computer; 0: none but this one.")] = 1,
-    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
-    figures: Annotated[bool, typer.Option(help="Draw the figures (a diagnosis always does).")] = True,
-    redo: Annotated[bool, typer.Option("--redo", "--overwrite", help="Begin anew what is complete already.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    campaigns: tuple[Path, ...],
+    output: Path,
+    diagnose: bool,
+    workers: int,
+    scheduler: str | None,
+    figures: bool,
+    redo: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Identify or diagnose many campaigns: a folder of results each, and one table of all (CSV and text)."""
     from symfive.executors import executor
@@ -138,6 +163,6 @@ def fleet(
         )
     tell(table.to_data(), table.text, as_json)
     for sentence in table.failures:
-        typer.echo(f"symfive: {sentence}", err=True)
+        click.echo(f"symfive: {sentence}", err=True)
     if any(row.failed for row in table.rows):
-        raise typer.Exit(2)
+        raise click.exceptions.Exit(2)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from symfive.cli._common import POSITIVE, OutputPath, Overwrite, Quiet, app, number
+from symfive.cli._common import PATH, POSITIVE, Number, app, output_path, overwrite, quiet
 
 if TYPE_CHECKING:
     from symfive.errors import InputError
@@ -16,67 +16,63 @@ __all__ = ["codegen", "convert", "import_mtconnect", "import_polar"]
 
 
 @app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
-def codegen(
-    model: Annotated[
-        str, typer.Argument(help="A fitted model.json, a machine file, or the name of a preset.", show_default=False)
-    ],
-    output: OutputPath,
-    target: Annotated[
-        str, typer.Option(help="c, linuxcnc, setp, isg, or a sheet: siemens, fanuc, heidenhain, haas.")
-    ] = "c",
-    prefix: Annotated[str, typer.Option(help="What every C name and file begins with.")] = "sf",
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
+@click.argument("model", help="A fitted model.json, a machine file, or the name of a preset.")
+@output_path
+@click.option("--target", default="c", help="c, linuxcnc, setp, isg, or a sheet: siemens, fanuc, heidenhain, haas.")
+@click.option("--prefix", default="sf", help="What every C name and file begins with.")
+@overwrite
+@quiet
+def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool, quiet: bool) -> None:
     """Code for controllers: C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
     from symfive.codegen import codegen as generate
 
     written = generate(model, output, target=target, prefix=prefix, overwrite=overwrite)
     if not quiet:
-        typer.echo("\n".join(str(path) for path in written))
+        click.echo("\n".join(str(path) for path in written))
 
 
 @app.command(
     name="import-polar",
     epilog="Example: symfive import-polar three-axis ccw.csv cw.csv -o measured/ --radius 100 --feed 1000",
 )
+@click.argument("machine", help="A machine file, or the name of a preset.")
+@click.argument("files", type=PATH, nargs=-1, required=True, help="Angle and deviation, one file per sense.")
+@output_path
+@click.option("--radius", type=POSITIVE, help="Radius of the circle: the bar's length, mm.")
+@click.option("--feed", type=POSITIVE, help="Feed along the circle, mm/min.")
+@click.option("--columns", default="angle,deviation", help="The file's columns in order, - for what is not needed.")
+@click.option(
+    "--direction", multiple=True, help="ccw or cw, one per file, where the angles do not run as the circle did."
+)
+@click.option("--centre", default="0,0,0", help="The table ball in the workpiece frame, mm.")
+@click.option("--plane", default="XY", help="XY, YZ or ZX.")
+@click.option("--unit", default="um", help="Unit of the deviation: um or mm.")
+@click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
+@click.option("--fitted", is_flag=True, help="The software took each circle's own mean radius and centre off.")
+@click.option(
+    "--angle-error",
+    type=Number(0.0),
+    default=0.5,
+    help="How well the angle is known, degree: readings so near a reversal are left out.",
+)
+@overwrite
+@quiet
 def import_polar(
-    machine: Annotated[str, typer.Argument(help="A machine file, or the name of a preset.", show_default=False)],
-    files: Annotated[list[Path], typer.Argument(help="Angle and deviation, one file per sense.", show_default=False)],
-    output: OutputPath,
-    radius: Annotated[
-        float | None,
-        typer.Option(parser=number(POSITIVE), metavar="N", help="Radius of the circle: the bar's length, mm."),
-    ] = None,
-    feed: Annotated[
-        float | None, typer.Option(parser=number(POSITIVE), metavar="N", help="Feed along the circle, mm/min.")
-    ] = None,
-    columns: Annotated[str, typer.Option(help="The file's columns in order, - for what is not needed.")] = (
-        "angle,deviation"
-    ),
-    direction: Annotated[
-        list[str] | None, typer.Option(help="ccw or cw, one per file, where the angles do not run as the circle did.")
-    ] = None,
-    centre: Annotated[str, typer.Option(help="The table ball in the workpiece frame, mm.")] = "0,0,0",
-    plane: Annotated[str, typer.Option(help="XY, YZ or ZX.")] = "XY",
-    unit: Annotated[str, typer.Option(help="Unit of the deviation: um or mm.")] = "um",
-    noise_um: Annotated[
-        float,
-        typer.Option(parser=number(POSITIVE), metavar="N", help="1σ of one reading, from the instrument's data sheet."),
-    ] = 0.3,
-    fitted: Annotated[
-        bool, typer.Option("--fitted", help="The software took each circle's own mean radius and centre off.")
-    ] = False,
-    angle_error: Annotated[
-        float,
-        typer.Option(
-            parser=number(0.0),
-            metavar="N",
-            help="How well the angle is known, degree: readings so near a reversal are left out.",
-        ),
-    ] = 0.5,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
+    machine: str,
+    files: tuple[Path, ...],
+    output: Path,
+    radius: float | None,
+    feed: float | None,
+    columns: str,
+    direction: tuple[str, ...],
+    centre: str,
+    plane: str,
+    unit: str,
+    noise_um: float,
+    fitted: bool,
+    angle_error: float,
+    overwrite: bool,
+    quiet: bool,
 ) -> None:
     """A campaign from what a ball bar's software exports: deviation over angle, the positions reconstructed."""
     import numpy as np
@@ -119,10 +115,10 @@ def import_polar(
         if radius is not None and feed is not None:
             notes += polar_doubts(data, runs, angles, radius=radius, feed=feed)
         for note in notes:
-            typer.echo(f"note: {note}", err=True)
+            click.echo(f"note: {note}", err=True)
         near = sum(map(len, angles)) - campaign.rows
         left_out = f"; {near} readings within {angle_error:g}° of a reversal left out (--angle-error)" if near else ""
-        typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}{left_out}", err=True)
+        click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}{left_out}", err=True)
 
 
 def _place(centre: str) -> list[float]:
@@ -150,15 +146,19 @@ def _not_in_the_file(path: Path, radius: float | None, feed: float | None) -> In
 
 
 @app.command(name="import-mtconnect", epilog="Example: symfive import-mtconnect probe.xml -o machine.toml")
-def import_mtconnect(
-    probe: Annotated[Path, typer.Argument(help="What the agent answers to …/probe, as a file.", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The machine file.", show_default=False)],
-    device: Annotated[str, typer.Option(help="Name, uuid or id of the device, where there are several.")] = "",
-    code: Annotated[
-        str, typer.Option(help="The structural code, as \"w C' B' X' Y' b Z t\", where the document tells none.")
-    ] = "",
-    quiet: Quiet = False,
-) -> None:
+@click.argument("probe", type=PATH, help="What the agent answers to …/probe, as a file.")
+@click.option("-o", "--output", type=PATH, required=True, help="The machine file.")
+@click.option(
+    "--device", default="", show_default=False, help="Name, uuid or id of the device, where there are several."
+)
+@click.option(
+    "--code",
+    default="",
+    show_default=False,
+    help="The structural code, as \"w C' B' X' Y' b Z t\", where the document tells none.",
+)
+@quiet
+def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: bool) -> None:
     """A machine file's skeleton from an MTConnect probe; what the document does not tell is asked for in comments."""
     from symfive.importers import read_mtconnect
     from symfive.importers.mtconnect import TO_DO
@@ -171,18 +171,17 @@ def import_mtconnect(
     if not quiet:
         for comment in machine.comments:
             if comment.startswith(TO_DO):
-                typer.echo(f"note: {comment}", err=True)
-        typer.echo(f"{machine.structure.code} in {output}", err=True)
+                click.echo(f"note: {comment}", err=True)
+        click.echo(f"{machine.structure.code} in {output}", err=True)
 
 
 @app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")
-def convert(
-    name: Annotated[str, typer.Argument(help="A real recording: emps, ess-xyz, irb120-tracker, …", show_default=False)],
-    output: OutputPath,
-    data: Annotated[Path | None, typer.Option(help="Where the recordings lie (default: $SYMFIVE_DATA).")] = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
+@click.argument("name", help="A real recording: emps, ess-xyz, irb120-tracker, …")
+@output_path
+@click.option("--data", type=PATH, help="Where the recordings lie (default: $SYMFIVE_DATA).")
+@overwrite
+@quiet
+def convert(name: str, output: Path, data: Path | None, overwrite: bool, quiet: bool) -> None:
     """Turn a public real recording into a campaign (docs/recordings.md says which, and under which licence)."""
     from symfive.campaign import write_campaign_files
     from symfive.convert import convert as convert_recording
@@ -192,4 +191,4 @@ def convert(
         campaign = convert_recording(name, data)
         write_campaign_files(campaign, folder)
     if not quiet:
-        typer.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
+        click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from symfive.cli._common import (
-    MOST,
-    MOST_SEED,
+    COUNT,
+    PATH,
     POSITIVE,
-    CampaignPath,
-    Dialects,
-    Json,
-    OutputPath,
-    Overwrite,
+    SEED,
+    Number,
     Progress,
-    Quiet,
     app,
+    as_json,
+    campaign_path,
+    dialects,
     dialects_of,
-    number,
+    output_path,
+    overwrite,
+    quiet,
     read,
+    scheduler,
     tell,
 )
 
@@ -33,11 +36,10 @@ __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 
 
 @app.command(epilog="Example: symfive check machine.toml")
-def check(
-    path: Annotated[Path, typer.Argument(help="A machine file, or a campaign's folder.", show_default=False)],
-    as_json: Json = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print the problems only.")] = False,
-) -> None:
+@click.argument("path", type=PATH, help="A machine file, or a campaign's folder.")
+@as_json
+@click.option("-q", "--quiet", is_flag=True, help="Print the problems only.")
+def check(path: Path, as_json: bool, quiet: bool) -> None:
     """What the files declare and every problem found in them; exit code 1 if there is one."""
     from symfive.check import check as check_files
 
@@ -45,74 +47,88 @@ def check(
     if as_json or not quiet:
         tell(result.to_data(), str(result), as_json)
     elif not result.right:
-        typer.echo("\n".join(map(str, result.problems)))
+        click.echo("\n".join(map(str, result.problems)))
     if not result.right:
-        raise typer.Exit(1)
+        raise click.exceptions.Exit(1)
 
 
 @app.command(epilog="Example: symfive plan table-bc -o plan/ --instrument r_test --points 40 --nc linuxcnc")
+@click.argument("machine", help="A machine file, or the name of a preset.")
+@output_path
+@click.option("--instrument", default="r_test", help="r_test or ball_bar.")
+@click.option("--criterion", default="D", help="D, A, E, G or V.")
+@click.option("--points", type=COUNT, default=40, help="Number of poses.")
+@click.option(
+    "--for",
+    "wanted",
+    default="",
+    show_default=False,
+    help="What is to be known, as EX0C,EY0C,EXC (default: everything).",
+)
+@dialects
+@click.option("--given", type=PATH, help="A campaign already measured, to which the plan adds.")
+@click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
+@click.option("--per-minute", is_flag=True, help="The poses that tell most per minute.")
+@click.option("--setups", type=COUNT, help="At most so many places of nest or balls.")
+@click.option("--bar", "bars", type=POSITIVE, multiple=True, help="Length in mm of a bar you own; may be repeated.")
+@click.option("--repeats", type=COUNT, default=1, help="Readings of each pose.")
+@click.option("--returns", type=COUNT, default=2, help="Visits back to the first pose of a run, against drift.")
+@click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
+@click.option("--survive", is_flag=True, help="Stay good if any one pose is lost.")
+@click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
+@click.option("--circles", help="Instead of poses, circles: synchronous or planar (needs --effect).")
+@click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
+@click.option("--count", type=COUNT, default=2, help="Number of circles.")
+@click.option(
+    "--tool-centre-on",
+    default="",
+    show_default=False,
+    help="Your control's line that switches tool-centre control on, as TRAORI.",
+)
+@click.option("--tool-centre-off", default="", show_default=False, help="The line that switches it off, as TRAFOOF.")
+@click.option(
+    "--reversed", "reversed_axes", default="", show_default=False, help="Rotary axes that turn against ISO 841, as B,C."
+)
+@click.option("--machine-top", type=Number(), default=0.0, help="Where the tool's axis is at its top, mm in machine coordinates.")
+@click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
+@click.option("--seed", type=SEED, default=0, help="Seed of the search.")
+@click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: none but this one.")
+@scheduler
+@overwrite
+@as_json
+@quiet
 def plan(
-    machine: Annotated[str, typer.Argument(help="A machine file, or the name of a preset.", show_default=False)],
-    output: OutputPath,
-    instrument: Annotated[str, typer.Option(help="r_test or ball_bar.")] = "r_test",
-    criterion: Annotated[str, typer.Option(help="D, A, E, G or V.")] = "D",
-    points: Annotated[int, typer.Option(max=MOST, help="Number of poses.")] = 40,
-    wanted: Annotated[
-        str, typer.Option("--for", help="What is to be known, as EX0C,EY0C,EXC (default: everything).")
-    ] = "",
-    nc: Dialects = None,
-    given: Annotated[Path | None, typer.Option(help="A campaign already measured, to which the plan adds.")] = None,
-    minutes: Annotated[
-        float | None,
-        typer.Option(parser=number(POSITIVE), metavar="N", help="Time budget in minutes, set-up included."),
-    ] = None,
-    per_minute: Annotated[bool, typer.Option("--per-minute", help="The poses that tell most per minute.")] = False,
-    setups: Annotated[int | None, typer.Option(max=MOST, help="At most so many places of nest or balls.")] = None,
-    bars: Annotated[
-        list[float] | None,
-        typer.Option(
-            "--bar", parser=number(POSITIVE), metavar="N", help="Length in mm of a bar you own; may be repeated."
-        ),
-    ] = None,
-    repeats: Annotated[int, typer.Option(max=MOST, help="Readings of each pose.")] = 1,
-    returns: Annotated[int, typer.Option(max=MOST, help="Visits back to the first pose of a run, against drift.")] = 2,
-    noise_um: Annotated[
-        float,
-        typer.Option(parser=number(POSITIVE), metavar="N", help="1σ of one reading, from the instrument's data sheet."),
-    ] = 0.3,
-    survive: Annotated[bool, typer.Option("--survive", help="Stay good if any one pose is lost.")] = False,
-    robust: Annotated[
-        str, typer.Option(help="nominal, or mean or worst over machines drawn from the priors.")
-    ] = "nominal",
-    circles: Annotated[
-        str | None, typer.Option(help="Instead of poses, circles: synchronous or planar (needs --effect).")
-    ] = None,
-    effects: Annotated[
-        list[str] | None, typer.Option("--effect", help="What circles are to find, as backlash:C; may be repeated.")
-    ] = None,
-    count: Annotated[int, typer.Option(max=MOST, help="Number of circles.")] = 2,
-    tool_centre_on: Annotated[
-        str, typer.Option(help="Your control's line that switches tool-centre control on, as TRAORI.")
-    ] = "",
-    tool_centre_off: Annotated[str, typer.Option(help="The line that switches it off, as TRAFOOF.")] = "",
-    reversed_axes: Annotated[
-        str, typer.Option("--reversed", help="Rotary axes that turn against ISO 841, as B,C.")
-    ] = "",
-    machine_top: Annotated[
-        float,
-        typer.Option(
-            parser=number(), metavar="N", help="Where the tool's axis is at its top, mm in machine coordinates."
-        ),
-    ] = 0.0,
-    starts: Annotated[int, typer.Option(max=MOST, help="Starts of the search.")] = 6,
-    seed: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of the search.")] = 0,
-    workers: Annotated[
-        int, typer.Option(help="Processes of this computer that share the starts; 0: none but this one.")
-    ] = 0,
-    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler instead, as tcp://host:8786.")] = None,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    machine: str,
+    output: Path,
+    instrument: str,
+    criterion: str,
+    points: int,
+    wanted: str,
+    nc: tuple[str, ...],
+    given: Path | None,
+    minutes: float | None,
+    per_minute: bool,
+    setups: int | None,
+    bars: tuple[float, ...],
+    repeats: int,
+    returns: int,
+    noise_um: float,
+    survive: bool,
+    robust: str,
+    circles: str | None,
+    effects: tuple[str, ...],
+    count: int,
+    tool_centre_on: str,
+    tool_centre_off: str,
+    reversed_axes: str,
+    machine_top: float,
+    starts: int,
+    seed: int,
+    workers: int,
+    scheduler: str | None,
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """The optimal measurement plan: a campaign without readings, certificate, NC programs, set-up sheet."""
     from symfive.design import plan as make_plan
@@ -135,13 +151,13 @@ def plan(
         if circles is not None:
             result: Any = plan_circles(
                 data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
-                per_minute=per_minute, noise_um=noise_um, radii=tuple(bars or _bars_of(data)),
+                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data),
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:
                 result = make_plan(
                     data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
-                    setups=setups, lengths=tuple(bars or ()), repeats=repeats, returns=returns, noise_um=noise_um,
+                    setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um,
                     survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
                     given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
@@ -164,7 +180,7 @@ def _bars_of(machine: Machine) -> tuple[float, ...]:
     return machine.workspace.bar_lengths or (50.0,)
 
 
-def _effects(words: list[str] | None) -> list[Effect]:
+def _effects(words: Sequence[str]) -> list[Effect]:
     from symfive.effects import make_effect
     from symfive.errors import InputError
 
@@ -174,12 +190,11 @@ def _effects(words: list[str] | None) -> list[Effect]:
 
 
 @app.command(epilog="Example: symfive assess designs/plans/r-test-grid")
-def assess(
-    campaign: CampaignPath,
-    given: Annotated[Path | None, typer.Option(help="A campaign that was measured before on this machine.")] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+@campaign_path
+@click.option("--given", type=PATH, help="A campaign that was measured before on this machine.")
+@as_json
+@quiet
+def assess(campaign: Path, given: Path | None, as_json: bool, quiet: bool) -> None:
     """What a plan or campaign can tell: expected 1σ, rank, combinations that cannot be told apart."""
     from symfive.design import assess as assess_campaign
 
@@ -211,14 +226,13 @@ def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
 
 
 @app.command(epilog="Example: symfive simulate plan/ -o measured/ --seed 7")
-def simulate(
-    campaign: CampaignPath,
-    output: OutputPath,
-    truth: Annotated[Path | None, typer.Option(help="True parameter values (JSON); the others are drawn.")] = None,
-    seed: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of machine and noise.")] = 0,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
+@campaign_path
+@output_path
+@click.option("--truth", type=PATH, help="True parameter values (JSON); the others are drawn.")
+@click.option("--seed", type=SEED, default=0, help="Seed of machine and noise.")
+@overwrite
+@quiet
+def simulate(campaign: Path, output: Path, truth: Path | None, seed: int, overwrite: bool, quiet: bool) -> None:
     """Measure a plan in simulation: the campaign with readings and truth.json."""
     from symfive.campaign import write_campaign_files
     from symfive.outputs import output_folder, write_json
@@ -230,4 +244,4 @@ def simulate(
         write_campaign_files(result.campaign, folder)
         write_json(folder / "truth.json", result.to_data())
     if not quiet:
-        typer.echo(f"{result.campaign.rows} rows of {len(result.campaign.runs)} runs in {output}", err=True)
+        click.echo(f"{result.campaign.rows} rows of {len(result.campaign.runs)} runs in {output}", err=True)

@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from symfive.design._bodies import NOSE_LENGTH
 from symfive.design._exchange import Candidates
@@ -33,6 +32,8 @@ class Search:
     """The largest ⟨G, F⟩ over the feasible poses of some set-ups."""
 
     def __init__(self, space: Space, task: Task, setups: Array, lengths: Array) -> None:
+        from scipy.stats import qmc
+
         self.space, self.setups, self.lengths = space, setups, lengths
         self.groups = len(setups)
         self.layout = task.layout(self.groups)

@@ -16,13 +16,13 @@ from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._places import Interval
 from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity
-from symfive.identify import Identification
+from symfive.identify import UNCONVERGED, Identification
 from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number
 from symfive.screen import OnScreen, listed
 
 __all__ = [
-    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "UNCONVERGED", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square", "named",
+    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square", "named",
     "wrapped",
 ]  # fmt: skip
 
@@ -34,7 +34,6 @@ EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
 SHOWN_SHARE = 0.01
 """Geometry and set-up that explain less, beside the findings, are not mentioned."""
-UNCONVERGED = "The fit did not converge: uncertainties may be wrong, take nothing below as final."
 WIDTH, HARD_SPACE = 100, "\u00a0"
 """Longest line of the letter; a space at which none ends."""
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Self
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import cont2discrete, lfilter
 
 from symfive.effects._base import Effect
 from symfive.effects._form import TOOL, Form, Scan, Tone, moving
@@ -108,6 +107,8 @@ class StructuralResonance(Effect):
 
 def _ringing(acceleration: Array, frequency: float, damping: float, step: float) -> Array:
     """What a mode does beyond bending in proportion to the acceleration, which is an inertial compliance."""
+    from scipy.signal import cont2discrete, lfilter
+
     omega = 2.0 * math.pi * frequency
     mode = ([-1.0], [1.0, 2.0 * damping * omega, omega**2])
     numerator, denominator, _ = cont2discrete(mode, step, method="foh")

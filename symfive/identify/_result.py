@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from symfive.campaign import FIRST_LINE
 from symfive.campaign._disk import let_go
@@ -22,9 +21,10 @@ from symfive.numbers import percent, plain_number, rounded, unit_words, with_std
 from symfive.parameters import Parameter
 from symfive.screen import MOST, OnScreen, listed
 
-__all__ = ["SCHEMA", "Identification", "MotionCurve"]
+__all__ = ["SCHEMA", "UNCONVERGED", "Identification", "MotionCurve"]
 
 SCHEMA = "symfive.identification/1"
+UNCONVERGED = "The fit did not converge: uncertainties may be wrong, take nothing below as final."
 Array = NDArray[np.float64]
 CURVE_POINTS = 37
 
@@ -101,7 +101,8 @@ class Identification(OnScreen):
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """The central interval that holds the true value with probability `level` (Student's t for few readings)."""
         i = self._place(name)
-        factor = student.isf((1 - level) / 2, self.dof) if 1.0 < self.dof < 1e4 else norm.isf((1 - level) / 2)
+        tail = (1 - level) / 2
+        factor = float(-stdtrit(self.dof, tail) if 1.0 < self.dof < 1e4 else -ndtri(tail))
         return float(self.values[i] - factor * self.std[i]), float(self.values[i] + factor * self.std[i])
 
     def _place(self, name: str) -> int:

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.signal import lfilter
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from symfive.campaign._disk import let_go
-from symfive.inference._whitening import Noise, steady_variance, whiten
+from symfive.inference._whitening import Noise, innovations, steady_variance, whiten
 from symfive.inference._windows import spans_of
 
 __all__ = ["Block", "estimate_noise", "long_run_variance", "plain_noise", "square_of"]
@@ -81,10 +79,10 @@ def estimate_noise(blocks: Sequence[Block], declared: float, precision: Array) -
             score,
             20,
         )
-        if best_score - score(better) > chi2.isf(2 * LEVEL, 1):
+        if best_score - score(better) > chdtri(1, 2 * LEVEL):
             best, best_score = better, score(better)
     coloured = _with_coloured_part(blocks, declared, best, score)
-    if coloured is not None and best_score - score(coloured) > chi2.isf(LEVEL, 2):
+    if coloured is not None and best_score - score(coloured) > chdtri(2, LEVEL):
         best = coloured
     return best
 
@@ -148,7 +146,7 @@ def _with_coloured_part(
     start_white = np.log(max(white.white / declared, 1.0)) + 0.05
     starts = [[start_white, level, 0.25 * k * span] for k in (1, 2, 3) for level in (-1.0, 0.5)]
     rough = _minimise(noise, min(starts, key=lambda x: plain(noise(x))), plain, evaluations=150)
-    if plain(white) - plain(rough) < chi2.isf(0.1, 2):
+    if plain(white) - plain(rough) < chdtri(2, 0.1):
         return None
     x = [
         np.log(rough.white / declared) + 1e-3,
@@ -161,6 +159,8 @@ def _with_coloured_part(
 def _minimise(
     make: Callable[[Sequence[float]], Noise], start: Sequence[float], score: Callable[[Noise], float], evaluations: int
 ) -> Noise:
+    from scipy.optimize import minimize
+
     options = {"xatol": 5e-3, "fatol": 5e-2, "maxfev": evaluations}
     simplex = np.vstack([start, *(np.array(start) + 0.3 * row for row in np.eye(len(start)))])
     found = minimize(
@@ -179,8 +179,9 @@ def _first_look(blocks: Sequence[Block], interval: float) -> Callable[[Noise], f
         phi = float(np.exp(-interval / noise.time_constant))
         variance = steady_variance(phi, noise.coloured**2, noise.white**2)
         total = variance + noise.white**2
-        innovations = lfilter([1.0, -phi], [1.0, -phi * (1.0 - variance / total)], residual)
-        return float(innovations @ innovations) / total + len(residual) * float(np.log(total))
+        theta = phi * (1.0 - variance / total)
+        white = innovations(residual[:, None], phi, theta, np.zeros((1, 1)))[0].ravel()
+        return float(white @ white) / total + len(residual) * float(np.log(total))
 
     return score
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from symfive.campaign._disk import let_go, new_table
 from symfive.inference._noise import Block
@@ -34,7 +34,7 @@ class Outlier:
 
 def outlier_limit(readings: int) -> float:
     """What noise exceeds once in 1/`OUTLIER_LEVEL` campaigns of so many readings, in σ."""
-    return float(norm.isf(0.5 * OUTLIER_LEVEL / max(readings, 1)))
+    return float(-ndtri(0.5 * OUTLIER_LEVEL / max(readings, 1)))
 
 
 def isolated_outliers(block: Block, noise: Noise, limit: float) -> tuple[list[tuple[int, int]], Array]:

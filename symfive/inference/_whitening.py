@@ -12,12 +12,13 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
-__all__ = ["TRANSIENT", "Noise", "Whitening", "steady_variance", "whiten"]
+__all__ = ["TRANSIENT", "Noise", "Whitening", "innovations", "steady_variance", "whiten"]
 
 Array = NDArray[np.float64]
 TRANSIENT = 64
+_BLOCK = 32
+_CACHED = 2**15
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,8 @@ class Whitening:
             variance = steady_variance(phi, power, white)
             total = variance + white
             theta = phi * (1.0 - variance / total)
-            rest, self._memory = lfilter([1.0, -phi], [1.0, -theta], flat[first:], axis=0, zi=self._memory)
-            out[first:] = rest / np.sqrt(total)
+            rest, self._memory = innovations(flat[first:], phi, theta, self._memory)
+            np.divide(rest, np.sqrt(total), out=out[first:])
             self.logs += (n - first) * float(np.log(total))
         return out.reshape(table.shape)
 
@@ -77,6 +78,43 @@ def whiten(table: Array, noise: Noise, interval: float) -> tuple[Array, float]:
     """Standardised innovations of every column of (N, …) along the rows, and Σ log of their variances per column."""
     whitening = Whitening(noise, interval)
     return whitening(table), whitening.logs
+
+
+def innovations(table: Array, phi: float, theta: float, memory: Array) -> tuple[Array, Array]:
+    """e of e[t] = y[t] - φ·y[t-1] + θ·e[t-1] for every column of `table` (N, k), and the memory after the last row.
+
+    `memory` (1, k) is θ·e[-1] - φ·y[-1], the part of the first row that earlier rows make.
+    """
+    rows, columns = table.shape
+    out = np.empty_like(table)
+    span = max(_CACHED // max(columns, 1), _BLOCK)
+    for first in range(0, rows, span):
+        part = table[first : first + span]
+        forcing = part.copy()
+        forcing[1:] -= phi * part[:-1]
+        forcing[:1] += memory
+        filtered = _recurrence(theta, forcing)
+        out[first : first + span] = filtered
+        memory = theta * filtered[-1:] - phi * part[-1:]
+    return out, memory
+
+
+def _recurrence(theta: float, forcing: Array) -> Array:
+    """s of s[t] = θ·s[t-1] + forcing[t] (N, k), s[-1] = 0: a product of matrices in every block of rows, and from block to
+    block the same recurrence with a power of θ."""
+    rows, columns = forcing.shape
+    count = -(-rows // _BLOCK)
+    powers = theta ** np.arange(_BLOCK + 1)
+    lag = np.subtract.outer(np.arange(_BLOCK), np.arange(_BLOCK))
+    inside = np.where(lag >= 0, powers[np.abs(lag)], 0.0)
+    if count == 1:
+        return np.asarray(inside[:rows, :rows] @ forcing)
+    blocks = np.zeros((count, _BLOCK, columns))
+    blocks.reshape(-1, columns)[:rows] = forcing
+    blocks = inside @ blocks
+    ends = _recurrence(float(powers[-1]), blocks[:-1, -1])
+    blocks[1:] += powers[1:, None] * ends[:, None, :]
+    return blocks.reshape(-1, columns)[:rows]
 
 
 @lru_cache(maxsize=64)

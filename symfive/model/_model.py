@@ -9,7 +9,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from symfive.campaign import Campaign, Run
 from symfive.effects import baseline_effects
@@ -317,6 +316,8 @@ def _delayed(time: Array, series: Series, delay: float, name: str) -> Series:
     if series.steps or len(time) < 4:
         shifted = {n: np.interp(earlier, time, t) for n, t in series.tangents.items()}
         return Series(np.interp(earlier, time, series.value), shifted, steps=True)
+    from scipy.interpolate import CubicSpline
+
     spline = CubicSpline(time, series.value)
     shifted = {n: CubicSpline(time, t)(earlier) for n, t in series.tangents.items()}
     shifted[name] = np.where(earlier == time - delay, -spline(earlier, 1), 0.0)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
@@ -56,6 +55,8 @@ def filled(steps: NDArray[np.int64], command: Array) -> Array:
             turn = _crossing(x, y, int(i))
             full[missing] = np.where(missing < turn, forward(missing), back(missing))
         else:
+            from scipy.interpolate import CubicSpline
+
             near = np.concatenate([before, after])
             full[missing] = CubicSpline(x[near], y[near])(missing)
         if speed[after[0]] == 0.0 or speed[before[-2]] == 0.0:  # towards rest nothing overshoots

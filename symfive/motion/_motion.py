@@ -10,7 +10,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from symfive.motion._drives import GAINS, drive_response
 from symfive.motion._gaps import filled, programme_of
@@ -160,6 +159,8 @@ class RunMotion:
             derivatives = [measured, np.gradient(measured, self.run.time)]
             derivatives.append(np.gradient(derivatives[1], self.run.time))
         else:
+            from scipy.signal import savgol_filter
+
             derivatives = [savgol_filter(measured, window, 3, deriv=k, delta=self.run.interval) for k in range(3)]
         return AxisMotion(command, *(Series(values) for values in derivatives))
 

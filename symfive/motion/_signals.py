@@ -14,7 +14,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, expm_frechet
 
 from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import RunMotion, Series
@@ -321,6 +320,8 @@ class Resonance:
         return (self.frequency, self.damping)
 
     def series(self, motion: RunMotion) -> Series:
+        from scipy.linalg import expm, expm_frechet
+
         omega, damping = 2.0 * np.pi * motion.values[self.frequency], motion.values[self.damping]
         acceleration, rows, h = motion.fine_acceleration(self.axis, FINE_S)
         matrix = np.zeros((4, 4))

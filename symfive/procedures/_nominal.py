@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.compiled import Mapped
 from symfive.errors import InputError
 from symfive.kinematics import Pose, axis_pose, chain_poses
 from symfive.machine import Axis, Machine
@@ -44,7 +45,7 @@ class Nominal:
         q, workpiece, tool = self._chain()
         ball = workpiece.apply_inverse(tool.apply(tool_ball))
         outputs = [ball, ca.jacobian(ball, q), workpiece.rotation, workpiece.translation, tool.rotation]
-        self._function: Any = ca.Function("nominal", [q, tool_ball], [ca.densify(part) for part in outputs])
+        self._function = Mapped(ca.Function("nominal", [q, tool_ball], [ca.densify(part) for part in outputs]))
 
     def _chain(self) -> tuple[Any, Pose, Pose]:
         """Commands as symbols, file units, and the poses of workpiece and tool."""
@@ -63,10 +64,9 @@ class Nominal:
     def _evaluate(self, commands: Mapping[str, Array], tool_ball: Sequence[float] | Array) -> list[Array]:
         """Ball (N, 3, 1), its slopes (N, 3, axes), the workpiece's rotation and translation, the tool's
         rotation."""
-        q = np.stack([commands[name] for name in self.machine.axis_names])
-        balls = np.broadcast_to(np.asarray(tool_ball, dtype=float), (q.shape[1], 3)).T
-        parts = [np.asarray(part) for part in self._function.map(q.shape[1])(ca.DM(q), ca.DM(balls))]
-        return [part.reshape(3, q.shape[1], -1).transpose(1, 0, 2) for part in parts]
+        q = np.stack([commands[name] for name in self.machine.axis_names], axis=1)
+        balls = np.broadcast_to(np.asarray(tool_ball, dtype=float), (len(q), 3))
+        return [part.reshape(len(q), part.shape[1] // 3, 3).transpose(0, 2, 1) for part in self._function(q, balls)]
 
     def commands(self, fixed: Fixed, rows: int) -> Commands:
         """Every axis at its fixed position or at home (rows,). Raises `InputError` for an axis the machine

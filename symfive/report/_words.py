@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from scipy.stats import chi2
+from scipy.special import chdtr, chdtrc
 
-from symfive.diagnose._result import UNCONVERGED
-from symfive.identify import Identification
+from symfive.identify import UNCONVERGED, Identification
 from symfive.machine import Machine
-from symfive.numbers import expected_ratio
+from symfive.numbers import expected_ratio, plain_number, unit_words
 from symfive.parameters import LEARNT, Parameter
-from symfive.report._style import plain_number, unit_words
 
 __all__ = ["confounded_machine", "confounded_setup", "fits", "learnt", "meaning", "verdict"]
 
@@ -25,8 +23,8 @@ def fits(identification: Identification) -> str:
     ratio, dof = identification.chi2_dof, identification.dof
     if dof <= 1.0:
         return "unknown"
-    if chi2.sf(ratio * dof, dof) > LEVEL:
-        return "better" if ratio < 0.8 and chi2.cdf(ratio * dof, dof) < LEVEL else "yes"
+    if chdtrc(dof, ratio * dof) > LEVEL:
+        return "better" if ratio < 0.8 and chdtr(dof, ratio * dof) < LEVEL else "yes"
     return "nearly" if ratio <= NEAR else "no"
 
 

@@ -22,7 +22,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
-import typer
 
 import symfive.cli as cli
 from symfive.campaign import write_campaign
@@ -89,7 +88,7 @@ class Calls:
             verb: sorted(
                 {name for p in command.params for name in (*p.opts, *p.secondary_opts) if name.startswith("-")}
             )
-            for verb, command in typer.main.get_command(cli.app).commands.items()  # type: ignore[attr-defined]
+            for verb, command in cli.app.commands.items()
         }
 
     def _make(self) -> None:
