@@ -100,9 +100,7 @@ def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json:
 @campaign_path
 @output_path
 @also
-@click.option(
-    "--false-alarms", type=Number(1e-6, 0.5), default=0.01, help="False-alarm rate over the whole catalogue."
-)
+@click.option("--false-alarms", type=Number(1e-6, 0.5), default=0.01, help="False-alarm rate over the whole catalogue.")
 @dialects
 @overwrite
 @as_json

@@ -89,7 +89,9 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--reversed", "reversed_axes", default="", show_default=False, help="Rotary axes that turn against ISO 841, as B,C."
 )
-@click.option("--machine-top", type=Number(), default=0.0, help="Where the tool's axis is at its top, mm in machine coordinates.")
+@click.option(
+    "--machine-top", type=Number(), default=0.0, help="Where the tool's axis is at its top, mm in machine coordinates."
+)
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: none but this one.")

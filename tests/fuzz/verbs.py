@@ -22,7 +22,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
-
 import symfive.cli as cli
 from symfive.campaign import write_campaign
 from symfive.identify import fitted_model, identify
