@@ -171,7 +171,8 @@ def test_friction_is_looked_at_where_it_is_of_some_size() -> None:
                        for p, size in zip(form.effect.parameters(campaign), own.amplitude, strict=True)])  # fmt: skip
     gram = found.raw[np.ix_([*own.where, own.exact], [*own.where, own.exact])]
     added = model.contribution(form.effect, values)
-    square = sum(float(np.sum((added[run.id] / model.noise(run)) ** 2)) for run in campaign.runs)
+    left_out = fit.problem().left_out
+    square = sum(float(np.sum(((added[r.id] / model.noise(r))[~left_out[r.id]]) ** 2)) for r in campaign.runs)
     weights = np.append(amount, 1.0)
     assert weights @ gram @ weights == pytest.approx(square, rel=1e-6)
 

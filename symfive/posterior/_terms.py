@@ -106,7 +106,7 @@ def name_of(effect: Effect) -> Name:
 def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
     """The forms as terms. A name has a share of the prior by how common it is, which its forms and places share."""
     ways = Counter(name_of(form.effect) for form in forms if not form.at)
-    total = sum(max(f.effect.rate for f in forms if name_of(f.effect) == name) for name in ways)
+    total = sum({name_of(form.effect): form.effect.rate for form in forms}.values())
     found = []
     for form in forms:
         slot: tuple[object, ...]
