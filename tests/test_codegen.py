@@ -41,6 +41,16 @@ def needs(*programs: str) -> None:
             pytest.skip(f"{program} is not installed")
 
 
+def compiles(compiler: str) -> bool:
+    """Whether a compiler finds the headers of its C library."""
+    return (
+        subprocess.run(
+            [compiler, "-xc", "-E", "-include", "stdio.h", "-"], input="", text=True, capture_output=True
+        ).returncode
+        == 0
+    )
+
+
 def run(*command: object, cwd: Path) -> str:
     done = subprocess.run([str(word) for word in command], cwd=cwd, capture_output=True, text=True)
     assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}{done.stderr[-2000:]}"

@@ -531,9 +531,9 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     [
         (["--nc", "okuma"], 'NC dialect "okuma" is unknown'),
         (["--reversed", "X"], "the machine has no rotary axis X to reverse; use one of B, C"),
-        (["--bar", "-5", "--instrument", "ball_bar"], "bar_lengths = -5.0 is not positive"),
+        (["--bar", "-5", "--instrument", "ball_bar"], "Invalid value for '--bar': '-5' is not a number from 1e-12"),
         (["--bar", "900", "--instrument", "ball_bar"], "the shortest bar is 900 mm"),
-        (["--noise-um", "0"], "noise_um = 0 is not positive"),
+        (["--noise-um", "0"], "Invalid value for '--noise-um': '0' is not a number from 1e-12"),
         (["--minutes", "4"], "4 minutes are too short for one set-up (5 min) and two poses; give at least 6 minutes"),
         (["--circles", "synchronous"], "none is named; add --effect backlash:C"),
         (["--circles", "synchronous", "--effect", "backlash:Q"], "speaks of axis Q"),

@@ -239,7 +239,7 @@ def test_an_interruption_says_what_is_left(here, capsys, monkeypatch):
 
     monkeypatch.setattr("symfive.results.write_model", interrupted)
     code, said = run(capsys, "identify", "byhand", "-o", "a/b/r", "--no-figures")
-    assert code == 130 and said == f"symfive: interrupted; nothing was written to {here / 'a/b/r'}.\n"
+    assert code == 130 and said == f"\nsymfive: interrupted; nothing was written to {here / 'a/b/r'}.\n"
     assert not (here / "a").exists()
     monkeypatch.undo()
     monkeypatch.chdir(here)

@@ -34,8 +34,12 @@ def _guarded(run: Callable[[], Any]) -> int:
         code = run()  # of `click.exceptions.Exit`
     except (KeyboardInterrupt, click.Abort) as interrupt:
         return _interrupted(interrupt)
-    except click.ClickException as error:
-        error.show()
+    except click.exceptions.NoArgsIsHelpError as request:
+        request.show()
+        return request.exit_code
+    except click.UsageError as error:
+        verb = error.ctx.command_path if error.ctx is not None else "symfive"
+        click.echo(f"symfive: {error.format_message().rstrip('.')}; see `{verb} --help`.", err=True)
         return error.exit_code
     except Exception as error:
         said = _sentence(error)
