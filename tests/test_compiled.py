@@ -261,9 +261,10 @@ def test_every_preset(eager, name) -> None:
         patch.setenv(SWITCH, "none")
         expected = plain.linearise(run, values)
     _assembly._KEPT.clear()
+    before = status().compiled  # the nominal kinematics of the poses
     model.linearise(run, values)
     found = model.linearise(run, values)
-    assert status().compiled == 1
+    assert status().compiled == before + 1
     assert same(found.prediction, expected.prediction)
     assert same(found.jacobian, expected.jacobian)
 

@@ -44,7 +44,7 @@ def pages(tmp_path_factory) -> dict[str, Path]:
     result = sf.identify(sf.simulate(plan))
     write_identification(result, folder / "id")
     for target in ("c", "siemens", "haas"):
-        sf.codegen(sf.fitted_model(result), folder / "code", target=target)
+        sf.codegen(sf.fitted_model(result), folder / "code" / target, target=target)
     write_diagnosis(sf.diagnose(NESTS), folder / "diagnosis")
     return {path.name: path for path in folder.rglob("*.html")}
 
