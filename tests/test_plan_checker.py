@@ -263,6 +263,15 @@ def test_tables_that_turn_elsewhere_are_in_order(where: str, instrument: str, tm
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [64, 76, 142])
+def test_a_ball_leaves_its_nest_upwards(seed: int, tmp_path: Path) -> None:
+    """Machines whose tables tilt so far that up in the machine is down for the nest."""
+    file = tmp_path / f"{seed}.toml"
+    file.write_text(random_machine(seed), encoding="utf-8")
+    assert in_order(made(tmp_path / str(seed), read_machine(file), ("r_test", "ball_bar")[seed % 2], 10))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(4))
 def test_random_machines_are_in_order_or_refused(chunk: int, tmp_path: Path) -> None:
     """Ten machines each (`--random` of the checker takes more). A refusal is one sentence; no way, no clear random pose."""

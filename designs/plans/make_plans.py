@@ -7,6 +7,7 @@ Every folder is a campaign without readings; `assessment.json` (or `plan.json`) 
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
@@ -16,8 +17,8 @@ from examples.oyama_2010 import machine as oyama
 from examples.wang_li_2016 import machine as wang_li
 from symfive.campaign import Run, write_campaign
 from symfive.design import assess, assessment_data, plan
-from symfive.files import write_json
 from symfive.machine import Machine, preset
+from symfive.outputs import MANIFEST, write_json
 from symfive.procedures import (
     campaign_of,
     cone_circle,
@@ -124,6 +125,12 @@ OPTIMISED = (
 )
 
 
+def emptied(name: str) -> Path:
+    """The folder of a ready plan, which is made anew. It is there to be copied and filled in: no manifest binds it."""
+    shutil.rmtree(HERE / name, ignore_errors=True)
+    return HERE / name
+
+
 def own(wanted: Collection[str]) -> None:
     """The tests as the papers and the standard describe them."""
     for name, (source, runs) in OWN.items():
@@ -134,9 +141,10 @@ def own(wanted: Collection[str]) -> None:
             replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv") for i, run in enumerate(runs(machine))
         ]
         campaign = campaign_of(machine, made, name)
-        write_campaign(campaign, HERE / name)
+        write_campaign(campaign, emptied(name))
         found = assess(campaign)
         write_json(HERE / name / "assessment.json", assessment_data(found))
+        (HERE / name / MANIFEST).unlink()
         print(
             f"{name}: {campaign.rows} rows, rank {found.rank} of {len(found.parameters)}, joint value {found.value:.3f}"
         )
@@ -149,7 +157,8 @@ def optimised(wanted: Collection[str]) -> None:
         if not {"optimised", name} & set(wanted):
             continue
         made = plan(preset(machine_name), instrument=instrument, points=points, setups=setups, starts=3)
-        made.write(HERE / name, nc=("iso", "linuxcnc"))
+        made.write(emptied(name), nc=("iso", "linuxcnc"))
+        (HERE / name / MANIFEST).unlink()
         print(f"{name}: {made.certificate.says}; {made.minutes:.0f} min, joint value {made.assessment.value:.3f}")
 
 

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from symfive.campaign import FIRST_LINE, Run
-from symfive.design._moves import Moves, blocked_moves
+from symfive.design._moves import ROUNDING_MM, Moves, blocked_moves
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc import Positions, Post, Way, at_the_top, lifts, program_steps, turned_home, upright_axis
@@ -72,11 +72,16 @@ class Ways:
         met = self.meets(pose, pose, rapid=False, bar=True)
         for mm in self.retracts if not met else ():
             for lifted in lifts(self.nominal, self.run, row, mm):
-                away = self.meets(pose, lifted, rapid=False) or self._leaving(lifted)
+                away = self._below(lifted) or self.meets(pose, lifted, rapid=False) or self._leaving(lifted)
                 if isinstance(away, _Out):
                     return away
                 met = met or away
         return met or f"travel of {upright_axis(self.machine)}"
+
+    def _below(self, lifted: Positions) -> str:
+        """What keeps the ball from leaving downwards: a nest opens upwards; a bar has none."""
+        ball = self.moves.clearances.frames(self.moves.vector(lifted)[None])[0][0]
+        return "nest, from below," if self.run.length is None and ball[2] < self.run.table_ball[2] - ROUNDING_MM else ""
 
     def _leaving(self, lifted: Positions) -> _Out | str:
         top = at_the_top(self.machine, lifted)
