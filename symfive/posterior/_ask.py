@@ -10,6 +10,7 @@ from symfive.diagnose import next_test
 from symfive.effects import Effect
 from symfive.model import Model
 from symfive.posterior._decide import Verdict
+from symfive.posterior._evidence import log_evidence
 from symfive.posterior._explore import Posterior, Subset
 from symfive.posterior._fit import Expansion, foretold
 from symfive.posterior._terms import Name
@@ -43,22 +44,17 @@ def _rivals(posterior: Posterior, verdict: Verdict) -> list[tuple[Effect, Mappin
     """Effects of other names, with where they would be and how probable their names are: of each the best subset that has it in
     the member's place."""
     moments, term = posterior.moments, verdict.term
-    rest, own = frozenset(range(moments.held)) - {term}, moments.terms[term].name
-    best: dict[Name, Subset] = {}
-    for subset in sorted(posterior.mass, key=lambda s: -posterior.mass[s]):
-        numbers = {t for t, _ in subset}
-        (*_, extra) = sorted(numbers - rest) or [-1]
-        other = moments.terms[extra]
-        swapped = extra >= moments.held and rest <= numbers and len(numbers) == len(rest) + 1
-        if swapped and other.name != own and not other.effect.nameless:
-            best.setdefault(other.name, subset)
+    best: dict[Name, tuple[Subset, int]] = {}
+    for subset, number in posterior.in_place_of(term):
+        other = moments.terms[number]
+        if other.name != moments.terms[term].name and not other.effect.nameless:
+            best.setdefault(other.name, (subset, number))
     alike = {moments.terms[t].name for t in verdict.alias}
     open_ = [name for name in best if name in alike or verdict.rivals.get(name, 0.0) > OPEN]
     found = list[tuple[Effect, Mapping[str, float], float]]()
     for name in sorted(open_, key=lambda name: -verdict.rivals.get(name, 0.0))[:RIVALS]:
-        subset = best[name]
-        effects, values = foretold(moments, subset)
-        number = max(t for t, _ in subset)
+        subset, number = best[name]
+        effects, values = foretold(moments, subset, log_evidence(moments, subset))
         effect = next(e for e in effects if e.key == moments.terms[number].effect.key)
         model = Model(moments.fit.model.campaign, effects)
         there = {p.name: values.get(p.name, p.initial) for p in model.parameters if p.run is None}

@@ -22,8 +22,8 @@ from scipy.special import logsumexp
 from symfive.posterior._moments import Columns, Moments
 
 __all__ = [
-    "WIDTHS", "Blocks", "Member", "Weighed", "discrepancies", "log_evidence", "solution", "sweep",
-    "widest", "widths_of",
+    "WIDTHS", "Blocks", "Member", "Weighed", "discrepancies", "log_evidence", "nearest_width", "solution", "sweep",
+    "widths_of",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -143,10 +143,9 @@ def sweep(
     return found, sizes
 
 
-def widest(moments: Moments, chosen: Sequence[int], sizes: Array) -> list[float]:
-    """Of each term the width nearest to a size of its amplitudes."""
-    return [min(widths_of(moments, t), key=lambda w: abs(np.log(w / max(size, 1e-300))))
-            for t, size in zip(chosen, sizes, strict=True)]  # fmt: skip
+def nearest_width(size: float, widths: Sequence[float] = WIDTHS) -> float:
+    """The width nearest to a size of amplitudes, by ratio."""
+    return min(widths, key=lambda width: abs(np.log(width / max(size, 1e-300))))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from symfive.posterior._evidence import WIDTHS, Blocks, Member, discrepancies, log_evidence, sweep, widest, widths_of
+from symfive.posterior._evidence import (
+    WIDTHS,
+    Blocks,
+    Member,
+    discrepancies,
+    log_evidence,
+    nearest_width,
+    sweep,
+    widths_of,
+)
 from symfive.posterior._moments import Moments
 from symfive.posterior._terms import Name
 
@@ -66,6 +75,16 @@ class Posterior:
             return -np.inf if mass is None else mass
         return self.sets[self.named(subset)] + (0.0 if mass is None else mass - there)
 
+    def in_place_of(self, member: int) -> Iterator[tuple[Subset, int]]:
+        """Subsets with another term, and its number, in the place of one that the fit holds (-1: beside all of those), the most
+        probable first."""
+        held = frozenset(range(self.moments.held))
+        for subset in sorted(self.mass, key=lambda s: -self.mass[s]):
+            numbers = {t for t, _ in subset}
+            others = numbers - held
+            if held - {member} == numbers - others and len(others) == 1:
+                yield subset, others.pop()
+
     def names(self) -> dict[Name, float]:
         """Marginal probability of every name: the mass of the subsets that hold it."""
         found: dict[Name, float] = {}
@@ -100,7 +119,7 @@ class _Search:
             self.see(subset)
             usual = [WIDTHS[0]] * len(free)
             mass, sizes = sweep(self.moments, subset, free, usual, self.blocks[subset])
-            widths = widest(self.moments, free, sizes)
+            widths = [nearest_width(size, widths_of(self.moments, t)) for t, size in zip(free, sizes, strict=True)]
             wide = [k for k, w in enumerate(widths) if w != WIDTHS[0]]
             if wide:
                 mass[wide], _ = sweep(
@@ -117,12 +136,7 @@ class _Search:
         held = [t for t in range(self.moments.held) if t not in {member for member, _ in subset}]
         for t in held:
             if not any(self.moments.terms[t].excludes(self.moments.terms[o]) for o, _ in subset):
-                self.see((*subset, (t, self.usual(t))))
-
-    def usual(self, term: int) -> float:
-        """The width that the fit gives a term which it holds."""
-        spread = self.moments.terms[term].effect.spread
-        return min(WIDTHS, key=lambda w: abs(np.log(w / spread)))
+                self.see((*subset, (t, nearest_width(self.moments.terms[t].effect.spread))))
 
     def expand(self, subset: Subset) -> None:
         """All neighbours of a subset that may matter."""
@@ -156,7 +170,7 @@ def explore(moments: Moments, start: Sequence[int] = ()) -> Posterior:
     """Beam search from a set of terms (numbers) that are held by the fit, and from nothing."""
     search, done = _Search(moments), set[Subset]()
     search.see(())
-    search.see((t, search.usual(t)) for t in start)
+    search.see((t, nearest_width(moments.terms[t].effect.spread)) for t in start)
     while True:
         best = sorted(search.mass, key=lambda s: -search.mass[s])[:BEAM]
         fresh = [s for s in best if s not in done]

@@ -13,7 +13,7 @@ from symfive.effects import Effect, Form
 from symfive.identify import Identification, summarise
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
-from symfive.posterior._evidence import log_evidence, solution
+from symfive.posterior._evidence import Weighed, log_evidence, solution
 from symfive.posterior._explore import Subset
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
@@ -73,16 +73,15 @@ def refitted(moments: Moments, subset: Subset) -> Expansion:
     weighed = log_evidence(moments, subset)
     forms = [replace(f := moments.terms[t].form, effect=replace(f.effect, spread=width)) for t, width in subset]
     still = dict(moments.fit.named)
-    effects, moved = foretold(moments, subset)
+    effects, moved = foretold(moments, subset, weighed)
     at = {name: value for t, _ in subset for name, value in moments.terms[t].form.at.items()}
     starts = [moved, still, {**moved, **at}] if any(moments.terms[t].frees for t, _ in subset) else [moved]
     model, node = Model(moments.fit.model.campaign, effects), moments.nodes[weighed.node]
     return expansion(fitted(model, starts, node, weighed.kappa2, moments.fit), forms, node, weighed.kappa2)
 
 
-def foretold(moments: Moments, subset: Subset) -> tuple[list[Effect], dict[str, float]]:
+def foretold(moments: Moments, subset: Subset, weighed: Weighed) -> tuple[list[Effect], dict[str, float]]:
     """The effects of a subset, and all parameters by name where the moments put those that join."""
-    weighed = log_evidence(moments, subset)
     values = dict(moments.fit.named)
     for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
         if t >= moments.held and moments.terms[t].form.basis is None:
@@ -107,8 +106,8 @@ def _stepped(moments: Moments, term: int, step: Array) -> dict[str, float]:
     """Parameters of a fresh term where the linear solution puts them, within their bounds."""
     effect, columns = moments.terms[term].effect, moments.columns[term]
     parameters = replace(effect, spread=1.0).parameters(moments.fit.model.campaign)
-    found = {}
-    for p, x, size in zip(parameters, step, columns.amplitude, strict=False):
+    found, own = {}, len(parameters)  # the states in which it begins stay where they are
+    for p, x, size in zip(parameters, step[:own], columns.amplitude[:own], strict=True):
         value = p.mean + p.sigma * x if size else p.initial
         if p.start is not None and p.lower > -np.inf:
             value = max(value, p.start)  # at its bound it would have no slope

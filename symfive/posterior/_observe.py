@@ -44,7 +44,8 @@ def alias_classes(moments: Moments, node: int) -> tuple[tuple[str, ...], ...]:
     for term, columns in zip(moments.terms, moments.columns, strict=True):
         if term.form.basis is None and not term.effect.nameless:
             parameters = term.effect.parameters(moments.fit.model.campaign)
-            for p, where, size in zip(parameters, columns.where, columns.amplitude, strict=False):
+            own = len(parameters)  # the states in which it begins come behind
+            for p, where, size in zip(parameters, columns.where[:own], columns.amplitude[:own], strict=True):
                 if size and moments.gram[node, where, where] > CLEAR**2:
                     names.append(p.name if np.sum(columns.amplitude) > 1 else term.effect.key)
                     at.append(int(where))

@@ -11,7 +11,7 @@ from symfive.effects import Effect, Form
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
-from symfive.posterior._evidence import WIDTHS, Member, log_evidence
+from symfive.posterior._evidence import Member, log_evidence, nearest_width
 from symfive.posterior._explore import Posterior, Subset, explore, log_prior, weighed
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._moments import moments_of
@@ -37,14 +37,10 @@ def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) 
     covers = {form.effect.answers for form in held if not form.effect.nameless}
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
     moments = moments_of(fit, held, blocks)
-    members = tuple((k, _width(moments.terms[k].effect)) for k in range(moments.held))
+    members = tuple((k, nearest_width(moments.terms[k].effect.spread)) for k in range(moments.held))
     evidence, blocks_used = weighed(moments, members)
     best = log_evidence(moments, members, blocks_used)
     return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2), evidence
-
-
-def _width(effect: Effect) -> float:
-    return min(WIDTHS, key=lambda w: abs(np.log(w / effect.spread)))
 
 
 def polish(
@@ -92,7 +88,7 @@ class _Round:
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
         here, evidence = expanded(here.fit, here.held, candidates)
         moments = moments_of(here.fit, here.held, _fresh(here, candidates))
-        held = tuple((t, _width(moments.terms[t].effect)) for t in range(moments.held))
+        held = tuple((t, nearest_width(moments.terms[t].effect.spread)) for t in range(moments.held))
         posterior = explore(moments, range(moments.held))
         return cls(here, posterior, posterior.worth(held, evidence + log_prior(moments, held)), candidates, progress)
 
@@ -160,14 +156,10 @@ def _reshaped(here: Expansion, number: int, shape: Effect) -> Expansion | None:
 def _rivals(posterior: Posterior) -> list[Subset]:
     """For each member of what the fit holds the nearest subset that has another name in its place, where an exact refit may lift
     it; without members the nearest subset of all."""
-    moments, ranked = posterior.moments, sorted(posterior.mass, key=lambda s: -posterior.mass[s])
-    terms, held, found = moments.terms, frozenset(range(moments.held)), list[Subset]()
-    for member in sorted(held) or [-1]:
-        rest = held - {member}
-        for subset in ranked:
-            (*_, extra) = sorted({t for t, _ in subset} - rest) or [-1]
-            swapped = rest <= {t for t, _ in subset} and len(subset) == len(rest) + 1 and extra >= moments.held
-            if swapped and (member < 0 or terms[extra].name != terms[member].name) and _promising(posterior, subset):
+    terms, found = posterior.moments.terms, list[Subset]()
+    for member in range(posterior.moments.held) or [-1]:
+        for subset, other in posterior.in_place_of(member):
+            if (member < 0 or terms[other].name != terms[member].name) and _promising(posterior, subset):
                 found.append(subset)
                 break
     return found
