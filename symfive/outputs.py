@@ -294,7 +294,8 @@ def _replaceable(output: _Output) -> list[str]:
         if name in known and _digest(target / name) != known[name]:
             problem = "the file was changed since symfive wrote it, and would be replaced"
             raise InputError(problem, path=target / name, remedy="name another folder, or remove this one yourself")
-    return [name for name in files if name not in known and name != MANIFEST]
+    # Python's caches hold what the files replaced were, and a file of the same second and size would be taken for its forerunner
+    return [name for name in files if name not in known and name != MANIFEST and "__pycache__" not in name.split("/")]
 
 
 def _finish(output: _Output) -> None:
