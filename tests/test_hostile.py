@@ -167,6 +167,19 @@ def test_a_name_of_5000_characters_makes_no_long_line(here, capsys):
     assert max(map(len, capsys.readouterr().err.splitlines())) <= 1000
 
 
+@pytest.mark.parametrize("words", [["check", "x", "a" * 5000], ["check", "x", "--" + "a" * 5000]])
+def test_a_word_of_5000_characters_makes_no_long_line(here, capsys, words):
+    said = refused(capsys, *words)
+    assert len(said) <= 820 and said.endswith("see `symfive check --help`.\n")
+
+
+@pytest.mark.parametrize(
+    "words", [["check", "\0"], ["assess", "plan", "--given", "\0"], ["simulate", "plan", "-o", "\0"]]
+)
+def test_no_file_has_a_nul_in_its_name(here, capsys, words):
+    assert "cannot be the name of a file" in refused(capsys, *words)
+
+
 def test_random_calls_end_in_a_result_or_a_sentence(here):
     """A sample; `python -m tests.fuzz.verbs 10000` makes as many as one likes."""
     calls = Calls(here, random.Random(7))

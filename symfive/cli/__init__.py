@@ -14,6 +14,7 @@ import click
 
 from symfive.cli import _evaluate, _files, _measure  # noqa: F401  (in the order of the help)
 from symfive.cli._common import app
+from symfive.errors import InputError
 
 __all__ = ["app", "main"]
 
@@ -39,7 +40,7 @@ def _guarded(run: Callable[[], Any]) -> int:
         return request.exit_code
     except click.UsageError as error:
         verb = error.ctx.command_path if error.ctx is not None else "symfive"
-        click.echo(f"symfive: {error.format_message().rstrip('.')}; see `{verb} --help`.", err=True)
+        click.echo(f"symfive: {InputError(error.format_message(), remedy=f'see `{verb} --help`')}", err=True)
         return error.exit_code
     except Exception as error:
         said = _sentence(error)
@@ -63,8 +64,6 @@ def _interrupted(error: BaseException) -> int:
 def _sentence(error: Exception) -> str | None:
     """What a user can do about an error; None where it is a fault of the program."""
     from numpy.linalg import LinAlgError
-
-    from symfive.errors import InputError
 
     if isinstance(error, InputError):
         return str(error)

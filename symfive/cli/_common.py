@@ -42,7 +42,18 @@ class Number(click.ParamType[float]):
         return number
 
 
-PATH = click.Path(path_type=Path)
+class _Path(click.Path):
+    """A path that the system can name."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path that the text says."""
+        try:
+            return super().convert(value, param, ctx)
+        except ValueError:  # a NUL within
+            self.fail(f"{shown(value)} cannot be the name of a file", param, ctx)
+
+
+PATH = _Path(path_type=Path)
 POSITIVE = Number(SMALLEST)
 MOST = 100_000
 """Poses, circles, repeats, starts: more would not end."""
