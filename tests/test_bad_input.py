@@ -425,7 +425,7 @@ def test_a_full_disk_leaves_the_old_machine(campaign_folder, tmp_path, monkeypat
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("symfive.outputs.os.fsync", full)
+    monkeypatch.setattr("os.fsync", full)
     with pytest.raises(InputError, match=r"m\.toml.*No space left"):
         write_machine(machine, tmp_path / "m.toml")
     assert (tmp_path / "m.toml").read_text() == before

@@ -330,7 +330,7 @@ def test_writing_is_whole_or_not_at_all(folder, tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("symfive.outputs.os.rename", fail)
+    monkeypatch.setattr("os.rename", fail)
     with pytest.raises(InputError, match="No space left"):
         write_campaign(campaign, tmp_path / "full")
     assert not (tmp_path / "full").exists()

@@ -20,14 +20,16 @@ import pytest
 import symfive.cli as cli
 import symfive.convert
 import symfive.fleet
-import symfive.report  # noqa: F401  (loaded, so that their long work can be replaced)
-from symfive import outputs
+import symfive.report._page
+import symfive.report._save
+import symfive.report._style  # noqa: F401  (loaded, so that their long work can be replaced)
 from symfive.campaign import write_campaign
 from symfive.diagnose import diagnose
 from symfive.files import read_text
 from symfive.identify import fitted_model, identify
 from symfive.machine import preset
 from symfive.model import write_model
+from symfive.outputs import _place, output_folder
 from symfive.procedures import campaign_of, r_test_grid
 from symfive.simulate import simulate
 
@@ -76,16 +78,16 @@ class Faults:
         """While the block lasts."""
         names = ("rename", "replace", "link", "fsync", "write", "mkdir")
         self._before = {name: getattr(os, name) for name in names}
-        exchanged = outputs._exchanged
+        exchanged = _place.exchanged
         try:
             for name, call in self._before.items():
                 setattr(os, name, self._step(call))
-            outputs._exchanged = self._step(exchanged)
+            _place.exchanged = self._step(exchanged)
             yield self
         finally:
             for name, call in self._before.items():
                 setattr(os, name, call)
-            outputs._exchanged = exchanged
+            _place.exchanged = exchanged
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +171,7 @@ def target_of(verb: str, folder: Path) -> Path:
 def clean(path: Path) -> None:
     """What the next call does before it begins."""
     try:
-        with outputs.output_folder(path, overwrite=True):
+        with output_folder(path, overwrite=True):
             raise InterruptedError
     except (InterruptedError, ValueError):
         pass
@@ -269,5 +271,5 @@ def test_no_fault_leaves_a_part(verb, old, world, tmp_path, monkeypatch, capsys,
 @pytest.mark.parametrize("verb", ["simulate"])
 def test_nor_where_names_cannot_be_exchanged(verb, world, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(world)
-    monkeypatch.setattr(outputs, "_exchanged", lambda *_: False)
+    monkeypatch.setattr(_place, "exchanged", lambda *_: False)
     assert points(verb, world, tmp_path / "f", capsys, every=7, old=True) > 8
