@@ -152,7 +152,7 @@ def fleet(
     common = Path(os.path.commonpath([folder.parent for folder in folders]))
     tasks = [
         Task(name=name, folder=folder, target=root / name, diagnose=diagnose, figures=figures, redo=redo)
-        for folder in folders for name in [folder.relative_to(common).as_posix()]
+        for folder in folders for name in [Path(os.path.relpath(folder, common)).as_posix()]
     ]  # fmt: skip
     for task in tasks:
         if task.target == task.folder:
