@@ -157,7 +157,9 @@ def test_a_folder_named_like_a_preset_hides_nothing(here, capsys):
 
 def test_a_fleet_from_the_root_by_its_other_name(here, capsys):
     """POSIX lets // be another place than /, and pathlib keeps the two apart."""
-    assert "campaign.toml" in refused(capsys, "fleet", "measured", "//", "-o", "out", "--workers", "0", "--no-figures", "-q")
+    assert "campaign.toml" in refused(
+        capsys, "fleet", "measured", "//", "-o", "out", "--workers", "0", "--no-figures", "-q"
+    )
 
 
 def test_what_failed_in_a_fleet_goes_to_standard_error(here, capsys):

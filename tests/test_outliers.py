@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +15,16 @@ from symfive.campaign import Campaign, Run
 from symfive.convert import convert
 from symfive.diagnose import diagnose
 from symfive.identify import fitted_model, identify, predict
+from symfive.inference._noise import Block, estimate_noise
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
 from symfive.procedures import campaign_of, planar_circle
 from symfive.report import diagnosis_text, identification_text
 from symfive.report._diagnosis import diagnosis_report
 from symfive.simulate import simulate
+
+sys.path.append(str(Path(__file__).resolve().parent.parent / "benchmarks"))
+
+import intervals
 
 NOISE_UM = 0.3
 TARGETS = np.linspace(0.0, 300.0, 31)
@@ -60,6 +66,59 @@ def test_what_one_cycle_shows_alone_is_one() -> None:
     deviations[2][40] -= 8.0  # also beside the dent, which the other cycles show
     found = identify(campaign(deviations), noise="repeats")
     assert [(o.run, o.row) for o in found.outliers] == [("cycle-3", 40)]
+
+
+def test_of_neighbouring_outliers_every_one_is_excluded() -> None:
+    deviations = positioning()
+    deviations[2][40:42] += [-8.0, 7.0]
+    found = identify(campaign(deviations), noise="repeats")
+    assert [(o.run, o.row) for o in found.outliers] == [("cycle-3", 40), ("cycle-3", 41)]
+    assert next(iter(found.noises.values())).white < 1.15 * NOISE_UM
+
+
+def test_a_reading_that_draws_the_fit_towards_itself_is_judged_by_what_that_leaves() -> None:
+    """The last of 61 readings determines most of the slope: of its error of 9σ the residual shows about 3σ, noise up to 3.8σ."""
+    rng = np.random.default_rng(0)
+    whole = campaign([np.zeros(62)])
+    place = np.append(np.linspace(0.0, 60.0, 60), 206.0)
+    deviation = 0.02 * place + NOISE_UM * rng.standard_normal(61)
+    deviation[60] += 9.0 * NOISE_UM
+    run = replace(whole.runs[0], time=np.arange(61.0), commands={"X": place}, readings={"X_dev_um": deviation}, file="")
+    found = identify(replace(whole, runs=(run,)))
+    assert [o.row for o in found.outliers] == [60]
+
+
+@pytest.mark.parametrize(("rms", "white"), [(1.12, 1.12), (0.9, 1.0)])
+def test_noise_is_the_larger_of_what_is_declared_and_what_is_found(rms: float, white: float) -> None:
+    """Declared noise until the contrary is proven makes intervals too narrow where it is a little larger."""
+    residual = np.random.default_rng(1).standard_normal((100, 1))
+    residual *= 0.4 * rms / np.sqrt(np.mean(residual**2))
+    block = Block(residual, np.zeros((100, 1, 0)), np.zeros(0, dtype=np.int64), 1.0, np.zeros((100, 1), dtype=bool))
+    assert estimate_noise([block], 0.4, np.zeros((0, 0))).white == pytest.approx(0.4 * white, rel=5e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", intervals.NOISES)
+def test_the_study_of_coverage_holds_on_forty_machines(noise: str) -> None:
+    mean, sigma = intervals.share(intervals.covered("tsutsumi-2007", noise, 1000, 40))
+    assert abs(mean - 95.0) < 3.0 * max(sigma, 1.0)
+
+
+def test_the_study_of_coverage_adds_what_it_says() -> None:
+    plan = simulate(intervals.plan("tsutsumi-2007", recorded=True), seed=1, noise=False).campaign
+    for noise, rms in (
+        ("white", 0.0),
+        ("coloured", 1.5),
+        ("outlying, 10 times", 2.0**0.5),
+        ("outlying, 6 sigma", 0.72**0.5),
+    ):
+        spoilt = intervals.spoilt(plan, noise, 3)
+        more = [
+            (spoilt.run(run.id).readings[name] - values) / run.noise(run.instrument[0])
+            for run in plan.runs
+            for name, values in run.readings.items()
+        ]
+        assert float(np.sqrt(np.mean(np.concatenate(more) ** 2))) == pytest.approx(rms, rel=0.4)
 
 
 def test_what_comes_back_on_one_of_two_ways_is_the_way_s() -> None:
@@ -134,11 +193,11 @@ def test_a_diagnosis_counts_all_readings_and_says_what_is_excluded(tmp_path: Pat
 
 
 def test_a_laser_test_keeps_its_readings_when_each_cycle_is_a_run() -> None:
-    """50 readings; the axis needed the first one of the first cycle to warm to its place."""
+    """50 readings; the axis needed the first ones of the first cycle to warm to its place: 90 and 50 µm off the other cycles."""
     recordings("ecmc-iso230")
     whole = convert("ecmc-iso230")
     (run,) = whole.runs
     cycles = [replace(run.part(10 * k, 10 * k + 10), id=f"cycle-{k}", file="") for k in range(5)]
     cycles = [replace(c, time=np.arange(10.0), start_s=10.0 * k) for k, c in enumerate(cycles)]
     found = identify(replace(whole, runs=tuple(cycles)), noise="repeats")
-    assert [(o.run, o.row) for o in found.outliers] in ([], [("cycle-0", 0)])
+    assert {(o.run, o.row) for o in found.outliers} <= {("cycle-0", 0), ("cycle-0", 1)}

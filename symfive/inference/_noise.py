@@ -1,7 +1,7 @@
 """The noise of a recording, estimated together with the fit: which parts it has, and how large they are.
 
-The white part is never below what the data sheet declares. Which parts exist is decided by likelihood ratios at 1 %; their
-sizes maximise the restricted likelihood (REML: Patterson & Thompson 1971), in which the parameters that the fit has already
+The white part is never below what the data sheet declares; whether there is a coloured one, a likelihood ratio at 1 % decides.
+Their sizes maximise the restricted likelihood (REML: Patterson & Thompson 1971), in which the parameters that the fit has already
 spent are accounted for.
 """
 
@@ -71,16 +71,10 @@ def estimate_noise(blocks: Sequence[Block], declared: float, precision: Array) -
         return white_only
     score = _objective(blocks, precision)
     best, best_score = white_only, score(white_only)
-    scaled = _scaled(blocks, declared)
-    if scaled.white > 1.005 * declared:
-        better = _minimise(
-            lambda x: Noise(declared * np.exp(abs(x[0])), declared=declared),
-            [np.log(scaled.white / declared)],
-            score,
-            20,
-        )
-        if best_score - score(better) > chdtri(1, 2 * LEVEL):
-            best, best_score = better, score(better)
+    start = max(_scaled(blocks, declared).white / declared, 1.05)
+    better = _minimise(lambda x: Noise(declared * np.exp(abs(x[0])), declared=declared), [np.log(start)], score, 20)
+    if score(better) < best_score:
+        best, best_score = better, score(better)
     coloured = _with_coloured_part(blocks, declared, best, score)
     if coloured is not None and best_score - score(coloured) > chdtri(2, LEVEL):
         best = coloured

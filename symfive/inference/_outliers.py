@@ -37,16 +37,19 @@ def outlier_limit(readings: int) -> float:
     return float(-ndtri(0.5 * OUTLIER_LEVEL / max(readings, 1)))
 
 
-def isolated_outliers(block: Block, noise: Noise, limit: float) -> tuple[list[tuple[int, int]], Array]:
+def isolated_outliers(block: Block, noise: Noise, limit: float, leverage: Array) -> tuple[list[tuple[int, int]], Array]:
     """(row, column) of isolated innovations beyond `limit` σ, and all innovations (N, ny) in σ.
 
-    More than a few neighbouring rows, or a level that stays, are no outlier but a mismatch.
+    Each over its own σ: a reading with the `leverage` h (N, ny) draws the fit towards itself, and leaves σ·√(1 - h) of its noise
+    in the residual; one that the fit excludes, σ·√(1 + h) (W. Baarda 1968). More than a few neighbouring rows, or a level that
+    stays, are no outlier but a mismatch.
     """
     count, columns = block.residual.shape
     table, whitening = new_table(count, columns), Whitening(noise, block.interval)
     beyond: list[list[int]] = [[] for _ in range(columns)]
     for rows in spans_of(count):
-        table[rows] = whitening(np.array(block.residual[rows]))
+        share = np.where(block.left_out[rows], 1.0 + leverage[rows], 1.0 - leverage[rows])
+        table[rows] = whitening(np.array(block.residual[rows])) / np.sqrt(share)
         for j in range(columns):
             beyond[j] += (rows.start + np.flatnonzero(np.abs(table[rows, j]) > limit)).tolist()
         let_go(table, block.residual)
@@ -54,10 +57,20 @@ def isolated_outliers(block: Block, noise: Noise, limit: float) -> tuple[list[tu
     found = []
     for j in range(columns):
         for group in _isolated(beyond[j]):
-            if _returns(np.array(table[group[0] : group[0] + RESPONSE_ROWS, j]), response):
-                worst = max(group, key=lambda r: abs(float(block.residual[r, j])))
-                found.append((worst, j))
+            innovations = np.array(table[group[0] : group[0] + RESPONSE_ROWS, j])
+            if _returns(innovations, response):
+                found += [(group[0] + k, j) for k in _disturbed(innovations[: len(group)], response, limit)]
     return found, table
+
+
+def _disturbed(innovations: Array, response: Array, limit: float) -> list[int]:
+    """Which of a few neighbouring innovations are beyond `limit` without what the ones before them cause."""
+    rest, found = innovations.copy(), []
+    for k in range(len(rest)):
+        if abs(rest[k]) > limit:
+            found.append(k)
+            rest[k:] -= rest[k] / response[0] * response[: len(rest) - k]
+    return found
 
 
 def _response(noise: Noise, interval: float) -> Array:
@@ -77,7 +90,7 @@ def _returns(innovations: Array, response: Array) -> bool:
 
 
 def _isolated(rows: list[int]) -> list[list[int]]:
-    """Groups of neighbouring rows short enough to be an outlier (an outlier also disturbs the innovation after it)."""
+    """Groups of neighbouring rows short enough to be outliers (one also disturbs the innovation after it)."""
     groups: list[list[int]] = []
     for row in rows:
         if groups and row - groups[-1][-1] <= 1:

@@ -26,6 +26,8 @@ Key = tuple[str, str]
 SHORT = 100
 LOUD = 2.0
 """An instrument's noise does not differ from run to run by more than this factor."""
+MOST_LEVERAGE = 0.99
+"""A reading that alone determines a parameter leaves nothing of its noise in the residual."""
 NOISE_ROWS = 60_000
 """The noise of an instrument is estimated from so many rows, the first ones of each of its runs."""
 
@@ -262,7 +264,10 @@ class Problem:
         """Mark isolated readings beyond what noise gives and what the same reading showed at other times; True where the set
         changed."""
         limit = outlier_limit(sum(block.residual.size for block in survey.values()))
-        isolated = {key: isolated_outliers(block, self.noises[key], limit) for key, block in survey.items()}
+        leverage = self._leverage(survey)
+        isolated = {
+            key: isolated_outliers(block, self.noises[key], limit, leverage[key]) for key, block in survey.items()
+        }
         innovations = {key: table for key, (_, table) in isolated.items()}
         ways = alike(self.model, list(survey)) if any(found for found, _ in isolated.values()) else {}
         fresh = {run: np.zeros(mask.shape, dtype=bool) for run, mask in self.left_out.items()}
@@ -282,6 +287,18 @@ class Problem:
             self.left_out[run] = mask
         self.outliers = outliers
         return changed
+
+    def _leverage(self, survey: Mapping[Key, Block]) -> dict[Key, Array]:
+        """h = diag(J C Jᵀ) of every whitened reading (N, ny), C the covariance; none of a long recording draws the fit."""
+        found: dict[Key, Array] = {key: np.zeros((1, 1)) for key in survey}
+        if not all(block.whole for block in survey.values()):
+            return {key: np.broadcast_to(h, survey[key].residual.shape) for key, h in found.items()}
+        covariance = np.linalg.inv(self.information(survey).matrix + np.diag(self.prior_precision))
+        for key, block in survey.items():
+            slopes = whiten(block.jacobian, self.noises[key], block.interval)[0]
+            inner = covariance[np.ix_(block.columns, block.columns)]
+            found[key] = np.minimum(np.einsum("nyk,nyk->ny", slopes @ inner, slopes), MOST_LEVERAGE)
+        return found
 
 
 def _power(block: Block, noise: Noise) -> float:
