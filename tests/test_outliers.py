@@ -88,6 +88,14 @@ def test_a_reading_that_draws_the_fit_towards_itself_is_judged_by_what_that_leav
     assert [o.row for o in found.outliers] == [60]
 
 
+def test_outliers_are_found_where_nothing_is_free_and_noise_is_slow() -> None:
+    deviations = [d + 0.02 * np.cumsum(np.random.default_rng(8).standard_normal(len(d))) for d in positioning()]
+    deviations[2][40] += 9.0
+    whole = identify(campaign(deviations))
+    held = identify(campaign(deviations), fixed=whole.named, start_noise=whole.noises)
+    assert ("cycle-3", 40) in {(o.run, o.row) for o in held.outliers}
+
+
 @pytest.mark.parametrize(("rms", "white"), [(1.12, 1.12), (0.9, 1.0)])
 def test_noise_is_the_larger_of_what_is_declared_and_what_is_found(rms: float, white: float) -> None:
     """Declared noise until the contrary is proven makes intervals too narrow where it is a little larger."""

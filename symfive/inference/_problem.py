@@ -290,14 +290,15 @@ class Problem:
 
     def _leverage(self, survey: Mapping[Key, Block]) -> dict[Key, Array]:
         """h = diag(J C Jᵀ) of every whitened reading (N, ny), C the covariance; none of a long recording draws the fit."""
-        found: dict[Key, Array] = {key: np.zeros((1, 1)) for key in survey}
+        found: dict[Key, Array] = {key: np.broadcast_to(0.0, block.residual.shape) for key, block in survey.items()}
         if not all(block.whole for block in survey.values()):
-            return {key: np.broadcast_to(h, survey[key].residual.shape) for key, h in found.items()}
+            return found
         covariance = np.linalg.inv(self.information(survey).matrix + np.diag(self.prior_precision))
         for key, block in survey.items():
-            slopes = whiten(block.jacobian, self.noises[key], block.interval)[0]
-            inner = covariance[np.ix_(block.columns, block.columns)]
-            found[key] = np.minimum(np.einsum("nyk,nyk->ny", slopes @ inner, slopes), MOST_LEVERAGE)
+            if len(block.columns):
+                slopes = whiten(block.jacobian, self.noises[key], block.interval)[0]
+                inner = covariance[np.ix_(block.columns, block.columns)]
+                found[key] = np.minimum(np.einsum("nyk,nyk->ny", slopes @ inner, slopes), MOST_LEVERAGE)
         return found
 
 
