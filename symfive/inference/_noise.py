@@ -47,7 +47,9 @@ class Block:
     def stacked(self) -> Array:
         """(N, ny, k + 1): jacobian and residual with the outliers emptied."""
         table = np.concatenate([self.jacobian, self.residual[:, :, None]], axis=2)
-        return np.where(self.left_out[:, :, None], 0.0, table)
+        if self.left_out.any():
+            table[self.left_out] = 0.0
+        return table
 
     @property
     def whole(self) -> bool:

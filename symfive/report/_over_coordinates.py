@@ -56,7 +56,9 @@ def coordinates_with_tips(
     thinned, tips = 1, dict[str, list[str]]()
     for i, (label, unit) in enumerate(rows):
         mine = [trace for trace in traces if (trace.label, trace.unit) == (label, unit)]
-        limit = robust_limit(np.concatenate([t.kept for t in mine]), 4.0 * max(t.noise.declared for t in mine))
+        limit = robust_limit(
+            np.concatenate([v for t in mine for v in (t.low, t.high)]), 4.0 * max(t.noise.declared for t in mine)
+        )
         for j, name in enumerate(moved):
             thinned = max(thinned, _draw(grid[i, j], machine.axes[name], mine, tips))
         grid[i, 0].set_ylim(-limit, limit)
@@ -91,7 +93,7 @@ def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace], tips: dict[str, list[
     place = np.concatenate([trace.run.commands[axis.name] for trace in parts])
     place = np.mod(place, 360.0) if fold else place
     sense = np.concatenate([direction_of(trace.run.commands[axis.name]) for trace in parts])
-    value = np.concatenate([trace.kept for trace in parts])
+    value, single = (np.concatenate([getattr(t, name) for t in parts]) for name in ("kept", "sample"))
     index, step = spread(len(place), MOST_POINTS)
     few = not any(trace.run.dynamic for trace in parts)
     size = 4.0 if len(place) < FEW_ROWS else 2.4 if few else 1.2
@@ -101,14 +103,14 @@ def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace], tips: dict[str, list[
         style |= {"color": colour, "alpha": 0.6 if few else 0.3, "rasterized": len(index) > 400}
         if len(place) < FEW_ROWS:
             dots = dots[np.isfinite(value[dots])]
-        (line,) = axes.plot(place[dots], value[dots], **style)  # type: ignore[arg-type]
+        (line,) = axes.plot(place[dots], single[dots], **style)  # type: ignore[arg-type]
         if few and len(place) < FEW_ROWS:
             line.set_gid(f"tip-{axis.name}-{traces[0].label}-{which % 3}")
             tips[str(line.get_gid())] = _said(parts, dots, place, axis)
         if len(place) >= FEW_ROWS:
             means = means_along(place[sense == which], value[sense == which])
             axes.plot(*means, color=colour, linewidth=1.5, marker="o" if few else "", markersize=3.5)
-    return step
+    return step * max(trace.step for trace in parts)
 
 
 def _said(parts: Sequence[Trace], dots: NDArray[np.int64], place: Array, axis: Axis) -> list[str]:

@@ -32,6 +32,8 @@ APART = 0.24
 TIPPED_ROWS = 3000
 MOST_PANELS = 24
 MOST_POINTS = 12_000
+PIECES = 1500
+"""Of a line, each drawn by its lowest and highest reading: one a pixel."""
 NAMED_OUTLIERS = 3
 
 
@@ -77,10 +79,13 @@ def residuals_with_tips(
     title = "Residuals over time" if any(traces[0].run.dynamic for _, traces in drawn) else "Residuals, pose by pose"
     figure.suptitle(title, x=0.01, ha="left")
     _legend(figure, [trace for _, traces in drawn for trace in traces], limits)
+    recorded = [trace for _, traces in drawn for trace in traces if trace.run.dynamic]
+    pieces = max((trace.step * trace.piece(PIECES) for trace in recorded), default=1)
     footnote(
         figure,
-        f"Drawn: one row in {max(steps)} of long runs; all rows count in the means and in the fit."
-        if max(steps) > 1
+        f"Drawn: one row in {max(steps)} of long runs; all rows count in the fit." if max(steps) > 1 else "",
+        f"Pale: the lowest and the highest of every {pieces} readings; all count in the means and in the fit."
+        if pieces > 1
         else "",
         f"Drawn: the first {MOST_PANELS} of {len(panels)} panels." if len(panels) > MOST_PANELS else "",
     )
@@ -92,7 +97,7 @@ def _limits(traces: list[Trace]) -> dict[str, float]:
     for unit in {trace.unit for trace in traces}:
         mine = [trace for trace in traces if trace.unit == unit]
         least = 4.0 * max(trace.noise.declared for trace in mine)
-        found[unit] = robust_limit(np.concatenate([trace.kept for trace in mine]), least)
+        found[unit] = robust_limit(np.concatenate([v for t in mine for v in (t.low, t.high)]), least)
     return found
 
 
@@ -105,11 +110,12 @@ def _draw(axes: Axes, traces: list[Trace], limit: float) -> int:
     step = 1
     for k, (trace, colour) in enumerate(zip(traces, _colours(traces), strict=True)):
         at, kept = _across(traces, k), trace.kept
-        index, step = spread(len(at), MOST_POINTS)
         if len(at) >= FEW_ROWS and trace.run.dynamic:
-            axes.plot(at[index], kept[index], color=colour, alpha=0.35, linewidth=0.5, rasterized=True)
+            rows, values = trace.envelope(PIECES)
+            axes.plot(at[rows], values, color=colour, alpha=0.35, linewidth=0.5, rasterized=True)
             axes.plot(*_smooth(at, kept), color=colour, linewidth=1.3)
         else:
+            index, step = spread(len(at), MOST_POINTS)
             inside = index[_shown(kept, limit)[index]]
             if len(at) < FEW_ROWS:
                 axes.vlines(at[inside], 0.0, kept[inside], color=colour, linewidth=0.8, alpha=0.55)
@@ -165,8 +171,9 @@ def _smooth(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def _outliers(axes: Axes, trace: Trace, across: Array, limit: float, colour: str) -> None:
+    far = trace.farthest
     rows = np.flatnonzero(trace.outlier)
-    outside = np.abs(trace.residual) > limit
+    outside = np.abs(far) > limit
     inside = rows[~outside[rows]]
     ring = {"markerfacecolor": "none", "markeredgecolor": INK, "markersize": 7.0, "linestyle": "none"}
     if inside.size:
@@ -174,15 +181,15 @@ def _outliers(axes: Axes, trace: Trace, across: Array, limit: float, colour: str
         axes.plot(at, value, marker="o", clip_on=False, **ring)  # type: ignore[arg-type]
         axes.plot(at, value, ".", color=colour, markersize=3.0)
     beyond = np.flatnonzero(outside)
-    for row in beyond.tolist():
-        up = trace.residual[row] > 0
-        height = np.copysign(0.93 * limit, trace.residual[row])
-        edge = INK if trace.outlier[row] else colour
-        axes.plot(across[row], height, "^" if up else "v", color=colour, markeredgecolor=edge, markersize=5.0)
-    for row in _apart(sorted(beyond.tolist(), key=lambda r: -abs(trace.residual[r])), across):
+    for up, marker in ((True, "^"), (False, "v")):
+        for left_out, edge in ((True, INK), (False, colour)):
+            chosen = beyond[((far > 0) == up)[beyond] & (trace.outlier[beyond] == left_out)]
+            height = np.full(len(chosen), 0.93 * limit if up else -0.93 * limit)
+            axes.plot(across[chosen], height, marker, color=colour, markeredgecolor=edge, markersize=5.0)
+    for row in _apart(sorted(beyond.tolist(), key=lambda r: -abs(far[r])), across):
         axes.annotate(
-            f" {plain_number(trace.residual[row], trace.unit)}",
-            (float(across[row]), float(np.copysign(0.93 * limit, trace.residual[row]))),
+            f" {plain_number(far[row], trace.unit)}",
+            (float(across[row]), float(np.copysign(0.93 * limit, far[row]))),
             fontsize=7,
             va="center",
             xytext=(4, 0),
@@ -226,7 +233,7 @@ def _legend(figure: Figure, traces: list[Trace], limits: Mapping[str, float]) ->
             [], [], marker="o", markerfacecolor="none", markeredgecolor=INK, linestyle="none", label="outlier, left out"
         )
         handles.append(ring)
-    if any(np.any(np.abs(trace.residual) > limits[trace.unit]) for trace in traces):
+    if any(np.any(np.abs(trace.farthest) > limits[trace.unit]) for trace in traces):
         edge = Line2D([], [], marker="^", color=SERIES[0], linestyle="none", markersize=5.0, label="beyond the panel")
         handles.append(edge)
     figure.legend(handles=handles, loc="outside upper right", ncols=min(len(handles), 5))

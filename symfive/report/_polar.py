@@ -10,14 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from symfive.campaign import Campaign
+from symfive.campaign import Campaign, Run
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
 from symfive.report._circles import Circle, CircleFinder, grouped
 from symfive.report._style import blank, footnote, plain_number, styled
-from symfive.report._traces import Array, chosen_runs, running_mean, spread
+from symfive.report._traces import Array, Condensed, chosen_runs, condensed, condensed_of, running_mean, spread
 
 __all__ = ["polar_trace"]
 
@@ -31,12 +31,13 @@ SHADES = {1: (BLUE, "#56b4e9"), -1: (ORANGE, "#e69f00")}
 
 @dataclass(frozen=True)
 class _Deviation:
-    """One run's deviation (N,) µm before the fit, what the model makes of it, and what is left."""
+    """One run's deviation (N,) µm before the fit, what the model makes of it, what is left, and that of single readings."""
 
     circle: Circle
     before: Array
     fitted: Array | None
     left: Array | None
+    single: Array | None
 
 
 @dataclass(frozen=True)
@@ -66,13 +67,16 @@ def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | N
     """
     campaign = source.model.campaign if isinstance(source, Identification) else source
     finder = CircleFinder(campaign.machine)
-    circles = [c for c in (finder.find(run) for run in chosen_runs(campaign, runs) if run.measured) if c is not None]
+    views = {run.id: _view(source, run) for run in chosen_runs(campaign, runs) if run.measured}
+    circles = [c for c in (finder.find(view.run) for view in views.values()) if c is not None]
     if not circles:
         raise InputError(
             "none of these runs is a measured circle", remedy="choose a circular ball-bar or grid-encoder run"
         )
     model = source.model if isinstance(source, Identification) else Model(campaign)
-    groups = [[_deviation(circle, source, model) for circle in group] for group in grouped(circles)]
+    groups = [
+        [_deviation(circle, views[circle.run.id], model, source) for circle in group] for group in grouped(circles)
+    ]
     drawn = groups[:MOST_GROUPS]
     both = isinstance(source, Identification)
     before = _Scale.of([_smooth(d, d.before) for group in drawn for d in group])
@@ -148,23 +152,28 @@ def _legend(figure: Figure, axes: Axes, group: Sequence[_Deviation], left: float
     )
 
 
-def _deviation(circle: Circle, source: Identification | Campaign, model: Model) -> _Deviation:
+def _view(source: Identification | Campaign, run: Run) -> Condensed:
+    """The run as it is drawn; before a fit all of it is nothing but readings."""
+    if isinstance(source, Identification):
+        return condensed_of(source, run)
+    return condensed(run, np.broadcast_to(0.0, (run.rows, 1)))
+
+
+def _deviation(circle: Circle, view: Condensed, model: Model, source: Identification | Campaign) -> _Deviation:
     readings = model.readings(circle.run)
     raw = circle.measured(readings)
     centring, used = _centring(circle), circle.evaluated
     removed = centring @ np.linalg.lstsq(centring[used], raw[used], rcond=None)[0]
     if not isinstance(source, Identification):
-        return _Deviation(circle, raw - removed, None, None)
-    residual = np.array(source.residuals[circle.run.id])
-    names = [column.name for column in model.columns(circle.run)]
-    for outlier in source.outliers:
-        if outlier.run == circle.run.id:
-            residual[outlier.row, names.index(outlier.column)] = np.nan
+        return _Deviation(circle, raw - removed, None, None, None)
+    residual = np.where(view.outlier, np.nan, view.residual)
     left = circle.radial(residual)
     good = np.isfinite(left)
     used &= good
     removed = centring @ np.linalg.lstsq(centring[used], raw[used], rcond=None)[0]
-    return _Deviation(circle, np.where(good, raw - removed, np.nan), raw - removed - left, left)
+    return _Deviation(
+        circle, np.where(good, raw - removed, np.nan), raw - removed - left, left, circle.radial(view.sample)
+    )
 
 
 def _centring(circle: Circle) -> Array:
@@ -189,9 +198,8 @@ def _panel(axes: Axes, group: Sequence[_Deviation], scale: _Scale, *, after: boo
         values = deviation.left if after else deviation.before
         if values is None:
             continue
-        pale = after and deviation.circle.run.dynamic
-        if pale:
-            _curve(axes, deviation, values, scale, color=colour, alpha=0.25, linewidth=0.4, rasterized=True)
+        if after and deviation.single is not None and deviation.circle.run.dynamic:
+            _curve(axes, deviation, deviation.single, scale, color=colour, alpha=0.25, linewidth=0.4, rasterized=True)
         _curve(axes, deviation, _smooth(deviation, values), scale, color=colour, linewidth=1.3, label=_words(deviation))
         if deviation.fitted is not None and not after:
             _curve(axes, deviation, deviation.fitted, scale, color=INK, linewidth=0.7, linestyle=(0, (4, 2)), marker="")

@@ -76,9 +76,8 @@ def drawings(identification: Identification) -> Iterator[tuple[Drawing, Figure, 
 
 
 def keep(figure: Figure, name: str, folder: Path) -> None:
-    """Write one figure as PNG, and freeze its layout: whoever renders it next need not arrange it again."""
+    """Write one figure as PNG."""
     write_bytes(folder / f"{name}.png", rendered(figure, "png"))
-    figure.set_layout_engine("none")
 
 
 def save_figures(

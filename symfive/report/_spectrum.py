@@ -9,7 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.fft import next_fast_len
+from scipy.special import gammainccinv
 
+from symfive.campaign._disk import let_go
 from symfive.drawing import INK, SERIES
 from symfive.errors import InputError
 from symfive.identify import Identification
@@ -28,7 +30,11 @@ READING = (
 
 LEVEL = 0.01
 BLOCK_ROWS = 1 << 14
+STRETCH_ROWS, MOST_STRETCHES = 1 << 17, 8
+"""A longer recording's spectrum is the mean of those of so many stretches of so many rows."""
 MOST_ORDERS = 32
+MOST_TURNED = 0.5
+"""Of an order's wave, rad, over which a block may be averaged: it then shows 1 % too small (sinc)."""
 MOST_RUNS = 12
 LEAST_TURN = 0.9
 PER_DECADE = 40
@@ -42,20 +48,23 @@ BESIDE = 0.6
 def residual_spectrum(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
     """Amplitudes that the fit left: over frequency for recordings, and over order per turn where something goes round.
 
-    Columns of one instrument are added in squares. The dashed line is what white noise of the declared size passes
-    somewhere in one of a hundred spectra: peaks above it are real. Frequency: Hann window, one-sided amplitude. Order:
-    least squares at whole orders of the circle's angle, or of the axis that turns by a whole turn, as many as the angles
-    tell apart. Raises `InputError` where no run is long enough.
+    Columns of one instrument are added in squares; a long recording's spectrum is the mean of those of a few stretches (P. D.
+    Welch 1967). The dashed line is what white noise of the declared size passes somewhere in one of a hundred spectra: peaks
+    above it are real. Frequency: Hann window, one-sided amplitude. Order: least squares at whole orders of the circle's angle, or
+    of the axis that turns by a whole turn, as many as the angles tell apart. Raises `InputError` where no run is long enough.
     """
     groups: dict[tuple[str, str], list[Trace]] = {}
-    for trace in traces_of(identification, runs):
+    for trace in traces_of(identification, runs, whole=True):
         groups.setdefault((trace.run.id, trace.unit), []).append(trace)
     drawn = list(groups.items())[:MOST_RUNS]
     unit = drawn[0][0][1]
     drawn = [(key, traces) for key, traces in drawn if key[1] == unit]
     finder = CircleFinder(identification.model.machine)
     over_time = [(run, *_frequencies(traces)) for (run, _), traces in drawn if _recorded(traces)]
-    over_turn = [(run, *found) for (run, _), traces in drawn if (found := _orders(traces, finder)) is not None]
+    turning: dict[tuple[str, str], list[Trace]] = {}
+    for trace in traces_of(identification, {run for (run, _), _ in drawn}):
+        turning.setdefault((trace.run.id, trace.unit), []).append(trace)
+    over_turn = [(key[0], *found) for key, _ in drawn if (found := _orders(turning[key], finder)) is not None]
     panels = int(bool(over_time)) + int(bool(over_turn))
     if not panels:
         raise InputError(
@@ -86,25 +95,32 @@ def _recorded(traces: list[Trace]) -> bool:
 
 
 def _frequencies(traces: list[Trace]) -> tuple[Array, Array, float]:
-    """Frequencies 1/s, amplitudes, and the threshold for declared noise."""
+    """Frequencies 1/s, amplitudes, and the threshold for declared noise.
+
+    n lines of the mean of K spectra: the largest of white noise passes chi²(2K)/2K of its mean once in 1/`LEVEL` by the
+    quantile `LEVEL`/n.
+    """
     run = traces[0].run
-    interval = run.interval
-    time = np.arange(run.time[0], run.time[-1] + 0.5 * interval, interval)
-    window = np.hanning(len(time))
-    padded = next_fast_len(4 * len(time), real=True)  # so that a tone between two lines keeps its size
+    interval, rows = run.interval, min(run.rows, STRETCH_ROWS)
+    firsts = np.unique(np.linspace(0, run.rows - rows, min(MOST_STRETCHES, run.rows // rows)).astype(int))
+    count = min(round((float(run.time[first + rows - 1]) - float(run.time[first])) / interval) + 1 for first in firsts)
+    window = np.hanning(count)
+    padded = next_fast_len(4 * count, real=True)  # so that a tone between two lines keeps its size
     square = np.zeros(padded // 2 + 1)
-    for trace in traces:
-        good = ~trace.outlier
-        even = np.interp(time, run.time[good], trace.residual[good])
-        square += np.abs(np.fft.rfft((even - even.mean()) * window, padded)) ** 2 * 4.0 / window.sum() ** 2
+    for first in firsts.tolist():
+        time = np.array(run.time[first : first + rows])
+        let_go(run.time)
+        for trace in traces:
+            residual, good = np.array(trace.residual[first : first + rows]), ~trace.outlier[first : first + rows]
+            let_go(trace.residual)
+            even = np.interp(time[0] + interval * np.arange(count), time[good], residual[good])
+            square += np.abs(np.fft.rfft((even - even.mean()) * window, padded)) ** 2
+    square *= 4.0 / window.sum() ** 2 / len(firsts)
     mean_square = sum(4.0 * t.noise.declared**2 * np.sum(window**2) / window.sum() ** 2 for t in traces)
     frequency = np.fft.rfftfreq(padded, interval)
-    first = int(np.ceil(2.0 * padded / len(time)))  # below two periods in the record the window sees only itself
-    return (
-        np.asarray(frequency[first:], dtype=float),
-        np.sqrt(square[first:]),
-        float(np.sqrt(mean_square * np.log(len(time) / LEVEL))),
-    )
+    lowest = int(np.ceil(2.0 * padded / count))  # below two periods in the record the window sees only itself
+    highest = gammainccinv(len(firsts), LEVEL / count) / len(firsts)
+    return np.asarray(frequency[lowest:], dtype=float), np.sqrt(square[lowest:]), float(np.sqrt(mean_square * highest))
 
 
 def _peaks(frequency: Array, amplitude: Array) -> tuple[Array, Array]:
@@ -125,9 +141,12 @@ def _orders(traces: list[Trace], finder: CircleFinder) -> tuple[Array, Array, Ar
         return None
     angle, over = found
     turns = float(np.ptp(angle)) / (2.0 * np.pi)
-    good = ~np.any([trace.outlier for trace in traces], axis=0)
+    good = np.all([np.isfinite(trace.kept) for trace in traces], axis=0)
+    step = traces[0].step
     per_turn = len(np.unique(np.round(np.mod(angle[good], 2.0 * np.pi), 6)))
     most = int(min(MOST_ORDERS, (per_turn - 2) // 2, len(angle) // (4 * max(turns, 1.0)) + 1))
+    if step > 1:
+        most = min(most, int(MOST_TURNED / max(float(np.max(np.abs(np.diff(angle)))), 1e-9)))
     count = int(good.sum())
     normal, right = _sums(angle[good], [trace.residual[good] for trace in traces], max(most, 0))
     while most >= 1:
@@ -140,7 +159,7 @@ def _orders(traces: list[Trace], finder: CircleFinder) -> tuple[Array, Array, Ar
         return None
     x = np.linalg.solve(normal[:size, :size], right[:size])
     square = np.sum(x[1::2] ** 2 + x[2::2] ** 2, axis=1)
-    mean_square = sum(4.0 * t.noise.declared**2 / count for t in traces) * swollen
+    mean_square = sum(4.0 * t.noise.declared**2 / (count * step) for t in traces) * swollen
     orders = np.arange(1.0, most + 1.0)
     return orders, np.sqrt(square), np.sqrt(mean_square * np.log(most / LEVEL)), over
 

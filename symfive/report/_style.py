@@ -10,6 +10,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
@@ -34,6 +35,7 @@ _LOOK: Any = {
     "axes.formatter.useoffset": False, "text.parse_math": False, "svg.fonttype": "none", "svg.hashsalt": "symfive",
     "path.simplify": True, "agg.path.chunksize": 10_000, "xtick.major.size": 3.0, "ytick.major.size": 3.0,
 }  # fmt: skip
+_DPI = 150
 _RESOLUTION = {"svg": 110}
 
 Tips = Mapping[str, Sequence[str]]
@@ -55,17 +57,28 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
 
 def blank(width: float, height: float, *, arranged: bool = True) -> Figure:
     """An empty figure (inches) that belongs to no window and no global state; `arranged`: it places its axes itself."""
-    figure = Figure(figsize=(width, height), layout="constrained" if arranged else None)
+    figure = Figure(figsize=(width, height), dpi=_DPI, layout="constrained" if arranged else None)
     FigureCanvasAgg(figure)
     return figure
 
 
 def rendered(figure: Figure, format: str) -> bytes:
-    """The figure as a file's content; the same figure gives the same bytes."""
+    """The figure as a file's content; the same figure gives the same bytes. Its layout is made once, and then stays."""
     stream = io.BytesIO()
     with rc_context(_LOOK):
+        layout = figure.get_layout_engine()
+        if layout is not None:
+            layout.execute(figure)
+            figure.set_layout_engine("none")
         metadata = {"Date": None} if format == "svg" else {"CreationDate": None} if format == "pdf" else {}
-        figure.savefig(stream, format=format, dpi=_RESOLUTION.get(format, 150), metadata=metadata)
+        before, dpi = figure.canvas, figure.dpi
+        figure.dpi = _RESOLUTION.get(format, _DPI)
+        canvas: Any = get_registered_canvas_class(format)(figure)
+        try:  # not by `savefig`, which draws a figure that has a layout engine, "none" too, once more for nothing
+            getattr(canvas, f"print_{format}")(stream, metadata=metadata)
+        finally:
+            figure.dpi = dpi
+            figure.set_canvas(before)
     return stream.getvalue()
 
 

@@ -1,14 +1,19 @@
-"""The residuals of an identification column by column, with noise and outliers, and thinning for drawing."""
+"""The residuals of an identification column by column, with noise and outliers, and thinning for drawing.
+
+A long recording is drawn by blocks of its rows: their means, which every row enters, between their lowest and highest residuals
+(a min-max envelope), so that a figure costs one pass through the rows and no memory that grows with them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
+from symfive.campaign._disk import let_go
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import Noise
@@ -16,15 +21,41 @@ from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.report._style import label_of
 
-__all__ = ["Trace", "chosen_runs", "direction_of", "moving_axes", "running_mean", "spread", "traces_of"]
+__all__ = [
+    "Condensed", "Trace", "chosen_runs", "condensed", "condensed_of", "direction_of", "moving_axes", "running_mean", "spread",
+    "traces_of",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+BLOCKS = 1 << 14
+"""A recording of more than twice as many rows is drawn by this many blocks: ten to a pixel of a wide figure."""
+READ_ROWS = 1 << 16
+
+
+@dataclass(frozen=True)
+class Condensed:
+    """A run as it is drawn: `run` of n rows with `residual`, `low`, `high`, `sample` (n, ny) and `outlier` (n, ny).
+
+    Each row stands for `step` rows: it has the commands of the middle one and that one's residual (`sample`), the means of
+    readings and residuals, and the lowest and highest residual, outliers not counted. Outliers have rows of their own among them.
+    """
+
+    run: Run
+    residual: Array
+    low: Array
+    high: Array
+    sample: Array
+    outlier: Mask
+    step: int
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One reading column of one run: `residual` (N,) in `unit`, rows left out as outliers (N,), noise of the fit."""
+    """One reading column of one run as it is drawn: `residual` (N,) in `unit`, rows left out as outliers (N,), noise of the fit.
+
+    Of a long recording each row stands for `step` rows, as `Condensed` says; `low`, `high`, `sample` (N,) without the outliers.
+    """
 
     run: Run
     instrument: str
@@ -33,6 +64,30 @@ class Trace:
     residual: Array
     outlier: Mask
     noise: Noise
+    low: Array
+    high: Array
+    sample: Array
+    step: int = 1
+
+    def piece(self, most: int) -> int:
+        """How many rows each of about `most` pieces has."""
+        return max(1, -(-len(self.residual) // most))
+
+    @property
+    def farthest(self) -> Array:
+        """The residual farthest from zero of what each row stands for, outliers included."""
+        far = np.where(-self.low > self.high, self.low, self.high)
+        return np.asarray(np.where(np.isfinite(far), far, self.residual))
+
+    def envelope(self, most: int) -> tuple[NDArray[np.int64], Array]:
+        """Rows and residuals of a line that shows the lowest and the highest of about `most` pieces; all rows where there are no
+        more."""
+        count, size = len(self.residual), self.piece(most)
+        if size == 1 and self.step == 1:
+            return np.arange(count), self.kept
+        first = np.arange(0, count, size)
+        low, high = np.fmin.reduceat(self.low, first), np.fmax.reduceat(self.high, first)
+        return np.repeat(first, 2), np.stack([low, high], axis=1).ravel()
 
     @property
     def label(self) -> str:
@@ -55,22 +110,111 @@ def chosen_runs(campaign: Campaign, runs: str | Iterable[str] | None) -> tuple[R
     return chosen
 
 
-def traces_of(identification: Identification, runs: str | Iterable[str] | None = None) -> list[Trace]:
-    """Every column that entered the fit, in the order of the runs."""
+def condensed_of(identification: Identification, run: Run) -> Condensed:
+    """A run of a fit as it is drawn."""
+    names = [column.name for column in identification.model.columns(run)]
+    places = [(o.row, names.index(o.column)) for o in identification.outliers if o.run == run.id]
+    return condensed(run, identification.residuals[run.id], names, places)
+
+
+def _whole(identification: Identification, run: Run) -> Condensed:
+    """All rows, as they lie on disk."""
+    residual, names = identification.residuals[run.id], [c.name for c in identification.model.columns(run)]
+    mask = np.zeros(residual.shape, dtype=bool)
+    for outlier in identification.outliers:
+        if outlier.run == run.id:
+            mask[outlier.row, names.index(outlier.column)] = True
+    return Condensed(run, residual, residual, residual, residual, mask, 1)
+
+
+def condensed(
+    run: Run, residual: Array, names: Sequence[str] = (), outliers: Sequence[tuple[int, int]] = ()
+) -> Condensed:
+    """A run with residuals (N, ny) of the columns `names` and outliers (row, column) as it is drawn: a long recording by blocks,
+    else as it is."""
+    count, columns = residual.shape
+    out = np.array(outliers, dtype=np.int64).reshape(-1, 2)
+    if not run.dynamic or count <= 2 * BLOCKS:
+        mask = np.zeros((count, columns), dtype=bool)
+        mask[out[:, 0], out[:, 1]] = True
+        kept = np.where(mask, np.nan, residual)
+        return Condensed(run, np.asarray(residual), kept, kept, kept, mask, 1)
+    step = -(-count // BLOCKS)
+    middle = np.minimum(np.arange(0, count, step) + step // 2, count - 1)
+    rows = np.union1d(middle, out[:, 0])
+    blocks = np.searchsorted(rows, middle)
+    mask = np.zeros((len(rows), columns), dtype=bool)
+    mask[np.searchsorted(rows, out[:, 0]), out[:, 1]] = True
+
+    def drawn(values: Array, left_out: NDArray[np.int64]) -> list[Array]:
+        """Lowest, highest and mean value (n, k) of the blocks, amid them the rows of outliers, and all single values (n, k)."""
+        single = np.array(values[rows])
+        let_go(values)
+        found = []
+        for table in _blocks(values, left_out, step):
+            found.append(single.copy())
+            found[-1][blocks] = table
+        return [*found, single]
+
+    low, high, mean, sample = drawn(residual, out)
+    mean[mask] = sample[mask]
+    for table in (low, high, sample):
+        table[mask] = np.nan
+    readings = {}
+    for name, values in run.readings.items():
+        mine = out[[names[column] == name for column in out[:, 1].tolist()]]
+        mine[:, 1] = 0
+        _, _, means, single = drawn(values[:, None], mine)
+        spoilt = np.searchsorted(rows, mine[:, 0])
+        means[spoilt] = single[spoilt]
+        readings[name] = means[:, 0]
+    commands = {name: np.array(values[rows]) for name, values in run.commands.items()}
+    time = np.array(run.time[rows])
+    let_go(run.time, *run.commands.values())
+    return Condensed(replace(run, time=time, commands=commands, readings=readings), mean, low, high, sample, mask, step)
+
+
+def _blocks(values: Array, left_out: NDArray[np.int64], step: int) -> tuple[Array, Array, Array]:
+    """Lowest, highest and mean value (n, k) of blocks of `step` rows, without the (row, column) that are left out."""
+    count, columns = values.shape
+    n = -(-count // step)
+    low, high, mean = (np.empty((n, columns)) for _ in range(3))
+    span = step * max(1, READ_ROWS // step)
+    for first in range(0, count, span):
+        part = np.array(values[first : first + span])
+        let_go(values)
+        mine = left_out[(left_out[:, 0] >= first) & (left_out[:, 0] < first + len(part))]
+        part[mine[:, 0] - first, mine[:, 1]] = np.nan
+        edges = np.arange(0, len(part), step)
+        place = slice(first // step, first // step + len(edges))
+        low[place], high[place] = np.fmin.reduceat(part, edges), np.fmax.reduceat(part, edges)
+        known = np.isfinite(part)
+        sums = np.add.reduceat(np.where(known, part, 0.0), edges)
+        counts = np.add.reduceat(known, edges, dtype=np.int64)
+        mean[place] = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    return low, high, mean
+
+
+def traces_of(
+    identification: Identification, runs: str | Iterable[str] | None = None, *, whole: bool = False
+) -> list[Trace]:
+    """Every column that entered the fit, in the order of the runs; `whole`: with all rows of long recordings."""
     model = identification.model
     found = []
     for run in chosen_runs(model.campaign, runs):
+        view = _whole(identification, run) if whole else condensed_of(identification, run)
         first = 0
         for instrument in instruments_of(run):
             columns = instrument.columns(run, model.machine)
             if not (instrument.name == "encoder" and run.options.get("motion_from") == "encoder"):
                 noise = identification.noises.get((run.id, instrument.name)) or _declared(run, instrument.name)
                 for j, column in enumerate(columns, start=first):
-                    outlier = np.zeros(run.rows, dtype=bool)
-                    rows = [o.row for o in identification.outliers if o.run == run.id and o.column == column.name]
-                    outlier[rows] = True
-                    residual = np.asarray(identification.residuals[run.id][:, j])
-                    found.append(Trace(run, instrument.name, column.name, column.unit, residual, outlier, noise))
+                    found.append(
+                        Trace(
+                            view.run, instrument.name, column.name, column.unit, view.residual[:, j], view.outlier[:, j],
+                            noise, view.low[:, j], view.high[:, j], view.sample[:, j], view.step,
+                        )
+                    )  # fmt: skip
             first += len(columns)
     return found
 
