@@ -11,14 +11,17 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Campaign, Run, _disk, _lines, read_campaign, write_campaign
+from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
-from symfive.identify import Identification, identify
+from symfive.identify import Identification, fitted_model, identify, predict
 from symfive.inference import Noise, whiten
 from symfive.inference import _windows as windows
 from symfive.inference._whitening import Whitening
 from symfive.machine import preset
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.report import _spectrum
+from symfive.report._traces import BLOCKS, condensed
 from symfive.simulate import simulate
 
 MACHINE = preset("table-bc")
@@ -27,9 +30,7 @@ MACHINE = preset("table-bc")
 def by_windows(monkeypatch, campaign: Campaign, **options) -> tuple[Identification, Identification]:
     """The same campaign identified run by run and by windows of few rows."""
     whole = identify(campaign, **options)
-    monkeypatch.setattr(windows, "LONG", 700)
-    monkeypatch.setattr(windows, "ROWS", 400)
-    monkeypatch.setattr(_disk, "IN_MEMORY_BYTES", 4000)
+    small_windows(monkeypatch)
     return whole, identify(campaign, **options)
 
 
@@ -78,6 +79,86 @@ def test_a_static_campaign(monkeypatch):
     grid = campaign_of(MACHINE, r_test_grid(MACHINE, step_deg=9.0))
     assert min(run.rows for run in grid.runs) > 1200
     same(*by_windows(monkeypatch, simulate(grid, seed=3).campaign))
+
+
+def small_windows(monkeypatch) -> None:
+    monkeypatch.setattr(windows, "LONG", 700)
+    monkeypatch.setattr(windows, "ROWS", 400)
+    monkeypatch.setattr(_disk, "IN_MEMORY_BYTES", 4000)
+
+
+def test_a_prediction(monkeypatch, circles):
+    play = [make_effect("backlash", "X")]
+    spoiled = spoilt(simulate(circles, effects=play, seed=4).campaign, "dL_um")
+    fitted = fitted_model(identify(spoiled, effects=play))
+    whole = predict(fitted, spoiled)
+    small_windows(monkeypatch)
+    cut = predict(fitted, spoiled)
+    for run in whole.campaign.runs:
+        found = cut.campaign.run(run.id).readings["dL_um"]
+        assert isinstance(found, np.memmap)
+        assert found == pytest.approx(run.readings["dL_um"], abs=1e-6)
+        assert cut.rms_by_column[run.id] == pytest.approx(whole.rms_by_column[run.id], rel=1e-9)
+        assert cut.rms[run.id] == pytest.approx(whole.rms[run.id], rel=1e-9)
+
+
+def test_an_assessment(monkeypatch, circles):
+    whole = assess(circles)
+    small_windows(monkeypatch)
+    cut = assess(circles)
+    assert cut.covariance == pytest.approx(whole.covariance, rel=1e-6, abs=1e-9 * float(np.abs(whole.covariance).max()))
+    assert cut.run_worth == pytest.approx(whole.run_worth, rel=1e-6, abs=1e-9)
+    for run, worth in whole.worth.items():
+        assert isinstance(cut.worth[run], np.memmap)
+        assert cut.worth[run] == pytest.approx(worth, rel=1e-6, abs=1e-12)
+    assert cut.nothing() == whole.nothing()
+
+
+def test_a_long_recording_is_drawn_by_blocks_of_all_its_rows():
+    """Three times the blocks: a spike of one row is in the envelope, every row in the means, an outlier by itself."""
+    count, generator = 3 * BLOCKS + 5, np.random.default_rng(2)
+    place = 100.0 * np.sin(np.arange(count) * 1e-3)
+    commands = {name: place if name == "X" else np.zeros(count) for name in MACHINE.axis_names}
+    residual = generator.standard_normal((count, 2))
+    residual[7000, 0], residual[9001, 1] = 40.0, 500.0
+    run = Run(
+        id="a", instrument=("grid_encoder",), sampling="dynamic", time=np.arange(count) / 200.0, commands=commands,
+        readings={"du_um": residual[:, 0], "dv_um": residual[:, 1]}, u=(1.0, 0.0, 0.0), v=(0.0, 1.0, 0.0),
+    )  # fmt: skip
+    view = condensed(run, residual, ("du_um", "dv_um"), [(9001, 1)])
+    assert view.step == 4 and view.run.rows == -(-count // 4) + 1
+    kept = residual.copy()
+    kept[9001, 1] = np.nan
+    assert np.nanmax(view.high, axis=0) == pytest.approx(np.nanmax(kept, axis=0))
+    assert np.nanmin(view.low, axis=0) == pytest.approx(np.nanmin(kept, axis=0))
+    assert np.nanmean(np.where(view.outlier, np.nan, view.residual), axis=0) == pytest.approx(
+        np.nanmean(kept, axis=0), abs=1e-3
+    )
+    (row,) = np.flatnonzero(view.outlier[:, 1])
+    assert view.run.time[row] == run.time[9001] and view.residual[row, 1] == 500.0 and not view.outlier[:, 0].any()
+    assert np.all(np.diff(view.run.time) > 0.0)
+    assert view.run.readings["dv_um"][row] == 500.0
+    others = np.delete(view.run.readings["dv_um"], row)
+    assert np.abs(others).max() < 10.0  # it has no part in its block
+    assert set(view.run.commands["X"]) <= set(place)
+
+
+def test_a_tone_has_its_size_in_the_mean_of_stretches(monkeypatch, circles):
+    """And noise stays below its line: the largest of averaged spectra passes a lower one."""
+    monkeypatch.setattr(_spectrum, "STRETCH_ROWS", 512)
+    result = identify(circles, noise="declared")
+    for amplitude in (0.0, 0.5):
+        for run in circles.runs:
+            result.residuals[run.id][:, 0] = 0.3 * np.random.default_rng(3).standard_normal(run.rows)
+            result.residuals[run.id][:, 0] += amplitude * np.sin(2.0 * np.pi * 7.3 * run.time)
+        (line, *_, level) = _spectrum.residual_spectrum(result, [circles.runs[0].id]).axes[0].get_lines()
+        peak = int(np.argmax(line.get_ydata()))
+        dashed = float(level.get_ydata()[0])
+        if amplitude:
+            assert line.get_ydata()[peak] == pytest.approx(amplitude, rel=0.15)
+            assert line.get_xdata()[peak] == pytest.approx(7.3, rel=0.05)
+        else:
+            assert 0.5 * dashed < line.get_ydata()[peak] < dashed
 
 
 @pytest.mark.parametrize(("effects", "options"), [

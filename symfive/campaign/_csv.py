@@ -9,18 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from symfive.campaign._data import Array, Run
-from symfive.campaign._disk import Spool
+from symfive.campaign._disk import Spool, let_go
 from symfive.campaign._lines import lines_of
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine import Axis, Machine
-from symfive.outputs import write_text
+from symfive.outputs import write_parts
 from symfive.separated import LARGEST, SIGNS, Marks, cells_of, sign_of
 
 __all__ = ["read_columns", "write_columns"]
 
 MOST_GAPS = 20
 _UNITS = ("_mm", "_deg", "_um", "_urad", "_s", "_N", "_Nm", "_rad", "_m", "_ms")
+
+
+WRITTEN_ROWS = 1 << 14
 
 
 def read_columns(
@@ -215,6 +218,12 @@ def write_columns(path: Path, run: Run, machine: Machine, *, to_edit: bool = Fal
     """Write a run's CSV, whole or not at all; numbers in the shortest form that reads back exactly."""
     names = ["t_s", *(machine.axes[a].column for a in machine.axis_names), *run.readings]
     columns = [run.time, *(run.commands[a] for a in machine.axis_names), *run.readings.values()]
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    text = "\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows)]) + "\n"
-    write_text(path, text, to_edit=to_edit)
+
+    def parts() -> Iterator[bytes]:
+        yield (",".join(names) + "\n").encode()
+        for first in range(0, run.rows, WRITTEN_ROWS):
+            rows = zip(*(column[first : first + WRITTEN_ROWS].tolist() for column in columns), strict=True)
+            yield "".join(",".join(map(repr, row)) + "\n" for row in rows).encode()
+            let_go(*columns)
+
+    write_parts(path, parts(), to_edit=to_edit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import FIRST_LINE, Campaign
+from symfive.campaign import FIRST_LINE, Campaign, Run
+from symfive.campaign._disk import let_go, new_table
 from symfive.design._information import inverse
 from symfive.design._space import Space, make_space
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import campaign_given
-from symfive.inference import Confounding, confounded_combinations, data_rank
+from symfive.inference import Confounding, confounded_combinations, data_rank, windows_of
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model
@@ -76,7 +77,7 @@ class Assessment(OnScreen):
         lines += [f"valuation number of {axis}: {number:.1f}" for axis, number in self.valuation.items()]
         run, row = self.most()
         lines.append(
-            f"line {row + FIRST_LINE} of run {run} tells most; {len(self.nothing())} rows tell next to nothing"
+            f"line {row + FIRST_LINE} of run {run} tells most; {sum(map(len, self.idle.values()))} rows tell next to nothing"
         )
         lines += self._runs_in_words()
         machine = {p.name for p in self.parameters if p.kind != "setup"}
@@ -99,13 +100,13 @@ class Assessment(OnScreen):
 
     def _runs_in_words(self) -> list[str]:
         """Runs in the order of what each adds, and which rows add nothing."""
-        if len(self.run_worth) < 2 and not self.nothing():
+        idle = {run: rows + FIRST_LINE for run, rows in self.idle.items()}
+        if len(self.run_worth) < 2 and not any(map(len, idle.values())):
             return []
-        idle = {run: [i + FIRST_LINE for r, i in self.nothing() if r == run] for run in self.worth}
         ordered = sorted(self.run_worth, key=lambda run: -self.run_worth[run])
         worth = [
             f"  run {run}: without it 1σ grows by {plain_number(100.0 * math.expm1(0.5 * self.run_worth[run]), '%')} %"
-            + (f"; lines {_spans(idle[run])} tell next to nothing" if idle[run] else "")
+            + (f"; lines {_spans(idle[run])} tell next to nothing" if len(idle[run]) else "")
             for run in ordered
         ]
         return listed(worth, "assessment.run_worth", 10)
@@ -117,22 +118,20 @@ class Assessment(OnScreen):
             key=lambda place: self.worth[place[0]][place[1]],
         )
 
+    @property
+    def idle(self) -> dict[str, NDArray[np.int64]]:
+        """Run → rows (from 0) that tell next to nothing."""
+        return {run: np.flatnonzero(w < WORTHLESS / max(len(w), 1)) for run, w in self.worth.items()}
+
     def nothing(self) -> tuple[tuple[str, int], ...]:
         """Rows that tell next to nothing."""
-        return tuple(
-            (run, int(i)) for run, w in self.worth.items() for i in np.flatnonzero(w < WORTHLESS / max(len(w), 1))
-        )
+        return tuple((run, row) for run, rows in self.idle.items() for row in rows.tolist())
 
 
-def _spans(lines: list[int]) -> str:
+def _spans(lines: NDArray[np.int64]) -> str:
     """Numbers in words: 3, 7-12."""
-    spans: list[list[int]] = []
-    for line in lines:
-        if spans and line == spans[-1][1] + 1:
-            spans[-1][1] = line
-        else:
-            spans.append([line, line])
-    shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in spans[:8]]
+    spans = np.split(lines, np.flatnonzero(np.diff(lines) != 1) + 1)
+    shown = [f"{span[0]}" if len(span) == 1 else f"{span[0]}-{span[-1]}" for span in spans[:8]]
     return ", ".join(shown) + (", …" if len(spans) > 8 else "")
 
 
@@ -144,7 +143,8 @@ def assess(
     before, on this machine."""
     campaign = campaign_given(campaign)
     model = Model(campaign, effects)
-    matrix, rows = _data_information(model)
+    seen, margins = _data_information(model), dict[str, int]()
+    matrix = sum(seen.values(), np.zeros((len(model.parameters), len(model.parameters))))
     machine = np.array([p.kind != "setup" for p in model.parameters])
     if given is not None:
         names = [p.name for p in model.parameters if p.kind != "setup"]
@@ -153,12 +153,8 @@ def assess(
     covariance = inverse(matrix + precision)
     chosen = np.flatnonzero(machine)
     value = _volume(matrix + precision, chosen, model.prior_sigma)
-    worth = {run: _worth(jacobian, covariance, matrix + precision, chosen) for run, jacobian in rows.items()}
-    whole = {
-        run: _volume(matrix - np.einsum("nyk,nyl->kl", jacobian, jacobian) + precision, chosen, model.prior_sigma)
-        - value
-        for run, jacobian in rows.items()
-    }
+    worth = {run.id: _worth(model, run, covariance, matrix + precision, chosen, margins) for run in model.campaign.runs}
+    whole = {run: _volume(matrix - mine + precision, chosen, model.prior_sigma) - value for run, mine in seen.items()}
     return Assessment(
         parameters=model.parameters, covariance=covariance, rank=data_rank(matrix, model.prior_sigma),
         confounded=confounded_combinations(matrix, model.parameters),
@@ -167,21 +163,26 @@ def assess(
     )  # fmt: skip
 
 
-def _data_information(model: Model) -> tuple[Array, dict[str, Array]]:
-    """Σ JᵀJ/σ² (k, k) of the declared white noise, and each run's whitened rows (N, ny, k)."""
-    size = len(model.parameters)
-    matrix = np.zeros((size, size))
-    rows = {}
+def _data_information(model: Model) -> dict[str, Array]:
+    """Run → Σ JᵀJ/σ² (k, k) of the declared white noise."""
+    size, margins = len(model.parameters), dict[str, int]()
+    found = {}
     for run in model.campaign.runs:
-        line = model.linearise(run, model.start)
-        whole = np.zeros((run.rows, line.jacobian.shape[1], size))
-        whole[:, :, line.columns] = line.jacobian / model.noise(run)[:, None]
-        if "encoder" in run.instrument and run.options.get("motion_from") == "encoder":
-            names = [i.name for i in instruments_of(run) for _ in i.columns(run, model.machine)]
-            whole[:, [name == "encoder" for name in names]] = 0.0
-        matrix += np.einsum("nyk,nyl->kl", whole, whole, optimize=True)
-        rows[run.id] = whole
-    return matrix, rows
+        found[run.id] = np.zeros((size, size))
+        for _, columns, rows in _whitened(model, run, margins):
+            flat = rows.reshape(-1, len(columns))
+            found[run.id][np.ix_(columns, columns)] += flat.T @ flat
+    return found
+
+
+def _whitened(model: Model, run: Run, margins: dict[str, int]) -> Iterator[tuple[slice, NDArray[np.int64], Array]]:
+    """A run by windows: which rows, which parameters (c,) they depend on, and the sensitivities over the noise (n, ny, c)."""
+    names = [i.name for i in instruments_of(run) for _ in i.columns(run, model.machine)]
+    driven = "encoder" in run.instrument and run.options.get("motion_from") == "encoder"
+    weights = np.array([not (driven and name == "encoder") for name in names]) / model.noise(run)
+    for window in windows_of(model, run, model.start, margins):
+        assert window.jacobian is not None
+        yield window.rows, window.columns, window.jacobian[window.inside] * weights[:, None]
 
 
 def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
@@ -190,7 +191,7 @@ def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
     In the files' units. Parameters that its machine file does not vary are taken as not seen.
     """
     model = Model(campaign)
-    matrix, _ = _data_information(model)
+    matrix = np.sum(list(_data_information(model).values()), axis=0)
     wanted = list(names)
     chosen = np.array([model.index[name] for name in wanted if name in model.index], dtype=np.int64)
     other = np.setdiff1d(np.arange(len(model.parameters)), chosen)
@@ -212,14 +213,21 @@ def _volume(information: Array, chosen: NDArray[np.int64], sigma: Array) -> floa
     return float(np.linalg.slogdet(covariance)[1]) / max(len(chosen), 1)
 
 
-def _worth(rows: Array, covariance: Array, information: Array, chosen: NDArray[np.int64]) -> Array:
+def _worth(
+    model: Model, run: Run, covariance: Array, information: Array, chosen: NDArray[np.int64], margins: dict[str, int]
+) -> Array:
     """How much ψ of D rises when one row is taken out (N,): log det(I - J C Jᵀ) less that of what does not count."""
     other = np.setdiff1d(np.arange(len(covariance)), chosen)
-    lost = -_log_det_minus(rows @ covariance @ rows.transpose(0, 2, 1))
+    of_other = np.zeros_like(covariance)
     if other.size:
-        of_other = inverse(information[np.ix_(other, other)])
-        lost += _log_det_minus(rows[:, :, other] @ of_other @ rows[:, :, other].transpose(0, 2, 1))
-    return np.asarray(np.maximum(lost, 0.0) / max(len(chosen), 1))
+        of_other[np.ix_(other, other)] = inverse(information[np.ix_(other, other)])
+    found: Array = new_table(1, run.rows)[0]
+    for place, columns, rows in _whitened(model, run, margins):
+        turned, inner = rows.transpose(0, 2, 1), np.ix_(columns, columns)
+        lost = _log_det_minus(rows @ of_other[inner] @ turned) - _log_det_minus(rows @ covariance[inner] @ turned)
+        found[place] = np.maximum(lost, 0.0) / max(len(chosen), 1)
+        let_go(found)
+    return found
 
 
 def _log_det_minus(forms: Array) -> Array:

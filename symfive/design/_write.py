@@ -48,7 +48,7 @@ def assessment_data(assessment: Assessment) -> dict[str, Any]:
         "confounded_in_words": [c.words for c in assessment.confounded],
         "valuation": {axis: _number(v) for axis, v in assessment.valuation.items()},
         "tells_most": {"run": most, "row": row + FIRST_LINE},
-        "tells_nothing": {run: sum(r == run for r, _ in assessment.nothing()) for run in assessment.worth},
+        "tells_nothing": {run: len(rows) for run, rows in assessment.idle.items()},
         "run_worth": {run: _number(v) for run, v in assessment.run_worth.items()},
     }
 

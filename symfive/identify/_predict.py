@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from symfive.campaign import Campaign
+from symfive.campaign import Campaign, Run
+from symfive.campaign._disk import let_go, new_table
 from symfive.errors import InputError
 from symfive.given import campaign_given, model_given
 from symfive.identify._identify import identify
 from symfive.identify._result import Identification
+from symfive.inference import square_of, windows_of
 from symfive.instruments import instruments_of
 from symfive.model import FittedModel, Model
 from symfive.numbers import plain_number, unit_words
@@ -78,7 +81,8 @@ def predict(fitted: FittedModel | Identification | Path | str, campaign: Campaig
 
     `fitted` a fitted model, an identification, or the path of a `model.json`; `campaign` a campaign or the path of its folder.
     The machine's errors and the effects stay as fitted; zeros and set-up errors of a run are fitted on its own readings,
-    and stand at zero where it has none.
+    and stand at zero where it has none. Runs of more than 50,000 rows are worked through window by window, and what they should
+    read lies on disk.
     """
     fitted = fitted_model(fitted) if isinstance(fitted, Identification) else model_given(fitted)
     campaign = campaign_given(campaign)
@@ -99,18 +103,27 @@ def predict(fitted: FittedModel | Identification | Path | str, campaign: Campaig
             rms[run.id], kept[run.id] = result.rms_um, result.rms_kept.get(result.file_unit, 0.0)
             by_column[run.id] = _by_column(result)
             setup[run.id] = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True) if p.run == run.id}
-        readings = model.predict_run(run, values)
-        columns = model.columns(run)
-        predicted.append(run.with_readings({c.name: readings[:, i] for i, c in enumerate(columns)}))
+        predicted.append(_predicted(model, run, values))
     return Prediction(replace(campaign, runs=tuple(predicted)), rms, kept, by_column, setup)
+
+
+def _predicted(model: Model, run: Run, values: NDArray[np.float64]) -> Run:
+    """The run with the model's readings, computed window by window; on disk where they are long."""
+    columns = model.columns(run)
+    table = new_table(len(columns), run.rows)
+    for window in windows_of(model, run, values, {}, slopes=0):
+        table[:, window.rows] = window.prediction[window.inside].T
+        let_go(table)
+    return run.with_readings({column.name: table[i] for i, column in enumerate(columns)})
 
 
 def _by_column(result: Identification) -> dict[str, float]:
     """The rms of every column that is fitted, of the only run."""
     (run,) = result.model.campaign.runs
-    columns = result.model.columns(run)
-    found = dict[str, float]()
-    for _, part in result.problem().parts(run):
-        means = np.sqrt(np.mean(result.residuals[run.id][:, part] ** 2, axis=0))
-        found |= {column.name: float(mean) for column, mean in zip(columns[part], means, strict=True)}
-    return found
+    columns, residual = result.model.columns(run), result.residuals[run.id]
+    none = np.zeros((run.rows, 1), dtype=bool)
+    return {
+        columns[j].name: float(np.sqrt(square_of(residual[:, j : j + 1], none) / run.rows))
+        for _, part in result.problem().parts(run)
+        for j in range(len(columns))[part]
+    }

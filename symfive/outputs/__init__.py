@@ -5,7 +5,7 @@ read and of what was written; `Reading` refuses a file that is not the one its m
 edit (a plan's tables, TOML) are listed there and not bound. A folder without a manifest is read as it is.
 """
 
-from symfive.outputs._folder import output_file, output_folder, write_bytes, write_json, write_text
+from symfive.outputs._folder import output_file, output_folder, write_bytes, write_json, write_parts, write_text
 from symfive.outputs._manifest import MANIFEST, by_command
 from symfive.outputs._reading import Reading
 
@@ -17,5 +17,6 @@ __all__ = [
     "output_folder",
     "write_bytes",
     "write_json",
+    "write_parts",
     "write_text",
 ]

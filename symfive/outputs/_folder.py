@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,16 +15,21 @@ from symfive.errors import InputError
 from symfive.outputs._manifest import MANIFEST, SCHEMA, command, cut, digest_of, manifest_of
 from symfive.outputs._place import Output, alone, before_of, being_written, put, swap, sync, writing
 
-__all__ = ["output_file", "output_folder", "write_bytes", "write_json", "write_text"]
+__all__ = ["output_file", "output_folder", "write_bytes", "write_json", "write_parts", "write_text"]
 
 
 def write_bytes(path: Path, data: bytes, *, to_edit: bool = False) -> None:
     """Write a file: as part of the output that is open, else by itself, whole or not at all. `to_edit`: people change it."""
+    write_parts(path, (data,), to_edit=to_edit)
+
+
+def write_parts(path: Path, parts: Iterable[bytes], *, to_edit: bool = False) -> None:
+    """The same for a long file that is made part by part."""
     output = being_written.get()
     if output is not None and output.holds(path):
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            put(path, data)
+            put(path, parts)
         if to_edit:
             output.to_edit.add(Path(os.path.abspath(path)).relative_to(output.beside).as_posix())
         return
@@ -32,7 +37,7 @@ def write_bytes(path: Path, data: bytes, *, to_edit: bool = False) -> None:
     with writing(path), alone(target):
         beside = target.with_name(f".{target.name}.writing")
         try:
-            put(beside, data)
+            put(beside, parts)
             os.replace(beside, target)
         except BaseException:
             beside.unlink(missing_ok=True)
@@ -175,7 +180,7 @@ def _finish(output: Output) -> None:
         "outputs": {name: digest for name, digest in digests.items() if name not in output.to_edit},
         "to_edit": {name: digest for name, digest in digests.items() if name in output.to_edit},
     }
-    put(output.beside / MANIFEST, (json.dumps(manifest, indent=1, ensure_ascii=False) + "\n").encode())
+    put(output.beside / MANIFEST, [(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n").encode()])
     for name in _replaceable(output):
         here, there = output.target / name, output.beside / name
         if os.path.lexists(there):
