@@ -3,7 +3,7 @@ stand."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -100,13 +100,15 @@ class Nominal:
         vectors = np.broadcast_to(np.asarray(directions, dtype=float), (len(rotation), 3))
         return np.asarray(np.einsum("nji,nj->ni", rotation, vectors))
 
-    def follow(self, target: Array, tool_ball: Sequence[float] | Array, fixed: Fixed, what: str) -> Commands:
+    def follow(
+        self, target: Array, tool_ball: Sequence[float] | Array, fixed: Fixed, what: str | Callable[[int], str]
+    ) -> Commands:
         """Commands that bring the tool ball to `target` (N, 3), mm in the workpiece frame.
 
         Rotary axes stand where `fixed` says (a number or (N,)) or at home; the linear axes that are not fixed
         are solved for. The ball moves linearly with them, so one linear solve is exact, whatever their
         directions; where there are more than three, the shortest motion is taken. Raises `InputError` naming
-        `what` cannot be reached.
+        `what` cannot be reached, a text or a function of the target's number.
         """
         commands = self.commands(fixed, len(target))
         names = self.machine.axis_names
@@ -117,7 +119,8 @@ class Nominal:
         change = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), wanted)
         missed = np.linalg.norm(np.einsum("nij,nj->ni", matrix, change) - wanted, axis=1)
         if missed.size and missed.max() > REACHED_MM:
-            problem = f"{what}: the linear axes {', '.join(moving) or '(none)'} miss a pose by {missed.max():.3g} mm"
+            named = what if isinstance(what, str) else what(int(missed.argmax()))
+            problem = f"{named}: the linear axes {', '.join(moving) or '(none)'} miss a pose by {missed.max():.3g} mm"
             raise InputError(problem, remedy="choose poses that they can reach, or free a linear axis")
         for i, name in enumerate(moving):
             commands[name] = commands[name] + change[:, i]
