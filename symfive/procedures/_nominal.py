@@ -55,11 +55,11 @@ class Nominal:
         return q, *chain_poses(self.machine, position, {}, {})
 
     @cached_property
-    def _pointing(self) -> Any:
+    def _pointing(self) -> Mapped:
         """Commands → the tool's axis in the workpiece frame (3,) and its slopes (3, axes)."""
         q, workpiece, tool = self._chain()
         pointing = workpiece.rotation.T @ tool.rotation[:, 2]
-        return ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))])
+        return Mapped(ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))]))
 
     def _evaluate(self, commands: Mapping[str, Array], tool_ball: Sequence[float] | Array) -> list[Array]:
         """Ball (N, 3, 1), its slopes (N, 3, axes), the workpiece's rotation and translation, the tool's
@@ -186,20 +186,19 @@ class Nominal:
         """Newton's method on the rotary axes (N, R), degree, from `start`; NaN where it does not arrive."""
         names = self.machine.axis_names
         columns = [names.index(name) for name in rotary]
-        q = np.zeros((len(names), len(start)))
-        q[columns] = start.T
-        function = self._pointing.map(len(start))
+        q = np.zeros((len(start), len(names)))
+        q[:, columns] = start
         missed = np.full(len(start), np.inf)
         for _ in range(NEWTON):
-            point, slope = (np.asarray(part) for part in function(ca.DM(q)))
-            left = directions - point.T
+            point, slope = self._pointing(q)
+            left = directions - point
             missed = np.linalg.norm(left, axis=1)
             if missed.max() < REACHED_RAD:
                 break
-            slopes = slope.reshape(3, len(start), -1).transpose(1, 0, 2)[:, :, columns]
+            slopes = slope.reshape(len(start), -1, 3).transpose(0, 2, 1)[:, :, columns]
             change = np.einsum("nij,nj->ni", np.linalg.pinv(slopes, rcond=1e-6), left)
-            q[columns] += np.clip(change, -SEED_DEG, SEED_DEG).T
-        return np.where(missed[:, None] < REACHED_RAD, q[columns].T, np.nan)
+            q[:, columns] += np.clip(change, -SEED_DEG, SEED_DEG)
+        return np.where(missed[:, None] < REACHED_RAD, q[:, columns], np.nan)
 
     def axis_line(self, name: str, fixed: Fixed) -> tuple[Array, Array]:
         """A point (mm) on a rotary axis and its direction, in the machine frame, with the other axes as in
