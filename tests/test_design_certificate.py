@@ -28,7 +28,7 @@ def _locations(name: str) -> Machine:
 def ball_bar() -> tuple[Space, Task, Rows]:
     space = make_space(_locations("wang-li-2016"), "ball_bar")
     task = task_of(space, "D", [p.name for p in space.shared], None)
-    return space, task, optimise(space, task, 24, 2, starts=2)[0]
+    return space, task, optimise(space, task, 16, 2, starts=1)[0]
 
 
 @pytest.mark.slow

@@ -125,6 +125,7 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
 
 
+@pytest.mark.slow
 def test_the_likelihood_ratio_of_a_drift_keeps_its_rate_under_slow_noise(tmp_path):
     """Twelve campaigns of noise alone: χ² or less; with a drift, far beyond."""
     machine = plant.static_table()
@@ -144,6 +145,7 @@ def test_the_likelihood_ratio_of_a_drift_keeps_its_rate_under_slow_noise(tmp_pat
     assert chance(12, [drift]) < 1e-3
 
 
+@pytest.mark.slow
 def test_heat_that_comes_late_is_not_taken_for_slow_noise(tmp_path):
     """Six circles within a few minutes: in each the drift is hardly more than a set-up that lies elsewhere."""
     machine = plant.planar_table()
@@ -691,9 +693,11 @@ def test_a_cycle_over_time_is_foretold_though_it_has_no_name(tmp_path):
 LACKING = [
     ("B velocity sign", ("lateral_play", "setup_shift", "gravity_sag"),
      {"effect": "lateral_play", "component": "EZB", "width": 8.0, "form": "presliding", "distance": 30.0}),
-    ("B velocity sign", ("lateral_play", "setup_shift", "gravity_sag"),
-     {"effect": "lateral_play", "component": "EAB", "width": 60.0, "form": "presliding", "distance": 30.0}),
-    ("t", ("vibration",), {"effect": "vibration", "frequency_hz": 6.7, "amplitude": 2.0, "direction": [0.8, 0.6, 0.0]}),
+    pytest.param("B velocity sign", ("lateral_play", "setup_shift", "gravity_sag"),
+     {"effect": "lateral_play", "component": "EAB", "width": 60.0, "form": "presliding", "distance": 30.0},
+     marks=pytest.mark.slow),
+    pytest.param("t", ("vibration",),
+     {"effect": "vibration", "frequency_hz": 6.7, "amplitude": 2.0, "direction": [0.8, 0.6, 0.0]}, marks=pytest.mark.slow),
     pytest.param("X", ("transmission_error", "error_motion", "table_step"),
      {"effect": "transmission_error", "axis": "X", "period": 12.0, "amplitude": 3.0, "phase": 1.0}, marks=pytest.mark.slow),
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from symfive.errors import InputError
 from symfive.kinematics import Basis, axis_pose, ball_in_workpiece, basis_of, first_order
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis
+from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
 from symfive.procedures import Nominal
 
 LETTERS = "XYZABC"
@@ -125,6 +125,12 @@ def test_inverse_round_trip(data):
     assert np.abs(reached - target).max() < 1e-9 * scale
     position = {n: v[1] * machine.axes[n].to_internal for n, v in commands.items()}
     assert ball(machine, position, tool) == pytest.approx(reached[1], abs=1e-9 * scale)
+
+
+def test_a_target_that_cannot_be_reached_is_named_by_its_number():
+    target = np.array([[10.0, 0.0, 5.0], [20.0, 0.1, 5.0], [30.0, 0.0, 5.0]])
+    with pytest.raises(InputError, match=r"^line 3: the linear axes X, Z miss a pose by 0\.1 mm"):
+        Nominal(preset("three-axis")).follow(target, (0.0, 0.0, 0.0), {"Y": 0.0}, lambda pose: f"line {pose + 2}")
 
 
 @slow

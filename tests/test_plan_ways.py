@@ -43,6 +43,12 @@ def made() -> Plan:
     return plan(TABLE, instrument="ball_bar", points=16, starts=1, anywhere=False)
 
 
+@pytest.fixture(scope="module")
+def few() -> Run:
+    """The first run of a plan of four R-test poses."""
+    return plan(TABLE, instrument="r_test", points=4, starts=1, anywhere=False).campaign.runs[0]
+
+
 # --- ways --------------------------------------------------------------------------------------------------------------
 
 
@@ -328,19 +334,17 @@ def test_the_sheet_says_what_the_program_says(made: Plan, tmp_path) -> None:
     assert "no tool offset, the control shows X" in page
 
 
-def test_a_way_to_the_far_side_of_the_moon_is_left_at_once() -> None:
+def test_a_way_to_the_far_side_of_the_moon_is_left_at_once(few: Run) -> None:
     """Where a chain is nearly singular a way is kilometres long: outside the travel it is blocked without a look along it."""
-    run = plan(TABLE, instrument="r_test", points=4, starts=1).campaign.runs[0]
-    pose = {name: float(q[0]) for name, q in run.commands.items()}
+    pose = {name: float(q[0]) for name, q in few.commands.items()}
     steps = [Step(kind="feed", commands=place, towards=1, seated=True) for place in (pose, {**pose, "X": 1e12}, pose)]
-    assert blocked_moves(TABLE, run, steps) == [(1, "travel of X")]
+    assert blocked_moves(TABLE, few, steps) == [(1, "travel of X")]
 
 
-def test_first_blocks_under_tool_centre_control_have_their_feed() -> None:
+def test_first_blocks_under_tool_centre_control_have_their_feed(few: Run) -> None:
     """The way of the first block after the switch is that of the ball, and a block of the rotary axes alone has a feed."""
-    run = plan(TABLE, instrument="r_test", points=4, starts=1).campaign.runs[0]
     post = Post(tool_centre_on="M128", tool_centre_off="M129")
-    text = render(DIALECTS["heidenhain"], "nest", program_steps(TABLE, run, post))
+    text = render(DIALECTS["heidenhain"], "nest", program_steps(TABLE, few, post))
     feeds = [float(word) for word in re.findall(r" R0 F([\d.]+)$", text, flags=re.M)]
     assert feeds[0] == pytest.approx(500.0, rel=1e-3)
     assert min(feeds) > 1.0

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
+from symfive.compiled import Mapped
 from symfive.design._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation
 from symfive.design._distance import Rod, apart
 from symfive.kinematics import ball_in_workpiece, chain_poses
@@ -34,7 +35,7 @@ class Clearances:
         workpiece, spindle = chain_poses(machine, position, {}, {})
         place = ball_in_workpiece(machine, position, ca.DM(run.tool_ball))
         axis = workpiece.rotation.T @ spindle.rotation[:, 2]
-        self._frame: Any = ca.Function("frame", [q], [place, axis])
+        self._frame = Mapped(ca.Function("frame", [q], [ca.densify(place), ca.densify(axis)]))
         self.machine, self.table_ball = machine, np.asarray(run.table_ball, dtype=float)
         self.bar, self.stands = "ball_bar" in run.instrument, bool({"ball_bar", "r_test"} & set(run.instrument))
         nose = machine.workspace.spindle_nose
@@ -56,25 +57,26 @@ class Clearances:
         place, axis = self.frames(commands)
         workspace, count = self.machine.workspace, len(commands)
         stem = Rod(place, axis, np.full(count, self.above), workspace.tool_radius or 0.0)
-        found: dict[str, Array] = {}
         bodies = {"tool": stem}
         if self.nose is not None:
             bodies["spindle nose"] = Rod(place + self.above * axis, axis, np.full(count, NOSE_LENGTH), self.nose)
         x, y, z = self.table_ball
         post = self._upright(count, (x, y, 0.0), max(z - POST_TOP, 0.0), workspace.post_radius or 0.0)
         ball = self._upright(count, (x, y, z), 0.0, 0.0)
+        pairs: dict[str, tuple[Rod, Rod]] = {}
         for name, body in bodies.items():
-            found[f"{name} and table"] = self._off_the_table(body, enough)
-            found[f"{name} and post"] = apart(body, post, enough)
-            found[f"{name} and table ball"] = apart(body, ball, enough + BALL_RADIUS) - BALL_RADIUS
+            pairs |= {f"{name} and post": (body, post), f"{name} and table ball": (body, ball)}
         way = place - self.table_ball
         size = np.linalg.norm(way, axis=1)
-        found["tool and table ball"] = np.where(size > 2.0 * BALL_RADIUS, found["tool and table ball"], np.inf)
         if self.bar and bar:
             rod = Rod(ball.start, way / np.maximum(size, 1e-9)[:, None], size)
+            bodies["bar"] = rod
+            pairs["bar and post"] = rod, post
             if self.nose is not None:
-                found["spindle nose and bar"] = apart(bodies["spindle nose"], rod, enough)
-            found["bar and post"], found["bar and table"] = apart(rod, post, enough), self._off_the_table(rod, enough)
+                pairs["spindle nose and bar"] = bodies["spindle nose"], rod
+        found = self._apart(pairs, bodies, enough)
+        found["tool and table ball"] = np.where(size > 2.0 * BALL_RADIUS, found["tool and table ball"], np.inf)
+        if "bar" in bodies:
             least = math.sin(math.radians(least_elevation(workspace)))
             found["bar and cup"] = (way[:, 2] - least * size) / (
                 1.0 - least
@@ -87,16 +89,24 @@ class Clearances:
 
     def frames(self, commands: Array) -> tuple[Array, Array]:
         """Tool ball and unit vector of the tool's axis in the workpiece frame, (N, 3) each."""
-        place, axis = self._frame.map(len(commands))(commands.T)
-        return np.asarray(place).T, np.asarray(axis).T
+        place, axis = self._frame(commands)
+        return place, axis
 
-    def _off_the_table(self, body: Rod, enough: float) -> Array:
-        """Distance from the table, a plane where nobody says how wide it is."""
-        radius = self.machine.workspace.table_radius
+    def _apart(self, pairs: dict[str, tuple[Rod, Rod]], bodies: dict[str, Rod], enough: float) -> dict[str, Array]:
+        """Distances (N,) of the pairs, and of the bodies from the table, a plane where nobody says how wide it is: one search for
+        all."""
+        radius, found = self.machine.workspace.table_radius, {}
         if radius is None:
-            return body.lowest
-        foot = (*self.machine.table_centre, -TABLE_DEPTH)
-        return apart(body, self._upright(len(body.start), foot, TABLE_DEPTH, radius + TABLE_EDGE), enough)
+            found = {f"{name} and table": body.lowest for name, body in bodies.items()}
+        else:
+            foot = (*self.machine.table_centre, -TABLE_DEPTH)
+            table = self._upright(len(bodies["tool"].start), foot, TABLE_DEPTH, radius + TABLE_EDGE)
+            pairs = pairs | {f"{name} and table": (body, table) for name, body in bodies.items()}
+        balls = np.array([BALL_RADIUS if name.endswith("table ball") else 0.0 for name in pairs])[:, None]
+        a, b = (Rod.joined(rods) for rods in zip(*pairs.values(), strict=True))
+        far = np.broadcast_to(enough + balls, (len(pairs), len(bodies["tool"].start)))
+        gaps = apart(a, b, far.ravel()).reshape(far.shape) - balls
+        return found | dict(zip(pairs, gaps, strict=True))
 
     @staticmethod
     def _upright(count: int, foot: tuple[float, float, float], height: float, radius: float) -> Rod:

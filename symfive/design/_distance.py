@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,16 +30,24 @@ EDGES, FACES = list(itertools.combinations(range(4), 2)), list(itertools.combina
 
 @dataclass(frozen=True)
 class Rod:
-    """Cylinders with flat ends: `start` (N, 3) of their axes, unit vectors `axis` (N, 3), `length` (N,), one radius, mm."""
+    """Cylinders with flat ends: `start` (N, 3) of their axes, unit vectors `axis` (N, 3), `length` and `radius` (N,), mm."""
 
     start: Array
     axis: Array
     length: Array
-    radius: float = 0.0
+    radius: float | Array = 0.0
+
+    @classmethod
+    def joined(cls, rods: Sequence[Rod]) -> Rod:
+        """All of several, one after the other."""
+        radius = np.concatenate([np.broadcast_to(rod.radius, rod.length.shape) for rod in rods])
+        start, axis, length = (np.concatenate([getattr(rod, n) for rod in rods]) for n in ("start", "axis", "length"))
+        return cls(start, axis, length, radius)
 
     def at(self, rows: NDArray[np.int64]) -> Rod:
         """Some of them."""
-        return Rod(self.start[rows], self.axis[rows], self.length[rows], self.radius)
+        radius = np.broadcast_to(self.radius, self.length.shape)[rows]
+        return Rod(self.start[rows], self.axis[rows], self.length[rows], radius)
 
     @property
     def middle(self) -> Array:
@@ -54,20 +63,37 @@ class Rod:
         """The points (N, 3) that lie farthest along the directions (N, 3)."""
         along = _dot(direction, self.axis)
         point = self.start + np.where(along > 0.0, self.length, 0.0)[:, None] * self.axis
-        if self.radius == 0.0:
+        if not np.any(self.radius):
             return np.asarray(point)
         aside = direction - along[:, None] * self.axis
         size = np.linalg.norm(aside, axis=1)
         over = size > STRAIGHT * np.linalg.norm(direction, axis=1)
         return np.asarray(point + (self.radius * over / np.where(over, size, 1.0))[:, None] * aside)
 
+    def nearest(self, points: Array) -> Array:
+        """The points (N, 3) of the cylinders that are nearest to the points (N, 3)."""
+        offset = points - self.start
+        along = _dot(offset, self.axis)
+        aside = offset - along[:, None] * self.axis
+        share = self.radius / np.maximum(np.linalg.norm(aside, axis=1), np.maximum(self.radius, FLAT))
+        return np.asarray(self.start + np.clip(along, 0.0, self.length)[:, None] * self.axis + share[:, None] * aside)
 
-def apart(a: Rod, b: Rod, enough: float = math.inf) -> Array:
-    """Distance (N,) of the cylinders, mm, from below, negative where they meet; not sought further once it is above `enough`."""
-    found = np.full(len(a.start), -np.inf)
-    for direction in (a.middle - b.middle, np.broadcast_to(b.axis, a.start.shape)):
-        found = np.maximum(found, _bound(direction, _support(a, b, direction)))
-    live = np.flatnonzero(found <= enough)
+
+def apart(a: Rod, b: Rod, enough: float | Array = math.inf) -> Array:
+    """Distance (N,) of the cylinders, mm, from below, negative where they meet; not sought further once it is above `enough`, of
+    all or (N,).
+
+    Three directions settle most: between the middles, along b (a stands above its end), and between two near points.
+    """
+    there = b.nearest(a.middle)
+    here = a.nearest(there)
+    found, above = np.full(len(a.start), -np.inf), np.linalg.norm(here - there, axis=1)
+    for direction in (a.middle - b.middle, np.broadcast_to(b.axis, a.start.shape), here - there):
+        corner = a.farthest(-direction)
+        found = np.maximum(found, _bound(direction, corner - b.farthest(direction)))
+        above = np.minimum(above, np.linalg.norm(corner - b.nearest(corner), axis=1))
+    enough = np.broadcast_to(enough, found.shape)
+    live = np.flatnonzero((found <= enough) & (above - found > WITHIN_MM))
     a, b = a.at(live), b.at(live)
     simplex = np.repeat(_support(a, b, a.middle - b.middle)[:, None, :], 4, axis=1)
     nearest = simplex[:, 0]
@@ -80,7 +106,7 @@ def apart(a: Rod, b: Rod, enough: float = math.inf) -> Array:
         below = _bound(nearest, point)
         found[live] = np.maximum(found[live], below)
         size = np.linalg.norm(nearest, axis=1)
-        on = np.flatnonzero((size - found[live] > WITHIN_MM) & (found[live] <= enough) & (size > WITHIN_MM))
+        on = np.flatnonzero((size - found[live] > WITHIN_MM) & (found[live] <= enough[live]) & (size > WITHIN_MM))
         live, a, b = live[on], a.at(on), b.at(on)
         simplex = np.where(kept[on, :, None], simplex[on], point[on, None, :])
         nearest, kept, inside = _nearest(simplex)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -33,7 +34,7 @@ def svg(figure: Figure) -> str:
     """The figure as SVG text, the same bytes whenever it is drawn."""
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "symfive", "svg.fonttype": "none"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches="tight")
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
 
 
@@ -52,11 +53,11 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
         _table(panel, machine, j == 1)
         if j == 2:
             panel.plot([run.table_ball[0]] * 2, [0.0, run.table_ball[2]], color="0.6", linewidth=3.0, zorder=0)
-        for ball, axis, colour in zip(balls, axes_of_tool, colours, strict=True):
-            end = ball + STICK_MM * axis
-            panel.plot([ball[i], end[i]], [ball[j], end[j]], color=colour, linewidth=0.8, linestyle=(0, (3, 1.5)))
-            if "ball_bar" in run.instrument:
-                panel.plot([run.table_ball[i], ball[i]], [run.table_ball[j], ball[j]], color=colour, linewidth=1.8)
+        sticks = np.stack([balls, balls + STICK_MM * axes_of_tool], axis=1)[:, :, [i, j]]
+        panel.add_collection(LineCollection(list(sticks), colors=colours, linewidths=0.8, linestyles=[(0, (3, 1.5))]))
+        if "ball_bar" in run.instrument:
+            bars = np.stack([np.broadcast_to(run.table_ball, balls.shape), balls], axis=1)[:, :, [i, j]]
+            panel.add_collection(LineCollection(list(bars), colors=colours, linewidths=1.8))
         panel.plot(run.table_ball[i], run.table_ball[j], "o", color="#c1121f", markersize=6)
         panel.set_aspect("equal")
         panel.margins(0.08)

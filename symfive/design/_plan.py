@@ -22,7 +22,7 @@ from symfive.design._certificate import Certificate, certify
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._optimise import optimise, value_of
-from symfive.design._reach import with_ways_out
+from symfive.design._reach import Reach, with_ways_out
 from symfive.design._refine import Rows
 from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior, robust_exchange, survive_a_lost_pose
@@ -152,12 +152,14 @@ def plan(
     refuse_unseen(space, task, points, names)
     progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
 
+    reach = Reach(space)
+
     def lay(design: Rows) -> Schedule:
         return scheduled(space, design, returns=returns, repeats=repeats, noise_um=noise_um)
 
     def best_of(count: int, at_most: int) -> tuple[Rows, tuple[float, ...]]:
         design, psi = optimise(space, task, count, at_most, starts=starts, seed=seed, pool=pool, progress=progress)
-        return with_ways_out(space, task, one_tool(space, task, rounded(space, design))), psi
+        return with_ways_out(reach, task, one_tool(space, task, rounded(space, design))), psi
 
     def fitted(design: Rows) -> Rows:
         if minutes is None:
@@ -182,7 +184,7 @@ def plan(
         progress("making it survive the loss of a pose")
         rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
     progress("ways between the poses")
-    schedule, post = _with_ways(lay, fitted(with_ways_out(space, task, rows)))
+    schedule, post = _with_ways(lay, fitted(with_ways_out(reach, task, rows)))
     while minutes is not None and schedule.seconds > 60.0 * minutes:
         over = schedule.seconds - 60.0 * minutes
         estimate = lay(schedule.rows)

@@ -15,14 +15,14 @@ from symfive.design._space import Space
 from symfive.design._ways import REMEDY, Ways
 from symfive.errors import InputError
 
-__all__ = ["with_ways_out"]
+__all__ = ["Reach", "with_ways_out"]
 
 Array = NDArray[np.float64]
 PASSES = 2
 
 
-class _Reach:
-    """Whether poses of a design's set-ups have a way out; what is in the way where they have none."""
+class Reach:
+    """Whether poses of a design's set-ups have a way out; what is in the way where they have none. A pose is tested once."""
 
     def __init__(self, space: Space) -> None:
         self.space = space
@@ -51,13 +51,13 @@ def _run(space: Space, z: Array, k: Array) -> Run:
     )  # fmt: skip
 
 
-def with_ways_out(space: Space, task: Task, rows: Rows) -> Rows:
+def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
     """The design with every pose one from which the tool can be drawn back clear of everything.
 
     The others are exchanged for the poses of a grid in the same set-ups that tell most. Raises `InputError` where no pose has
     a way out.
     """
-    reach = _Reach(space)
+    space = reach.space
     met = reach.in_the_way(rows.z, rows.k)
     if not any(met):
         return rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from symfive.errors import InputError
@@ -23,7 +24,13 @@ def preset(name: str) -> Machine:
     """The ready-made machine of that name. Raises `InputError` for a name that is not in `presets()`."""
     if name not in presets():
         raise InputError(f'there is no ready-made machine "{name}"', remedy=f"use one of {', '.join(presets())}")
-    return read_machine(_folder() / f"{name}.toml")
+    return _read(_folder() / f"{name}.toml")
+
+
+@cache
+def _read(path: Path) -> Machine:
+    """Nothing changes a machine, so one serves everybody."""
+    return read_machine(path)
 
 
 def _folder() -> Path:

@@ -142,6 +142,7 @@ class _Writer:
         self.places = self.seat.places
         self.bar = "ball_bar" in run.instrument
         self.seated = self.centred = False
+        self._known: dict[bool, dict[int, tuple[Array, Array, Array]]] = {}
 
     def steps(self) -> list[Step]:
         run = self.run
@@ -241,9 +242,9 @@ class _Writer:
     def _way(self, row: int, seconds: float) -> tuple[list[Step], float]:
         """From the pose before to this one in so many seconds, or as long as the axes need, and the time to get up to speed and
         to rest."""
-        if all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names):
+        if self._stays(row):
             return [self._pose(row, max(seconds, 0.0))], 0.0
-        commands, places, path = self.seat.blocks(row, self.centred)
+        commands, places, path = self._blocks(row)
         least, more = spread(*pace(self.machine, path), seconds)
         each = least / len(places)
         steps = [
@@ -251,6 +252,17 @@ class _Writer:
             for ends, place in zip(commands[:-1].tolist(), places[:-1], strict=True)
         ]
         return [*steps, self._pose(row, each)], more
+
+    def _stays(self, row: int) -> bool:
+        return all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names)
+
+    def _blocks(self, row: int) -> tuple[Array, Array, Array]:
+        """The way to a row with the ball in its nest (`Seat.blocks`); those of all rows are found at once."""
+        if self.centred not in self._known:
+            around = self.post.unsafe.get(self.run.id, ())
+            rows = [r for r in range(1, self.run.rows) if r not in around and not self._stays(r)]
+            self._known[self.centred] = dict(zip(rows, self.seat.blocks(rows, self.centred), strict=True))
+        return self._known[self.centred][row]
 
     def _recording(self) -> list[Step]:
         """A dynamic run: its own rows, thinned to blocks that a control can read ahead."""

@@ -3,7 +3,7 @@ stand."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -55,11 +55,11 @@ class Nominal:
         return q, *chain_poses(self.machine, position, {}, {})
 
     @cached_property
-    def _pointing(self) -> Any:
+    def _pointing(self) -> Mapped:
         """Commands → the tool's axis in the workpiece frame (3,) and its slopes (3, axes)."""
         q, workpiece, tool = self._chain()
         pointing = workpiece.rotation.T @ tool.rotation[:, 2]
-        return ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))])
+        return Mapped(ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))]))
 
     def _evaluate(self, commands: Mapping[str, Array], tool_ball: Sequence[float] | Array) -> list[Array]:
         """Ball (N, 3, 1), its slopes (N, 3, axes), the workpiece's rotation and translation, the tool's
@@ -100,13 +100,15 @@ class Nominal:
         vectors = np.broadcast_to(np.asarray(directions, dtype=float), (len(rotation), 3))
         return np.asarray(np.einsum("nji,nj->ni", rotation, vectors))
 
-    def follow(self, target: Array, tool_ball: Sequence[float] | Array, fixed: Fixed, what: str) -> Commands:
+    def follow(
+        self, target: Array, tool_ball: Sequence[float] | Array, fixed: Fixed, what: str | Callable[[int], str]
+    ) -> Commands:
         """Commands that bring the tool ball to `target` (N, 3), mm in the workpiece frame.
 
         Rotary axes stand where `fixed` says (a number or (N,)) or at home; the linear axes that are not fixed
         are solved for. The ball moves linearly with them, so one linear solve is exact, whatever their
         directions; where there are more than three, the shortest motion is taken. Raises `InputError` naming
-        `what` cannot be reached.
+        `what` cannot be reached, a text or a function of the target's number.
         """
         commands = self.commands(fixed, len(target))
         names = self.machine.axis_names
@@ -117,7 +119,8 @@ class Nominal:
         change = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), wanted)
         missed = np.linalg.norm(np.einsum("nij,nj->ni", matrix, change) - wanted, axis=1)
         if missed.size and missed.max() > REACHED_MM:
-            problem = f"{what}: the linear axes {', '.join(moving) or '(none)'} miss a pose by {missed.max():.3g} mm"
+            named = what if isinstance(what, str) else what(int(missed.argmax()))
+            problem = f"{named}: the linear axes {', '.join(moving) or '(none)'} miss a pose by {missed.max():.3g} mm"
             raise InputError(problem, remedy="choose poses that they can reach, or free a linear axis")
         for i, name in enumerate(moving):
             commands[name] = commands[name] + change[:, i]
@@ -183,20 +186,19 @@ class Nominal:
         """Newton's method on the rotary axes (N, R), degree, from `start`; NaN where it does not arrive."""
         names = self.machine.axis_names
         columns = [names.index(name) for name in rotary]
-        q = np.zeros((len(names), len(start)))
-        q[columns] = start.T
-        function = self._pointing.map(len(start))
+        q = np.zeros((len(start), len(names)))
+        q[:, columns] = start
         missed = np.full(len(start), np.inf)
         for _ in range(NEWTON):
-            point, slope = (np.asarray(part) for part in function(ca.DM(q)))
-            left = directions - point.T
+            point, slope = self._pointing(q)
+            left = directions - point
             missed = np.linalg.norm(left, axis=1)
             if missed.max() < REACHED_RAD:
                 break
-            slopes = slope.reshape(3, len(start), -1).transpose(1, 0, 2)[:, :, columns]
+            slopes = slope.reshape(len(start), -1, 3).transpose(0, 2, 1)[:, :, columns]
             change = np.einsum("nij,nj->ni", np.linalg.pinv(slopes, rcond=1e-6), left)
-            q[columns] += np.clip(change, -SEED_DEG, SEED_DEG).T
-        return np.where(missed[:, None] < REACHED_RAD, q[columns].T, np.nan)
+            q[:, columns] += np.clip(change, -SEED_DEG, SEED_DEG)
+        return np.where(missed[:, None] < REACHED_RAD, q[:, columns], np.nan)
 
     def axis_line(self, name: str, fixed: Fixed) -> tuple[Array, Array]:
         """A point (mm) on a rotary axis and its direction, in the machine frame, with the other axes as in
