@@ -6,6 +6,8 @@ whose rapids move one axis each: which way several axes take together in a rapid
 Between two poses the ball must stay in its nest (or the bar at its length), so the linear axes follow the rotary ones in
 short straight blocks; with the control's own tool-centre point control (the user's text switches it on) the words are the
 ball's place in the workpiece frame instead and the control does the following.
+
+How recordings are driven is in `_recording`.
 """
 
 from __future__ import annotations
@@ -20,8 +22,10 @@ from numpy.typing import NDArray
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
 from symfive.nc._pace import CAUTION, pace, spread, tenths
+from symfive.nc._recording import circular, pulled_out, said, straight_blocks
 from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_the_top, upright_axis, usual_lift
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal
@@ -38,7 +42,6 @@ CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
 DWELL_S = 2.0
 HAND_S = 30.0
 """Time that a stop takes at which the operator takes a bar off or puts it on."""
-SHORTEST_BLOCK_S = 0.02
 SHORT_REST_S = 0.1
 STANDSTILL = 1e-4
 """mm or degree: the last digit that every control reads."""
@@ -142,6 +145,7 @@ class _Writer:
         self.places = self.seat.places
         self.bar = "ball_bar" in run.instrument
         self.seated = self.centred = False
+        self.circle = circle_of(machine, run)
 
     def steps(self) -> list[Step]:
         run = self.run
@@ -155,17 +159,21 @@ class _Writer:
         ]
         if run.length is not None:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
+        pulled = self.circle is not None and self.bar
         found += self._first_moves()
-        found.append(Step(kind="stop", text=f"SEAT {ball}, ZERO IT"))
+        found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
+        found.append(Step(kind="stop", text="PUT BAR ON, THEN RECORD" if pulled else f"SEAT {ball}, ZERO IT"))
         self.seated = True
         found += self._recording() if run.dynamic else self._poses()
         self.seated = False
-        return [*found, *self._last_moves(f"FREE {ball}, START")]
+        found += self._last_moves("STORED? TAKE BAR OFF" if pulled else f"FREE {ball}, START")
+        upright = self.circle is not None and self.circle.plane != "XY"
+        return [*found, Step(kind="contour", text="XY")] if upright else found
 
     def _first_moves(self) -> list[Step]:
         """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose; a look at it; creep in."""
         lifted = self._way_to(0)[-1]
-        pose = self._commands(0)
+        pose = self._entry(0)
         away = self._apart(pose, lifted)
         return [
             Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
@@ -203,7 +211,7 @@ class _Writer:
         """Creep out, the tool's axis alone to the top, rotary axes home one by one."""
         rows = self.run.rows
         lifted, top, *turned = self._way_to(rows)
-        found = [Step(kind="stop", text=text), *self._creep(lifted, self._commands(rows - 1), rows, out=True)]
+        found = [Step(kind="stop", text=text), *self._creep(lifted, self._entry(rows - 1), rows, out=True)]
         up = replace(self._to_the_top(rows, top), seconds=self._rapidly(lifted, top))
         found += [*self._centred(False, lifted), up]
         return [*found, *(self._rapid(before, after, rows) for before, after in itertools.pairwise([top, *turned]))]
@@ -215,6 +223,8 @@ class _Writer:
     def _centred(self, wanted: bool, there: Positions) -> list[Step]:
         """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'. `there`
         is where the axes stand, so that the way of the next block is known in the words that it is written in."""
+        if wanted and self.circle is not None:
+            return []  # no rotary axis moves: a circle of the linear axes themselves
         self.centred = wanted and bool(self.post.tool_centre_on)
         text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
         words = self._words(there, self._place(there)) if there else {}
@@ -253,12 +263,15 @@ class _Writer:
         return [*steps, self._pose(row, each)], more
 
     def _recording(self) -> list[Step]:
-        """A dynamic run: its own rows, thinned to blocks that a control can read ahead."""
-        step = max(1, int(np.ceil(SHORTEST_BLOCK_S / max(self.run.interval, 1e-6) - 1e-9)))
-        rows = list(range(0, self.run.rows, step))
-        if rows[-1] != self.run.rows - 1:
-            rows.append(self.run.rows - 1)
-        return [self._pose(b, float(self.run.time[b] - self.run.time[a])) for a, b in itertools.pairwise(rows)]
+        """A dynamic run: the control's own circle, or straight blocks."""
+        if self.circle is not None:
+            return circular(self.run, self.circle, bar=self.bar)
+        blocks = straight_blocks(self.run, self.nominal, self.places, centred=bool(self.post.tool_centre_on))
+        return [Step(kind="comment", text=said(blocks)), *(self._pose(row, seconds) for row, seconds in blocks)]
+
+    def _entry(self, row: int) -> Positions:
+        """Where the instrument is seated and freed: the pose itself, or before and after a bar's circle pulled out from it."""
+        return pulled_out(self.run, self.circle, row) if self.circle and self.bar else self._commands(row)
 
     def _detour(self, row: int) -> list[Step]:
         """Out of the nest, around, and in again; a bar is taken off meanwhile."""
