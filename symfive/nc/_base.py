@@ -11,14 +11,14 @@ __all__ = ["Block", "Dialect", "Step", "plain", "render"]
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One step of a program: `kind` is `rapid`, `feed`, `arc`, `contour`, `retract`, `dwell`, `stop`, `comment` or `text`.
+    """One step of a program: `kind` is `rapid`, `feed`, `arc`, `contour`, `retract`, `dwell`, `stop`, `trigger`, `comment` or
+    `text`.
 
     `positions` axis → mm or degree, of the axes that the block names (of a `retract`: one, in machine coordinates; of a `text`:
-    where the machine stands, in the words that hold from there on); `seconds`
-    the time of a move or a dwell; `row` of the run whose pose is reached (None on the way) and `towards` the row to which a move
-    leads (the number of rows: away from the last one); `text` of a comment, of a stop or of the user's own lines; `seated`:
-    whether the ball is in its nest, or the bar on, while it moves; `commands` the positions of all axes at its end, empty where
-    they are not known.
+    where the machine stands, in the words that hold from there on); `seconds` the time of a move or a dwell; `row` of the run
+    whose pose is reached (None on the way) and `towards` the row to which a move leads (the number of rows: away from the last
+    one); `text` of a comment, of a stop or of the user's own lines (a `trigger` starts a reading); `seated`: whether the ball is
+    in its nest, or the bar on, while it moves; `commands` the positions of all axes at its end, empty where they are not known.
     `feed` mm/min along the path, of moves whose speed is part of the result: a program that has one is written with feeds, not
     with times of blocks. An `arc` names the two axes of its plane in `positions` (XY, YZ, ZX, in this order), `centre` of the
     circle in the same words, the signed `sweep` in degree, positive from the first to the second axis, and the positions of all
@@ -145,7 +145,7 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
     words = " ".join(_word(dialect, axis, value) for axis, value in step.positions.items())
     if step.kind == "comment":
         return [dialect.comment.format(text=text)]
-    if step.kind == "text":
+    if step.kind in ("text", "trigger"):
         return [line for line in step.text.splitlines() if line.strip()]
     if step.kind == "stop":
         return [line.format(text=text) for line in dialect.stop]

@@ -43,6 +43,9 @@ DWELL_S = 2.0
 HAND_S = 30.0
 """Time that a stop takes at which the operator takes a bar off or puts it on."""
 SHORT_REST_S = 0.1
+READ_S = 10.0
+"""Time that a stop takes at which the operator reads."""
+AT_POSE = ("dwell", "stop", "trigger")
 STANDSTILL = 1e-4
 """mm or degree: the last digit that every control reads."""
 
@@ -54,10 +57,11 @@ class Post:
     `tool_centre_on`, `tool_centre_off`: the control's lines that switch tool-centre point control (TRAORI, G43.4 H1, M128,
     M428 …); without them the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against
     ISO 841. `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
-    `retract_mm` out of the nest, `dwell_s` at each pose; `unsafe` run → rows to which the way leads around, out of the nest and
-    over the top; `ways` run → row → the way there, from lifted pose to lifted pose (row 0: the lifted pose before the first one,
-    the number of rows: that after the last one, the top, rotary axes home), the usual ones where nothing is given; `tested`:
-    whether all ways were tested for collisions.
+    `retract_mm` out of the nest; `dwell_s` at each pose, long enough for machine and instrument to settle; `at_pose` what comes
+    then: nothing (`dwell`), a `stop` that shows the number of the pose, or your own lines `trigger` that start a reading;
+    `unsafe` run → rows to which the way leads around, out of the nest and over the top; `ways` run → row → the way there, from
+    lifted pose to lifted pose (row 0: the lifted pose before the first one, the number of rows: that after the last one, the
+    top, rotary axes home), the usual ones where nothing is given; `tested`: whether all ways were tested for collisions.
     """
 
     tool_centre_on: str = ""
@@ -66,9 +70,23 @@ class Post:
     machine_top: float = 0.0
     retract_mm: float = RETRACT_MM
     dwell_s: float = DWELL_S
+    at_pose: str = "dwell"
+    trigger: str = ""
     unsafe: Mapping[str, Sequence[int]] = field(default_factory=dict)
     ways: Mapping[str, Mapping[int, Way]] = field(default_factory=dict)
     tested: bool = False
+
+    def __post_init__(self) -> None:
+        if self.at_pose not in AT_POSE:
+            raise InputError(f'at_pose = "{self.at_pose}" is unknown', remedy=f"use one of {', '.join(AT_POSE)}")
+        if (self.at_pose == "trigger") != bool(self.trigger.strip()):
+            remedy = "give both: --at-pose trigger and --trigger with your control's line, as M64 P0"
+            raise InputError("a trigger needs the lines that start a reading, and lines a trigger", remedy=remedy)
+
+    @property
+    def rest_s(self) -> float:
+        """How long a pose takes, the operator's reading included."""
+        return self.dwell_s + (READ_S if self.at_pose == "stop" else 0.0)
 
 
 def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:
@@ -82,9 +100,10 @@ def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[
 
 def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) -> Array:
     """When the program of a static run reaches every pose (rows,), s from the first one: its ways as they are driven, the dwells,
-    stops of `HAND_S` where a bar is taken off and put on; at least `least_s` a pose, to 0.1 s."""
+    stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least
+    `least_s` a pose, to 0.1 s."""
     writer = _Writer(machine, run, post)
-    needed = [post.dwell_s + writer.seconds_to(row) for row in range(1, run.rows)]
+    needed = [post.rest_s + writer.seconds_to(row) for row in range(1, run.rows)]
     each = np.maximum(
         np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
     )  # the program waits on ways around: `tenths`
@@ -95,7 +114,7 @@ def outside_s(machine: Machine, run: Run, post: Post) -> float:
     """Time of a program's moves before the first pose and from the last dwell on, s, without the stops."""
     writer = _Writer(machine, run, post)
     steps = [*writer._first_moves(), *writer._last_moves("")]
-    return post.dwell_s + sum(step.seconds for step in steps)
+    return post.rest_s + sum(step.seconds for step in steps)
 
 
 def _without_standstill(steps: Sequence[Step]) -> list[Step]:
@@ -231,14 +250,20 @@ class _Writer:
         return [Step(kind="text", text=text, positions=words)] if text else []
 
     def _poses(self) -> list[Step]:
-        found = [Step(kind="dwell", seconds=self.post.dwell_s)]
+        found = [Step(kind="dwell", seconds=self.post.dwell_s), *self._read(0)]
         around = set(self.post.unsafe.get(self.run.id, ()))
         for row in range(1, self.run.rows):
-            seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.dwell_s
+            seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.rest_s
             found += self._detour(row) if row in around else self._way(row, seconds)[0]
             early = seconds - self.seconds_to(row) if row in around else 0.0
-            found.append(Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)))
+            found += [Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)), *self._read(row)]
         return found
+
+    def _read(self, row: int) -> list[Step]:
+        """What a settled pose is read by."""
+        if self.post.at_pose == "stop":
+            return [Step(kind="stop", text=f"READ POSE {row + 1} OF {self.run.rows}")]
+        return [Step(kind="trigger", text=self.post.trigger)] if self.post.at_pose == "trigger" else []
 
     def seconds_to(self, row: int) -> float:
         """How long the way to a row takes, s, without the dwell."""
