@@ -12,7 +12,7 @@ import pytest
 
 from symfive.campaign import Run, read_campaign, write_campaign
 from symfive.design._ways import cleared
-from symfive.machine import Machine, preset
+from symfive.machine import Machine, preset, presets
 from symfive.nc import DIALECTS, Post, program, program_steps, write_programs
 from symfive.procedures import Nominal, campaign_of, cone_circle, planar_circle, rotary_circle, synchronous_circle
 from tests.plan_checker import check
@@ -156,6 +156,15 @@ def test_the_stated_error_of_blocks_holds_at_every_row(run: Run) -> None:
     nominal = Nominal(machine)
     away = np.linalg.norm(nominal.ball(there, run.tool_ball) - nominal.ball(run.commands, run.tool_ball), axis=1)
     assert 1e3 * away.max() <= um + 1e-6 and len(driven) < run.rows
+
+
+@pytest.mark.parametrize("name", presets())
+@pytest.mark.parametrize("dialect", list(DIALECTS))
+def test_no_line_is_longer_than_controls_read(name: str, dialect: str) -> None:
+    machine = preset(name)
+    run = planar_circle(machine, radius=50.0, direction="ccw", rate_hz=20.0)[0]
+    text = program(machine, run, dialect, Post(tested=True, tool_centre_on="M428", tool_centre_off="M429"))
+    assert max(map(len, text.splitlines())) < 250
 
 
 @pytest.mark.linuxcnc

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -108,6 +109,8 @@ class Dialect:
 
 
 SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
+LONGEST = 220
+"""Characters of a comment: LinuxCNC refuses lines of 256."""
 LEAST_FEED = 1e-3
 """mm/min or degree/min: the last digit of a feed without G93."""
 
@@ -144,7 +147,7 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
     text = text.upper() if dialect.upper else text
     words = " ".join(_word(dialect, axis, value) for axis, value in step.positions.items())
     if step.kind == "comment":
-        return [dialect.comment.format(text=text)]
+        return [dialect.comment.format(text=line) for line in textwrap.wrap(text, LONGEST)]
     if step.kind in ("text", "trigger"):
         return [line for line in step.text.splitlines() if line.strip()]
     if step.kind == "stop":
