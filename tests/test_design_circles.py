@@ -283,6 +283,6 @@ def test_a_circle_along_which_bodies_meet_gives_way_to_another(tmp_path: Path) -
     text = next((tmp_path / "circles" / "nc" / "linuxcnc").iterdir()).read_text(encoding="ascii")
     assert "Tested: spindle nose" in text and "NOT CHECKED" not in text.upper().replace("NOT TESTED", "")
     assert check(tmp_path / "circles") == []
-    with pytest.raises(InputError, match="no circle can be run: run yz-ccw: tool and post on every way out"):
+    with pytest.raises(InputError, match="no circle can be run: run yz-ccw: bar and cup along the recording"):
         plan_circles(machine, [make_effect("backlash", "Z")], family="planar", count=1, radii=(50.0,), planes=("YZ",),
                      feeds=(1000.0,), rate_hz=20.0, refine=False)  # fmt: skip

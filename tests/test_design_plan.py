@@ -366,13 +366,14 @@ def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is
 
 def test_a_further_test_without_a_clear_way_gets_no_program(tmp_path: Path) -> None:
     """A whole circle in YZ carries the bar through what stands under the table ball: the sheet says so in a program's place."""
-    asked = campaign_of(preset("three-axis"), planar_circle(preset("three-axis"), plane="YZ", direction="ccw"))
+    machine = preset("three-axis")
+    asked = campaign_of(machine, planar_circle(machine, plane="YZ", sweep_deg=360.0, direction="ccw"))
     write_test(
         Discrimination(asked, 41.2, 2.0, (Separation("yz-ccw", 41.2, 40.0, 42.0, 3.0),)), tmp_path, nc=("linuxcnc",)
     )
     assert not list(tmp_path.glob("nc/*/*"))
     sheet = (tmp_path / "setup.html").read_text(encoding="utf-8")
-    assert "No program: run yz-ccw: bar and" in sheet and "on every way out of the pose of line" in sheet
+    assert "No program: run yz-ccw: bar and" in sheet and "along the recording at line" in sheet
 
 
 def test_ninety_poses_for_the_worst_known_direction() -> None:

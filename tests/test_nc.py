@@ -15,7 +15,7 @@ import pytest
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine, preset
-from symfive.nc import DIALECTS, Post, program, program_steps, write_programs
+from symfive.nc import DIALECTS, Post, arrival_times, program, program_steps, write_programs
 from symfive.procedures import (
     Nominal,
     campaign_of,
@@ -181,6 +181,34 @@ def test_every_stop_shows_its_text_on_the_controls_screen(dialect: str) -> None:
     assert texts == ["CLEAR? Z GOES TO TOP FIRST", "BALL STANDS 50 MM OFF?", "SEAT BALL BAR, ZERO IT", "TAKE THE BAR OFF",
                      "PUT THE BAR ON", "FREE BALL BAR, START"]  # fmt: skip
     assert re.findall(SCREEN[dialect], program(machine, run, dialect, post)) == texts
+
+
+@pytest.mark.parametrize("dialect", list(DIALECTS))
+def test_every_pose_is_read_at_a_stop_with_its_number(dialect: str) -> None:
+    machine, run = RUNS[0]
+    post = Post(at_pose="stop", dwell_s=3.0)
+    run = replace(run, time=arrival_times(machine, run, post))
+    texts = re.findall(SCREEN[dialect], program(machine, run, dialect, post))
+    poses = [text for text in texts if text.startswith("READ POSE")]
+    assert poses == [f"READ POSE {row + 1} OF {run.rows}" for row in range(run.rows)]
+    steps = program_steps(machine, run, post)
+    rests = [(a, b) for a, b in itertools.pairwise(steps) if b.text.startswith("READ POSE")]
+    assert all(a.kind == "dwell" and a.seconds >= 3.0 for a, _ in rests)
+    first, *_, last = [i for i, step in enumerate(steps) if step.kind == "dwell"]
+    driven = sum(step.seconds for step in steps[first:last]) + 10.0 * (run.rows - 1)  # ten seconds to read each
+    assert driven <= run.duration <= 1.1 * driven + 0.1 * run.rows
+
+
+def test_every_pose_ends_with_the_users_trigger() -> None:
+    machine, run = RUNS[0]
+    steps = program_steps(machine, run, Post(at_pose="trigger", trigger="M64 P0\nM65 P0"))
+    triggers = [i for i, step in enumerate(steps) if step.kind == "trigger"]
+    assert len(triggers) == run.rows and all(steps[i - 1].kind == "dwell" for i in triggers)
+    text = program(machine, run, "linuxcnc", Post(at_pose="trigger", trigger="M64 P0\nM65 P0"))
+    assert len(re.findall(r"G4 P[\d.]+\nM64 P0\nM65 P0\n", text)) == run.rows
+    for wrong in ({"at_pose": "trigger"}, {"trigger": "M64 P0"}, {"at_pose": "hand"}):
+        with pytest.raises(InputError, match=r"trigger|unknown"):
+            Post(**wrong)
 
 
 def test_tool_centre_control_is_switched_by_the_users_text() -> None:

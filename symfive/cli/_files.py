@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from symfive.cli._common import PATH, POSITIVE, Number, app, output_path, overwrite, quiet
+from symfive.cli._common import PATH, POSITIVE, Number, app, campaign_path, output_path, overwrite, quiet, read
 
 if TYPE_CHECKING:
     from symfive.errors import InputError
 
-__all__ = ["codegen", "convert", "import_mtconnect", "import_polar"]
+__all__ = ["codegen", "convert", "import_mtconnect", "import_polar", "import_rests"]
 
 
 @app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
@@ -143,6 +144,61 @@ def _not_in_the_file(path: Path, radius: float | None, feed: float | None) -> In
     problem = f"angle and deviation are there, {' and '.join(lacking)} not"
     turn = "the angles give the direction, rising is ccw; where they do not, add --direction cw"
     return InputError(problem, path=path, remedy=f"add {' and '.join(lacking.values())} ({turn})")
+
+
+@app.command(
+    name="import-rests",
+    epilog="Example: symfive import-rests plan/ nest-1.txt nest-2.txt -o measured/ --columns t,dx_um,dy_um,dz_um",
+)
+@campaign_path
+@click.argument("files", type=PATH, nargs=-1, required=True, help="Recordings of whole runs, one file a run.")
+@output_path
+@click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
+@click.option("--columns", default="t,dx_um,dy_um,dz_um", help="The file's columns in order, - for what is not needed.")
+@click.option("--unit", default="um", help="Unit of the readings: um or mm.")
+@click.option("--dwell", type=POSITIVE, default=2.0, help="Rest at each pose in s, as in the program.")
+@overwrite
+@quiet
+def import_rests(
+    campaign: Path,
+    files: tuple[Path, ...],
+    output: Path,
+    names: tuple[str, ...],
+    columns: str,
+    unit: str,
+    dwell: float,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """A plan with its readings, from recordings over whole runs: cut at the rests, which are matched with the poses."""
+    from symfive.campaign import write_campaign_files
+    from symfive.errors import InputError
+    from symfive.importers import cut_at_rests, read_recording
+    from symfive.outputs import output_folder
+
+    with output_folder(output, overwrite=overwrite, recorded=True) as folder:
+        plan = read(campaign, quiet)
+        runs = {run.id: run for run in plan.runs}
+        wanted = names or tuple(run.id for run in plan.runs if not run.dynamic)[: len(files)]
+        if len(wanted) != len(files) or len(set(wanted)) < len(wanted):
+            problem = f"{len(files)} files for {len(wanted)} runs ({', '.join(wanted) or 'none'})"
+            raise InputError(problem, remedy="give one file a run, or --run once per file, in their order")
+        for name in wanted:
+            if name not in runs:
+                raise InputError(f"the plan has no run {name}", path=campaign, remedy=f"use one of {', '.join(runs)}")
+        matched = []
+        for path, name in zip(files, wanted, strict=True):
+            time, readings = read_recording(path, [word.strip() for word in columns.split(",")], unit=unit)
+            try:
+                matched.append(cut_at_rests(plan.machine, runs[name], time, readings, dwell_s=dwell))
+            except InputError as error:
+                raise error.at(path) from None
+        measured = replace(plan, runs=tuple(run for found in matched for run in found.runs))
+        write_campaign_files(measured, folder)
+    if not quiet:
+        for found in matched:
+            click.echo(f"note: {found}", err=True)
+        click.echo(f"{measured.rows} rows of {len(measured.runs)} runs in {output}", err=True)
 
 
 @app.command(name="import-mtconnect", epilog="Example: symfive import-mtconnect probe.xml -o machine.toml")

@@ -92,6 +92,20 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--machine-top", type=Number(), default=0.0, help="Where the tool's axis is at its top, mm in machine coordinates."
 )
+@click.option(
+    "--dwell", type=POSITIVE, default=2.0, help="Rest at each pose in s, until machine and instrument have settled."
+)
+@click.option(
+    "--at-pose",
+    default="dwell",
+    help="After the rest: dwell (nothing), stop (shows the pose's number) or trigger.",
+)
+@click.option(
+    "--trigger",
+    default="",
+    show_default=False,
+    help="Your control's line that starts a reading, as M64 P0 (with trigger).",
+)
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: none but this one.")
@@ -124,6 +138,9 @@ def plan(
     tool_centre_off: str,
     reversed_axes: str,
     machine_top: float,
+    dwell: float,
+    at_pose: str,
+    trigger: str,
     starts: int,
     seed: int,
     workers: int,
@@ -148,6 +165,9 @@ def plan(
             tool_centre_off=tool_centre_off,
             reversed_axes=_rotary(data, reversed_axes),
             machine_top=machine_top,
+            dwell_s=dwell,
+            at_pose=at_pose,
+            trigger=trigger,
         )
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
         if circles is not None:

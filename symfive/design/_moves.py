@@ -131,6 +131,7 @@ def _moves(machine: Machine, steps: Sequence[Step]) -> tuple[list[tuple[Step, Po
     outside: dict[int, str] = {}
     before: Positions = {}
     tested: Positions = {}
+    steps = [straight for step in steps for straight in step.straight]
     for step, after in itertools.zip_longest(steps, steps[1:]):
         if step.kind not in ("rapid", "feed", "retract"):
             continue

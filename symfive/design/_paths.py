@@ -25,7 +25,7 @@ from symfive.design._space import follow
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures import Nominal, circle_frame, planar_circle, synchronous_circle
-from symfive.procedures._path import DIRECTIONS, DWELL_S
+from symfive.procedures._path import DIRECTIONS, DWELL_S, ramp_of
 from symfive.procedures._planar_circle import PLANES
 from symfive.procedures._setting import tool_ball_of
 
@@ -36,7 +36,7 @@ FAMILIES = {
     "synchronous": ("ratio", "radius", "feed", "height"),
     "planar": ("radius", "feed", "x", "y", "z"),
 }
-RUN_UP_DEG = {"synchronous": 60.0, "planar": 90.0}
+RUN_UP_DEG = {"synchronous": 60.0, "planar": 180.0}
 LIMIT_POINTS = 181
 SLACK_MM = 1e-6
 SMALLEST_GAP = 1e-3
@@ -76,7 +76,7 @@ def circle_runs(machine: Machine, shape: CircleShape, *, noise_um: float, rate_h
     else:
         runs = planar_circle(
             machine, plane=shape.plane, instrument=shape.instrument, radius=v["radius"], feed=v["feed"],
-            centre=(v["x"], v["y"], v["z"]), direction=shape.direction, rate_hz=rate_hz, noise_um=noise_um,
+            centre=(v["x"], v["y"], v["z"]), direction=shape.direction, sweep_deg=360.0, rate_hz=rate_hz, noise_um=noise_um,
         )  # fmt: skip
     for run in runs:
         _check_on_table(machine, run)
@@ -132,10 +132,12 @@ def make_path(machine: Machine, circle: CircleShape, direction: str, free: Itera
     by_name = {name: v[i] for i, name in enumerate(names)}
     run_up = math.radians(RUN_UP_DEG[circle.family])
     reach = 2.0 * math.pi + 2.0 * run_up
-    end = reach + 2.0 * run_up  # the angle that the full speed would cover in the same time
     speed = by_name["feed"] / 60.0 / by_name["radius"]
+    planar = circle.family == "planar"
+    ramp = ramp_of(machine, speed, by_name["radius"], run_up) if planar else run_up
+    end = reach + 2.0 * ramp  # the angle that the full speed would cover in the same time
     duration = end / speed
-    way = _way(end * part, run_up, reach, end)
+    way = _way(end * part, ramp, reach, end)
     phi = -run_up + way if DIRECTIONS[direction] > 0 else reach - run_up - way
     place = _synchronous if circle.family == "synchronous" else _planar
     commands, ball = place(machine, circle, by_name, phi)
@@ -154,7 +156,7 @@ def make_path(machine: Machine, circle: CircleShape, direction: str, free: Itera
     return CirclePath(tuple(chosen), rows, at, ca.Function("all_limits", [vector], [ca.vec(every)]))
 
 
-def _way(angle: Any, run_up: float, reach: float, end: float) -> Any:
+def _way(angle: Any, run_up: Any, reach: float, end: Any) -> Any:
     """`procedures._path.along` in symbols: the way after `angle` = speed · time."""
 
     def from_rest(a: Any) -> Any:

@@ -13,6 +13,14 @@ from symfive.numbers import unit_words
 __all__ = ["mounted_before", "pose_table"]
 
 
+READ = {
+    "dwell": "read",
+    "stop": "the program stops and shows the number of the pose: read",
+    "trigger": "your trigger line starts the reading of",
+}
+"""How a settled pose is read (`Post.at_pose`)."""
+
+
 def mounted_before(runs: Sequence[Run], run: Run) -> Run | None:
     """The first of the earlier runs whose ball, tool and bar stand as in this one; None where it is a new mounting."""
     mounting = (run.table_ball, run.tool_ball, run.length)
@@ -49,7 +57,8 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> str:
     different = len({same[0] for same in readings})
     counted = f"All {run.rows} poses" + (f", {different} of them different" if different < run.rows else "")
     return (
-        f"<p>{counted}: {what}; {post.dwell_s:g} s at rest, then read {escape(', '.join(columns))} into the line of "
+        f"<p>{counted}: {what}; {post.dwell_s:g} s at rest, then {READ[post.at_pose]} "
+        f"{escape(', '.join(columns))} into the line of "
         f"{escape(run.file)}.</p>"
         f'<table class="poses-list"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
     )

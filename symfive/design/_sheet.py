@@ -311,7 +311,9 @@ def _expected(assessment: Assessment) -> str:
 
 def _unchecked(sheet: Sheet) -> list[str]:
     campaign = sheet.campaign
-    words = " ".join(collision_warning(campaign.machine, sheet.post))
+    words = " ".join(
+        collision_warning(campaign.machine, sheet.post, recorded=any(run.dynamic for run in campaign.runs))
+    )
     return [f'<p class="warning">{escape(words)}</p>'] if words.startswith(UNCHECKED) else []
 
 
@@ -326,7 +328,8 @@ def _clearances(sheet: Sheet) -> str:
         f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}"
         for name, radius in (("post", workspace.post_radius), ("tool", workspace.tool_radius))
     )
-    untested = collision_warning(sheet.campaign.machine, post)[-1]
+    recorded = any(run.dynamic for run in sheet.campaign.runs)
+    untested = collision_warning(sheet.campaign.machine, post, recorded=recorded)[-1]
     return (
         f"<h2>Clearances</h2><p>Spindle nose as a cylinder ({words}), {thick}, table and bar keep apart at every pose and on "
         f"every move of the programs from above the first pose to above the last. {escape(untested)}</p>{notes}"

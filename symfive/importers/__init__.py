@@ -2,5 +2,8 @@
 
 from symfive.importers.mtconnect import read_mtconnect
 from symfive.importers.polar import FITTED, polar_doubts, polar_run, read_polar
+from symfive.importers.rests import Matched, cut_at_rests, read_recording
 
-__all__ = ["FITTED", "polar_doubts", "polar_run", "read_mtconnect", "read_polar"]
+__all__ = [
+    "FITTED", "Matched", "cut_at_rests", "polar_doubts", "polar_run", "read_mtconnect", "read_polar", "read_recording",
+]  # fmt: skip

@@ -37,8 +37,8 @@ def dialect_of(name: str) -> Dialect:
 
 def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], post: Post, number: int = 1) -> str:
     head = (
-        f"symfive for {dialect.name}, {dialect.verified}, read it and run it slowly in air first",
-        *collision_warning(machine, post),
+        f"symfive for {dialect.name}, {dialect.verified}, read it and run it {'' if run.dynamic else 'slowly '}in air first",
+        *collision_warning(machine, post, recorded=run.dynamic),
         which_point(machine, run, post),
         dialect.datum,
         _first(dialect, machine, post),

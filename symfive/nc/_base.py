@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-__all__ = ["Dialect", "Step", "plain", "render"]
+__all__ = ["Block", "Dialect", "Step", "plain", "render"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One step of a program: `kind` is `rapid`, `feed`, `retract`, `dwell`, `stop`, `comment` or `text`.
+    """One step of a program: `kind` is `rapid`, `feed`, `arc`, `contour`, `retract`, `dwell`, `stop`, `trigger`, `comment` or
+    `text`.
 
     `positions` axis → mm or degree, of the axes that the block names (of a `retract`: one, in machine coordinates; of a `text`:
-    where the machine stands, in the words that hold from there on); `seconds`
-    the time of a move or a dwell; `row` of the run whose pose is reached (None on the way) and `towards` the row to which a move
-    leads (the number of rows: away from the last one); `text` of a comment, of a stop or of the user's own lines; `seated`:
-    whether the ball is in its nest, or the bar on, while it moves; `commands` the positions of all axes at its end, empty where
-    they are not known.
+    where the machine stands, in the words that hold from there on); `seconds` the time of a move or a dwell; `row` of the run
+    whose pose is reached (None on the way) and `towards` the row to which a move leads (the number of rows: away from the last
+    one); `text` of a comment, of a stop or of the user's own lines (a `trigger` starts a reading); `seated`: whether the ball is
+    in its nest, or the bar on, while it moves; `commands` the positions of all axes at its end, empty where they are not known.
+    `feed` mm/min along the path, of moves whose speed is part of the result: a program that has one is written with feeds, not
+    with times of blocks. An `arc` names the two axes of its plane in `positions` (XY, YZ, ZX, in this order), `centre` of the
+    circle in the same words, the signed `sweep` in degree, positive from the first to the second axis, and the positions of all
+    axes on its `way` by row of the run. `contour` calls the plane named by `text` and the contouring mode.
     """
 
     kind: str
@@ -29,10 +34,39 @@ class Step:
     towards: int | None = None
     seated: bool = False
     commands: Mapping[str, float] = field(default_factory=dict)
+    feed: float = 0.0
+    centre: Mapping[str, float] = field(default_factory=dict)
+    sweep: float = 0.0
+    way: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def straight(self) -> tuple[Step, ...]:
+        """The step itself, or an arc as the straight feed moves between the positions on its way."""
+        if self.kind != "arc":
+            return (self,)
+        return tuple(replace(self, kind="feed", commands=there, towards=row) for row, there in self.way.items())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """Words of an arc: `code` G2 or G3, `words` of its end, `pole` those of the centre, `offset` I J K
+    from start to centre, signed `sweep` in degree, `turns` begun (1 up to a whole circle), `feed`."""
+
+    code: str
+    words: str
+    pole: str
+    offset: str
+    sweep: float
+    turns: int
+    feed: str
 
 
 def _plain_word(axis: str, value: float) -> str:
     return f"{axis}{value:.5f}"
+
+
+def _block_a_turn(arc: Block) -> Sequence[str]:
+    return [f"{arc.code} {arc.words} {arc.offset} F{arc.feed}"] * arc.turns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +78,8 @@ class Dialect:
     `retract` drives `{axis}` alone to `{value}` in machine coordinates, tool offset cancelled. `stop` shows its `{text}`, of at
     most 26 characters, on the control's screen and waits. `datum` says in words which lines call datum and tool offset.
     `decimals` to which positions are written, by `word`; `upper`: the control reads capital letters only.
+    `contour` calls a circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
+    circle's blocks, by default one a turn.
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
@@ -62,6 +98,8 @@ class Dialect:
     comment: str
     datum: str
     rotary: Sequence[str] = ()
+    contour: Sequence[str] = ("{plane} G64",)
+    arc: Callable[[Block], Sequence[str]] = _block_a_turn
     inverse_time: bool = True
     numbered: bool = False
     upper: bool = False
@@ -71,6 +109,8 @@ class Dialect:
 
 
 SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
+LONGEST = 220
+"""Characters of a comment: LinuxCNC refuses lines of 256."""
 LEAST_FEED = 1e-3
 """mm/min or degree/min: the last digit of a feed without G93."""
 
@@ -85,10 +125,13 @@ def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1, 
     """The program's text; `number` for controls that call programs by number; `rotary`: the machine has rotary axes."""
     start = [*dialect.head, *(dialect.rotary if rotary else ()), *dialect.start]
     lines = [line.format(name=_program_name(name), number=f"{number:04d}") for line in start]
+    timed = dialect.inverse_time and not any(step.feed for step in steps)
+    lines += ["G93"] if timed else []
     before: Mapping[str, float] = {}
     for step in steps:
-        lines += _lines(dialect, step, before)
+        lines += _lines(dialect, step, before, timed=timed)
         before = {**before, **step.positions}
+    lines += ["G94"] if timed else []
     lines += [line.format(name=_program_name(name)) for line in dialect.end]
     if dialect.numbered:
         lines = [f"{i} {line}" for i, line in enumerate(lines)]
@@ -99,13 +142,13 @@ def _program_name(name: str) -> str:
     return "".join(c if c.isalnum() and c.isascii() else "_" for c in name).upper()[:24]
 
 
-def _lines(dialect: Dialect, step: Step, before: Mapping[str, float]) -> list[str]:
+def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: bool) -> list[str]:
     text = plain(step.text)
     text = text.upper() if dialect.upper else text
     words = " ".join(_word(dialect, axis, value) for axis, value in step.positions.items())
     if step.kind == "comment":
-        return [dialect.comment.format(text=text)]
-    if step.kind == "text":
+        return [dialect.comment.format(text=line) for line in textwrap.wrap(text, LONGEST)]
+    if step.kind in ("text", "trigger"):
         return [line for line in step.text.splitlines() if line.strip()]
     if step.kind == "stop":
         return [line.format(text=text) for line in dialect.stop]
@@ -116,17 +159,41 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float]) -> list[st
         return [line.format(words=words, axis=axis) for line in dialect.retract]
     if step.kind == "rapid":
         return [dialect.rapid.format(words=words)]
-    note = [] if dialect.inverse_time else [dialect.comment.format(text=f"block time {step.seconds:.3f} s")]
-    return [*note, dialect.feed.format(words=words, feed=_feed(dialect, step, before))]
+    if step.kind == "contour":
+        return [line.format(plane=PLANES[step.text]) for line in dialect.contour]
+    if step.kind == "arc":
+        return list(dialect.arc(_arc(dialect, step, before)))
+    turning = any(axis in "ABC" and value != before.get(axis, value) for axis, value in step.positions.items())
+    note = [dialect.comment.format(text=f"block time {step.seconds:.3f} s")] if turning and not timed else []
+    return [*note, dialect.feed.format(words=words, feed=_feed(dialect, step, before, timed=timed))]
+
+
+PLANES = {"XY": "G17", "ZX": "G18", "YZ": "G19"}
+OFFSETS = dict(zip("XYZ", "IJK", strict=True))
+
+
+def _arc(dialect: Dialect, step: Step, before: Mapping[str, float]) -> Block:
+    """The words of an arc. The offset is from where the block before ends, as it is written there."""
+    offset = {OFFSETS[n]: step.centre[n] - round(before[n], dialect.decimals) for n in step.positions}
+    end, pole, centre = (
+        " ".join(_word(dialect, name, value) for name, value in sorted(words.items()))
+        for words in (step.positions, step.centre, offset)
+    )
+    return Block(
+        code="G3" if step.sweep > 0.0 else "G2", words=end, pole=pole, offset=centre, sweep=step.sweep,
+        turns=math.ceil(abs(step.sweep) / 360.0 - 1e-9), feed=f"{step.feed:g}",
+    )  # fmt: skip
 
 
 def _word(dialect: Dialect, axis: str, value: float) -> str:
     return dialect.word(axis, round(value, dialect.decimals) + 0.0)
 
 
-def _feed(dialect: Dialect, step: Step, before: Mapping[str, float]) -> str:
+def _feed(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: bool) -> str:
+    if step.feed:
+        return f"{step.feed:g}"
     minutes = max(step.seconds, 1e-4) / 60.0
-    if dialect.inverse_time:
+    if timed:
         return _down(1.0 / minutes)
     written = {axis: round(value, dialect.decimals) for axis, value in step.positions.items()}
     moved = {axis: v - round(before.get(axis, v), dialect.decimals) for axis, v in written.items()}

@@ -6,6 +6,8 @@ whose rapids move one axis each: which way several axes take together in a rapid
 Between two poses the ball must stay in its nest (or the bar at its length), so the linear axes follow the rotary ones in
 short straight blocks; with the control's own tool-centre point control (the user's text switches it on) the words are the
 ball's place in the workpiece frame instead and the control does the following.
+
+How recordings are driven is in `_recording`.
 """
 
 from __future__ import annotations
@@ -20,8 +22,10 @@ from numpy.typing import NDArray
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
 from symfive.nc._pace import CAUTION, pace, spread, tenths
+from symfive.nc._recording import circular, pulled_out, said, straight_blocks
 from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_the_top, upright_axis, usual_lift
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal
@@ -38,8 +42,10 @@ CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
 DWELL_S = 2.0
 HAND_S = 30.0
 """Time that a stop takes at which the operator takes a bar off or puts it on."""
-SHORTEST_BLOCK_S = 0.02
 SHORT_REST_S = 0.1
+READ_S = 10.0
+"""Time that a stop takes at which the operator reads."""
+AT_POSE = ("dwell", "stop", "trigger")
 STANDSTILL = 1e-4
 """mm or degree: the last digit that every control reads."""
 
@@ -51,10 +57,11 @@ class Post:
     `tool_centre_on`, `tool_centre_off`: the control's lines that switch tool-centre point control (TRAORI, G43.4 H1, M128,
     M428 …); without them the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against
     ISO 841. `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
-    `retract_mm` out of the nest, `dwell_s` at each pose; `unsafe` run → rows to which the way leads around, out of the nest and
-    over the top; `ways` run → row → the way there, from lifted pose to lifted pose (row 0: the lifted pose before the first one,
-    the number of rows: that after the last one, the top, rotary axes home), the usual ones where nothing is given; `tested`:
-    whether all ways were tested for collisions.
+    `retract_mm` out of the nest; `dwell_s` at each pose, long enough for machine and instrument to settle; `at_pose` what comes
+    then: nothing (`dwell`), a `stop` that shows the number of the pose, or your own lines `trigger` that start a reading;
+    `unsafe` run → rows to which the way leads around, out of the nest and over the top; `ways` run → row → the way there, from
+    lifted pose to lifted pose (row 0: the lifted pose before the first one, the number of rows: that after the last one, the
+    top, rotary axes home), the usual ones where nothing is given; `tested`: whether all ways were tested for collisions.
     """
 
     tool_centre_on: str = ""
@@ -63,9 +70,23 @@ class Post:
     machine_top: float = 0.0
     retract_mm: float = RETRACT_MM
     dwell_s: float = DWELL_S
+    at_pose: str = "dwell"
+    trigger: str = ""
     unsafe: Mapping[str, Sequence[int]] = field(default_factory=dict)
     ways: Mapping[str, Mapping[int, Way]] = field(default_factory=dict)
     tested: bool = False
+
+    def __post_init__(self) -> None:
+        if self.at_pose not in AT_POSE:
+            raise InputError(f'at_pose = "{self.at_pose}" is unknown', remedy=f"use one of {', '.join(AT_POSE)}")
+        if (self.at_pose == "trigger") != bool(self.trigger.strip()):
+            remedy = "give both: --at-pose trigger and --trigger with your control's line, as M64 P0"
+            raise InputError("a trigger needs the lines that start a reading, and lines a trigger", remedy=remedy)
+
+    @property
+    def rest_s(self) -> float:
+        """How long a pose takes, the operator's reading included."""
+        return self.dwell_s + (READ_S if self.at_pose == "stop" else 0.0)
 
 
 def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:
@@ -79,9 +100,10 @@ def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[
 
 def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) -> Array:
     """When the program of a static run reaches every pose (rows,), s from the first one: its ways as they are driven, the dwells,
-    stops of `HAND_S` where a bar is taken off and put on; at least `least_s` a pose, to 0.1 s."""
+    stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least
+    `least_s` a pose, to 0.1 s."""
     writer = _Writer(machine, run, post)
-    needed = [post.dwell_s + writer.seconds_to(row) for row in range(1, run.rows)]
+    needed = [post.rest_s + writer.seconds_to(row) for row in range(1, run.rows)]
     each = np.maximum(
         np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
     )  # the program waits on ways around: `tenths`
@@ -92,7 +114,7 @@ def outside_s(machine: Machine, run: Run, post: Post) -> float:
     """Time of a program's moves before the first pose and from the last dwell on, s, without the stops."""
     writer = _Writer(machine, run, post)
     steps = [*writer._first_moves(), *writer._last_moves("")]
-    return post.dwell_s + sum(step.seconds for step in steps)
+    return post.rest_s + sum(step.seconds for step in steps)
 
 
 def _without_standstill(steps: Sequence[Step]) -> list[Step]:
@@ -143,6 +165,7 @@ class _Writer:
         self.bar = "ball_bar" in run.instrument
         self.seated = self.centred = False
         self._known: dict[bool, dict[int, tuple[Array, Array, Array]]] = {}
+        self.circle = circle_of(machine, run)
 
     def steps(self) -> list[Step]:
         run = self.run
@@ -156,17 +179,21 @@ class _Writer:
         ]
         if run.length is not None:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
+        pulled = self.circle is not None and self.bar
         found += self._first_moves()
-        found.append(Step(kind="stop", text=f"SEAT {ball}, ZERO IT"))
+        found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
+        found.append(Step(kind="stop", text="PUT BAR ON, THEN RECORD" if pulled else f"SEAT {ball}, ZERO IT"))
         self.seated = True
         found += self._recording() if run.dynamic else self._poses()
         self.seated = False
-        return [*found, *self._last_moves(f"FREE {ball}, START")]
+        found += self._last_moves("STORED? TAKE BAR OFF" if pulled else f"FREE {ball}, START")
+        upright = self.circle is not None and self.circle.plane != "XY"
+        return [*found, Step(kind="contour", text="XY")] if upright else found
 
     def _first_moves(self) -> list[Step]:
         """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose; a look at it; creep in."""
         lifted = self._way_to(0)[-1]
-        pose = self._commands(0)
+        pose = self._entry(0)
         away = self._apart(pose, lifted)
         return [
             Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
@@ -204,7 +231,7 @@ class _Writer:
         """Creep out, the tool's axis alone to the top, rotary axes home one by one."""
         rows = self.run.rows
         lifted, top, *turned = self._way_to(rows)
-        found = [Step(kind="stop", text=text), *self._creep(lifted, self._commands(rows - 1), rows, out=True)]
+        found = [Step(kind="stop", text=text), *self._creep(lifted, self._entry(rows - 1), rows, out=True)]
         up = replace(self._to_the_top(rows, top), seconds=self._rapidly(lifted, top))
         found += [*self._centred(False, lifted), up]
         return [*found, *(self._rapid(before, after, rows) for before, after in itertools.pairwise([top, *turned]))]
@@ -216,20 +243,28 @@ class _Writer:
     def _centred(self, wanted: bool, there: Positions) -> list[Step]:
         """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'. `there`
         is where the axes stand, so that the way of the next block is known in the words that it is written in."""
+        if wanted and self.circle is not None:
+            return []  # no rotary axis moves: a circle of the linear axes themselves
         self.centred = wanted and bool(self.post.tool_centre_on)
         text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
         words = self._words(there, self._place(there)) if there else {}
         return [Step(kind="text", text=text, positions=words)] if text else []
 
     def _poses(self) -> list[Step]:
-        found = [Step(kind="dwell", seconds=self.post.dwell_s)]
+        found = [Step(kind="dwell", seconds=self.post.dwell_s), *self._read(0)]
         around = set(self.post.unsafe.get(self.run.id, ()))
         for row in range(1, self.run.rows):
-            seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.dwell_s
+            seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.rest_s
             found += self._detour(row) if row in around else self._way(row, seconds)[0]
             early = seconds - self.seconds_to(row) if row in around else 0.0
-            found.append(Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)))
+            found += [Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)), *self._read(row)]
         return found
+
+    def _read(self, row: int) -> list[Step]:
+        """What a settled pose is read by."""
+        if self.post.at_pose == "stop":
+            return [Step(kind="stop", text=f"READ POSE {row + 1} OF {self.run.rows}")]
+        return [Step(kind="trigger", text=self.post.trigger)] if self.post.at_pose == "trigger" else []
 
     def seconds_to(self, row: int) -> float:
         """How long the way to a row takes, s, without the dwell."""
@@ -265,12 +300,15 @@ class _Writer:
         return self._known[self.centred][row]
 
     def _recording(self) -> list[Step]:
-        """A dynamic run: its own rows, thinned to blocks that a control can read ahead."""
-        step = max(1, int(np.ceil(SHORTEST_BLOCK_S / max(self.run.interval, 1e-6) - 1e-9)))
-        rows = list(range(0, self.run.rows, step))
-        if rows[-1] != self.run.rows - 1:
-            rows.append(self.run.rows - 1)
-        return [self._pose(b, float(self.run.time[b] - self.run.time[a])) for a, b in itertools.pairwise(rows)]
+        """A dynamic run: the control's own circle, or straight blocks."""
+        if self.circle is not None:
+            return circular(self.run, self.circle, bar=self.bar)
+        blocks = straight_blocks(self.run, self.nominal, self.places, centred=bool(self.post.tool_centre_on))
+        return [Step(kind="comment", text=said(blocks)), *(self._pose(row, seconds) for row, seconds in blocks)]
+
+    def _entry(self, row: int) -> Positions:
+        """Where the instrument is seated and freed: the pose itself, or before and after a bar's circle pulled out from it."""
+        return pulled_out(self.run, self.circle, row) if self.circle and self.bar else self._commands(row)
 
     def _detour(self, row: int) -> list[Step]:
         """Out of the nest, around, and in again; a bar is taken off meanwhile."""

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from symfive.campaign import Run
 from symfive.machine import Machine
+from symfive.nc._arc import circle_of
 from symfive.nc._post import Post
 
 __all__ = ["UNCHECKED", "collision_warning", "which_point"]
 
 UNCHECKED = "Collisions were not checked"
 CARE = "Drive the program slowly, one hand on the feed."
+IN_AIR = "Run it in air first"
+RECORDED = "Dry run without the instrument; then feed override 100 percent, the feed is part of the result."
+"""Instead, where the readings are those of a path at its feed."""
 TESTED = "Tested: spindle nose, tool, post, table and bar as simple bodies, at every pose and on every move but the first ones."
 
 
-def collision_warning(machine: Machine, post: Post) -> tuple[str, ...]:
-    """Sentences for the head of a program and for the set-up sheet."""
+def collision_warning(machine: Machine, post: Post, *, recorded: bool = False) -> tuple[str, ...]:
+    """Sentences for the head of a program and for the set-up sheet; `recorded`: of runs whose feed is part of the result."""
+    care = RECORDED if recorded else CARE
     if machine.workspace.spindle_nose is None:
-        return f"{UNCHECKED}: the machine file names no spindle nose.", CARE
+        return f"{UNCHECKED}: the machine file names no spindle nose.", care
     if not post.tested:
-        return f"{UNCHECKED} for the ways of this program.", CARE
-    return TESTED, f"Not tested: {', '.join(_untested(machine))}. Run it in air first."
+        return f"{UNCHECKED} for the ways of this program.", care
+    return TESTED, f"Not tested: {', '.join(_untested(machine))}. {RECORDED if recorded else IN_AIR + '.'}"
 
 
 def _untested(machine: Machine) -> list[str]:
@@ -44,7 +49,7 @@ def which_point(machine: Machine, run: Run, post: Post) -> str:
     length = f"{-run.tool_ball[2]:g} mm"
     above = any(machine.axes[name].rotary for name in machine.structure.tool)
     nose = "the spindle nose" + (" with all rotary axes at 0" if above else "")
-    if not post.tool_centre_on:
+    if not post.tool_centre_on or circle_of(machine, run) is not None:
         return f"X Y Z are of {nose}, no tool length called; the ball's centre is {length} below it"
     on, off = (" ".join(text.split()) for text in (post.tool_centre_on, post.tool_centre_off))
     return (

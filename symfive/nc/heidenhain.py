@@ -1,9 +1,16 @@
 """Heidenhain Klartext: signed words, numbered blocks, no inverse-time feed (the time of a block stands in a comment).
 
+A circle is a polar arc about CC, of more than one turn where its angle says so; the contouring mode is cycle 32's, which stays as
+it is set. The planes YZ and ZX count from Y and from Z.
 `M91` refers a block to the machine datum; tool 0 has no length; cycle 247 calls the datum (preset) 1.
 """
 
-from symfive.nc._base import Dialect
+from symfive.nc._base import Block, Dialect
+
+
+def _arc(arc: Block) -> list[str]:
+    return [f"CC {arc.pole}", f"CP IPA{arc.sweep:+.4f} DR{'+' if arc.sweep > 0.0 else '-'} F{arc.feed}"]
+
 
 HEIDENHAIN = Dialect(
     name="heidenhain",
@@ -16,6 +23,8 @@ HEIDENHAIN = Dialect(
     feed="L {words} R0 F{feed}",
     dwell="CYCL DEF 9.0 DWELL TIME\nCYCL DEF 9.1 DWELL {seconds}",
     stop=("; {text}", "STOP M0"),
+    contour=(),
+    arc=_arc,
     retract=("L {words} R0 FMAX M91",),
     comment="; {text}",
     datum="cycle 247 calls datum 1; TOOL CALL 0: no tool length, take the line out where it would empty the spindle, L = 0 then",

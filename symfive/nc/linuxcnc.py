@@ -1,17 +1,29 @@
-"""LinuxCNC (RS274/NGC): parsed by its own interpreter `rs274` in the tests."""
+"""LinuxCNC (RS274/NGC): parsed by its own interpreter `rs274` in the tests.
 
-from symfive.nc._base import Dialect
+A circle is one block, `P` its turns. `G64 P Q` with small values: the planner splits arcs flatter than P into lines, which Q
+joins.
+"""
+
+from symfive.nc._base import Block, Dialect
+
+
+def _arc(arc: Block) -> list[str]:
+    turns = f" P{arc.turns}" if arc.turns > 1 else ""
+    return [f"{arc.code} {arc.words} {arc.offset}{turns} F{arc.feed}"]
+
 
 LINUXCNC = Dialect(
     name="linuxcnc",
     suffix=".ngc",
     head=("({name})",),
-    start=("G21 G17 G90 G94 G40 G49 G80 G92.1", "M5", "G54", "G64 P0.005", "G93"),
-    end=("G94", "M2"),
+    start=("G21 G17 G90 G94 G40 G49 G80 G92.1", "M5", "G54", "G64 P0.005"),
+    end=("M2",),
     rapid="G0 {words}",
     feed="G1 {words} F{feed}",
     dwell="G4 P{seconds}",
     stop=("(MSG, {text})", "M0"),
+    contour=("{plane} G64 P0.002 Q0.001",),
+    arc=_arc,
     retract=("G49", "G53 G0 {words}"),
     comment="({text})",
     datum="G54 calls the datum, G49: no tool length offset",

@@ -10,7 +10,7 @@ from symfive.procedures._grid_encoder_lines import grid_encoder_lines
 from symfive.procedures._limits import checked, within_travel
 from symfive.procedures._linear_positioning import linear_positioning
 from symfive.procedures._nominal import Nominal, home
-from symfive.procedures._planar_circle import PLANES, planar_circle
+from symfive.procedures._planar_circle import FEED_IN_MM, PLANES, planar_circle
 from symfive.procedures._r_test_grid import r_test_grid
 from symfive.procedures._rotary_circle import rotary_circle
 from symfive.procedures._setting import campaign_of, one_after_another, serpentine, tool_ball_of
@@ -19,8 +19,8 @@ from symfive.procedures._synchronous_circle import CircleFrame, circle_frame, po
 from symfive.procedures._table import PROCEDURES, Procedure, make_procedure, procedures_for
 
 __all__ = [
-    "PLANES", "PROCEDURES", "CircleFrame", "Nominal", "Procedure", "campaign_of", "checked", "circle_frame", "cone_circle",
-    "grid_encoder_lines", "home", "linear_positioning", "make_procedure", "one_after_another", "planar_circle", "polar_angle",
-    "procedures_for", "r_test_grid", "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle", "tool_ball_of",
-    "within_travel",
+    "FEED_IN_MM", "PLANES", "PROCEDURES", "CircleFrame", "Nominal", "Procedure", "campaign_of", "checked", "circle_frame",
+    "cone_circle", "grid_encoder_lines", "home", "linear_positioning", "make_procedure", "one_after_another", "planar_circle",
+    "polar_angle", "procedures_for", "r_test_grid", "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle",
+    "tool_ball_of", "within_travel",
 ]  # fmt: skip

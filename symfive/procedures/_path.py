@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from casadi import fmin
 from numpy.typing import NDArray
 
 from symfive.errors import InputError
+from symfive.machine import Machine
 
-__all__ = ["DIRECTIONS", "along", "check_spacing", "senses"]
+__all__ = ["DIRECTIONS", "along", "check_spacing", "ramp_of", "senses"]
 
 Array = NDArray[np.float64]
 DWELL_S = 0.3
@@ -23,6 +27,21 @@ def senses(direction: str) -> tuple[str, ...]:
     if direction != "both" and direction not in DIRECTIONS:
         raise InputError(f'direction "{direction}" is unknown', remedy='use "ccw", "cw" or "both"')
     return tuple(DIRECTIONS) if direction == "both" else (direction,)
+
+
+CAUTION = 0.5
+"""Share of an axis' greatest acceleration that a control uses to get up to a feed."""
+
+
+def ramp_of(machine: Machine, speed: Any, radius: Any, run_up: float) -> Any:
+    """Angle, rad, in which a circle of `radius` mm gets up to `speed` rad/s: at the peak of `along` with `CAUTION` of the
+    acceleration that all linear axes have, within `run_up` rad where that is shorter or no acceleration is known.
+
+    `speed` and `radius` are numbers or CasADi expressions.
+    """
+    limits = [axis.max_acceleration for axis in machine.axes.values() if not axis.rotary]
+    known = [limit for limit in limits if limit is not None]
+    return fmin(run_up, 0.75 * speed**2 * radius / (CAUTION * min(known))) if known else run_up
 
 
 def along(length: float, speed: float, run_up: float, rate_hz: float) -> tuple[Array, Array]:

@@ -45,6 +45,7 @@ VERBS = {
     "codegen": ["model.json", "-o", "out"],
     "plan": ["machine.toml", "-o", "out", "--points", "2", "--starts", "1", "--setups", "1"],
     "import-polar": ["three-axis", "polar.csv", "-o", "out", "--radius", "100", "--feed", "1000"],
+    "import-rests": ["campaign", "polar.csv", "-o", "out"],
     "import-mtconnect": ["probe.xml", "-o", "out.toml"],
     "convert": ["emps", "-o", "out", "--data", "data"],
 }

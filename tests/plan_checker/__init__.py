@@ -10,6 +10,8 @@ What a program must do (docs/design.md and docs/conventions.md say what the numb
                 then the plane, then the tool axis down
     modal       plane, units, G90, no cutter compensation, length offset, datum and tool-centre control set before that
     poses       at every row of the file, in its order, the program rests (a dwell), to the last digit written
+    arc         a recorded circle is the control's own arc: the rows' circle, sense, angles and speed, with overshoot, in fewer
+                than ten blocks; a bar is fed in and out radially
     travel      of every axis along every block, rapids both straight and each axis at its own speed
     feed        no axis above its greatest feed on the true path; static runs at most half of it while seated
     clearance   spindle nose, tool, ball bar, what carries the table ball, and table keep apart along the whole path
@@ -123,7 +125,7 @@ def _set_up(plan: Plan, run: Run) -> Iterator[Finding]:
 def _differs(first: Path, other: Path) -> Iterator[Finding]:
     """Moves in work coordinates, dwells and stops agree with those of another dialect."""
     kinds = ("rapid", "feed", "dwell", "stop")
-    mine, theirs = ([e for e in p.events if e.kind in kinds and not e.machine] for p in (first, other))
+    mine, theirs = (_order.joined([e for e in p.events if e.kind in kinds and not e.machine]) for p in (first, other))
     if [e.kind for e in mine] != [e.kind for e in theirs]:
         yield other.fault(
             "dialects",
@@ -137,6 +139,9 @@ def _differs(first: Path, other: Path) -> Iterator[Finding]:
             yield other.fault(
                 "dialects", b.line, f"ends {np.nanmax(np.abs(a.end - b.end)):.5f} from line {a.line} of {first.dialect}"
             )
+            return
+        if a.arc and (not b.arc or a.arc.plane != b.arc.plane or abs(a.arc.sweep - b.arc.sweep) > 1e-4):
+            yield other.fault("dialects", b.line, f"is not the arc of line {a.line} of {first.dialect}")
             return
         if abs(np.nan_to_num(a.seconds) - np.nan_to_num(b.seconds)) > 0.01 * np.nan_to_num(a.seconds) + 0.002:
             yield other.fault(

@@ -19,7 +19,7 @@ PLANES = {"17": ("X", "Y"), "18": ("Z", "X"), "19": ("Y", "Z")}
 DATUMS = {"iso": r"5[4-9]", "linuxcnc": r"5[4-9](\.[123])?", "siemens": r"5[4-7]|50[5-9]|5[1-9]\d"}
 SETTINGS = re.compile(r"17|18|19|21|40|49|50|6[01]|61\.1|64|69|71|80|9[012]\.1|500|60[1-3]|64[25]|710|43(\.4)?|9[0134]")
 NAMED = set("TRAORI TRAFOOF STOPRE DIAMOF SOFT BRISK FFWON FFWOF COMPOF ORIMKS ORIWKS CYCLE800 TRANS ROT SUPA".split())  # noqa: SIM905
-IGNORED_M = {"2", "5", "9", "19", "30", "17"}
+IGNORED_M = {"2", "5", "9", "19", "30", "17", "62", "63", "64", "65"}
 
 
 @dataclass

@@ -24,6 +24,8 @@ BALL_RADIUS = 6.35
 NEST_MM = 10.0
 """Within this of its nest the ball moves at a feed, and not faster than `CREEP`."""
 CREEP = 1000.0
+OUT_MM = 1.75
+"""How far a bar may be pulled out where it is fed in or out of a circle."""
 
 
 def travel(path: Path) -> Iterator[Finding]:
@@ -115,7 +117,11 @@ def bar_length(path: Path) -> Iterator[Finding]:
         return
     on = path.seated[path.owner]
     length, stroke = float(path.run.table["length"]), float(path.machine.workspace.get("bar_stroke", 1.0))
-    off = np.where(on, np.abs(path.bar.length - length) - stroke, -np.inf)
+    longer = path.bar.length - length
+    circular = any(path.events[i].arc is not None for i in path.known)
+    fed = np.array([circular and e.kind == "feed" and e.arc is None for e in path.events], bool)[path.owner]
+    most = np.where(fed, np.maximum(stroke, OUT_MM), stroke)
+    off = np.where(on, np.maximum(longer - most, -longer - stroke), -np.inf)
     yield from _worst(
         path, "bar", off, 1e-6,
         lambda k: f"the bar of {length:g} ± {stroke:g} mm is on and would have to be {path.bar.length[k]:.3f} mm long",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -120,31 +121,134 @@ def _nearest(path: Path, row: np.ndarray) -> str:
 
 CHORD = 0.005
 """mm or degree that a recording's chords may stand off its rows."""
+CLOCK_S, LATE_S = 1e-3, 0.01
+"""What feeds that are written with three decimals may add up to, and by how much a first block that creeps may delay all."""
 
 
 def _recorded(path: Path) -> Iterator[Finding]:
     """A dynamic run: the seated feed moves go through the rows at their times."""
     whole = [e for e in (path.events[i] for i in np.flatnonzero(path.seated)) if e.kind in ("feed", "dwell")]
+    if any(e.arc is not None for e in whole):
+        yield from _circular(path, [e for e in whole if e.kind == "feed"])
+        return
     known = [e for e in whole if e.kind == "feed" and np.isfinite(e.end - e.start).all()]
     if not known:
         yield path.fault("poses", 1, "no move is made while the instrument is seated")
         return
-    corners = [known[0].start]
-    for event in whole:
-        corners.append(event.end if event.kind == "feed" else corners[-1])
-    times = np.concatenate([[0.0], np.cumsum([e.seconds for e in whole])])
+    ends = np.cumsum([e.seconds for e in whole])
+    first = {id(e): float(t - e.seconds) for e, t in zip(whole, ends, strict=True)}
+    times, places = [], []
+    for i in np.flatnonzero(path.seated):
+        event, own = path.events[i], path.owner == i
+        if event.kind == "feed" and own.any():
+            times.append(first[id(event)] + path.share[own] * event.seconds)
+            places.append(path.q[own])
     wanted = path.run.t - path.run.t[0]
-    scale = times[-1] / wanted[-1]
-    if not 0.99 < scale < 1.01:
-        yield path.fault("poses", known[-1].line, f"the recording takes {times[-1]:.2f} s, its file {wanted[-1]:.2f} s")
+    if not 0.99 < ends[-1] / wanted[-1] < 1.01:
+        yield path.fault("poses", known[-1].line, f"the recording takes {ends[-1]:.2f} s, its file {wanted[-1]:.2f} s")
         return
-    there = np.stack([np.interp(wanted * scale, times, q) for q in np.array(corners).T], axis=1)
-    off = np.abs(there - path.run.rows)
+    at, q = np.concatenate(times), np.concatenate(places)
+    rate = np.gradient(path.run.rows, wanted, axis=0)
+    quick = np.arange(len(rate)), np.argmax(np.abs(rate), axis=1)
+    there = np.stack([np.interp(wanted, at, own) for own in q.T], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        late = float(np.nanmedian(((path.run.rows - there)[quick] / rate[quick])[rate[quick] != 0.0]))
+    there = np.stack([np.interp(wanted + np.clip(late, -LATE_S, LATE_S), at, own) for own in q.T], axis=1)
+    off = np.abs(there - path.run.rows) - CLOCK_S * np.abs(rate)
     k, i = np.unravel_index(np.argmax(off), off.shape)
     if off[k, i] > CHORD:
         unit = "degree" if path.machine.rotary[i] else "mm"
         says = f"line {k + 2} of {path.run.file.name}: {path.machine.names[i]} is {off[k, i]:.4f} {unit} from its row"
         yield path.fault("poses", known[0].line, says)
+
+
+OUT_MM = (1.0, 1.75)
+"""How far a bar is pulled out before it is fed in: its software must see it, its stroke ends."""
+ON_CIRCLE_MM = 2e-3
+"""From a circle's radius: two roundings of a word, and of a centre."""
+STEADY = 0.005
+"""Share by which the rows' steady speed may differ from the feed."""
+WHOLE, OVER, PART_OVER = 360.0, 180.0, 2.0
+"""Degrees of a whole circle, and of overshoot at either end of it and of a shorter arc."""
+
+
+def joined(events: list[Event]) -> list[Event]:
+    """The events with arcs on one circle that follow one another taken as one."""
+    found: list[Event] = []
+    for event in events:
+        last = found[-1] if found else None
+        a, b = (last.arc if last else None), event.arc
+        if (
+            last
+            and a
+            and b
+            and a.plane == b.plane
+            and a.sweep * b.sweep > 0.0
+            and np.allclose(a.centre, b.centre, atol=2e-4)
+        ):
+            arc, seconds = replace(a, sweep=a.sweep + b.sweep), last.seconds + event.seconds
+            found[-1] = replace(last, end=event.end, arc=arc, seconds=seconds)
+        else:
+            found.append(event)
+    return found
+
+
+def _circular(path: Path, moves: list[Event]) -> Iterator[Finding]:
+    """A recording by the control's circular interpolation: one arc that is the rows' circle, in their sense, from their first to
+    their last angle, at their speed, with overshoot; a bar is fed in and out radially."""
+    line, file = moves[0].line, path.run.file.name
+    arcs = [e for e in joined(moves) if e.arc is not None]
+    others = [e for e in moves if e.arc is None]
+    if len(arcs) != 1 or len(moves) >= 10 or len(others) != (2 if path.run.bar else 0):
+        yield path.fault("arc", line, f"{len(arcs)} arcs and {len(others)} straight moves while the instrument is on")
+        return
+    (event,), rows = arcs, path.run.rows
+    arc = event.arc
+    assert arc is not None
+    i, j = arc.plane
+    spokes = rows[:, [i, j]] - arc.centre
+    radius = float(np.hypot(*(event.start[[i, j]] - arc.centre)))
+    away = np.abs(np.hypot(*spokes.T) - radius)
+    if away.max() > ON_CIRCLE_MM:
+        yield path.fault(
+            "arc", event.line, f"line {int(np.argmax(away)) + 2} of {file} is {away.max():.4f} mm off the circle"
+        )
+    still = np.delete(np.abs(rows - event.start), [i, j], axis=1)
+    if still.size and still.max() > _resolution(path):
+        yield path.fault("arc", event.line, f"an axis that stands in the program moves by {still.max():.4f} in {file}")
+    angle = np.unwrap(np.arctan2(spokes[:, 1], spokes[:, 0]))
+    turned = np.degrees(angle[-1] - angle[0])
+    if abs(turned - np.degrees(arc.sweep)) > 0.01:
+        yield path.fault("arc", event.line, f"the arc turns by {np.degrees(arc.sweep):.3f}°, the rows by {turned:.3f}°")
+    for what, here, row in (("begins", event.start, rows[0]), ("ends", event.end, rows[-1])):
+        if np.abs(here - row).max() > ON_CIRCLE_MM:
+            yield path.fault("arc", event.line, f"the arc {what} {np.abs(here - row).max():.4f} from the rows")
+    speed = float(np.median(np.abs(np.diff(angle)) / np.diff(path.run.t))) * radius * 60.0
+    feeds = [60.0 * e.length(~path.machine.rotary) / e.seconds for e in (event, *others)]
+    if np.abs(np.array(feeds) / speed - 1.0).max() > STEADY:
+        says = f"the rows go at {speed:.1f} mm/min, the program's feeds are {', '.join(f'{f:.1f}' for f in feeds)}"
+        yield path.fault("arc", event.line, says)
+    data = abs(turned) - 2.0 * (OVER if abs(turned) > WHOLE else PART_OVER)
+    if not (abs(data - WHOLE) < 0.01 or (0.0 < data < WHOLE and abs(turned) <= WHOLE)):
+        yield path.fault("arc", event.line, f"{abs(turned):.1f}° leave {data:.1f}° of data within overshoot")
+    if path.run.bar:
+        yield from _fed_in(path, event, others, np.array(arc.centre), radius)
+
+
+def _fed_in(path: Path, event: Event, others: list[Event], centre: np.ndarray, radius: float) -> Iterator[Finding]:
+    """Straight along the arc's radius from outside before it and to outside after it, nothing else moving."""
+    assert event.arc is not None
+    plane = list(event.arc.plane)
+    for e, ring, out in ((others[0], others[0].end, others[0].start), (others[1], others[1].start, others[1].end)):
+        a, b = ring[plane] - centre, out[plane] - centre
+        pulled = float(np.linalg.norm(b)) - radius
+        across = abs(float(a[0] * b[1] - a[1] * b[0])) / radius
+        still = np.delete(np.abs(e.end - e.start), plane)
+        if not OUT_MM[0] <= pulled <= OUT_MM[1] or across > ON_CIRCLE_MM or (still.size and still.max() > 0.0):
+            says = f"the bar is fed {pulled:.3f} mm outside its circle, {across:.4f} mm beside the radius"
+            yield path.fault("arc", e.line, says)
+    if not others[0].line < event.line < others[1].line:
+        yield path.fault("arc", event.line, "the bar is not fed in before the arc and out after it")
 
 
 def stops(path: Path) -> Iterator[Finding]:
@@ -174,7 +278,11 @@ def stops(path: Path) -> Iterator[Finding]:
 def quiet(path: Path) -> Iterator[Finding]:
     """Nothing is switched while the instrument is seated: no datum, length offset or tool-centre control."""
     for i, event in enumerate(path.events):
-        if event.kind == "switch" and path.seated[i] and event.text not in ("G93", "G94", "G90", "G64", "G61"):
+        if (
+            event.kind == "switch"
+            and path.seated[i]
+            and event.text not in ("G93", "G94", "G90", "G64", "G61", "G17", "G18", "G19")
+        ):
             yield path.fault("stop", event.line, f"{event.text} is called while the instrument is seated")
             return
 

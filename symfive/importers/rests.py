@@ -1,0 +1,279 @@
+"""A continuous recording over a whole static run: cut at its rests, which are matched with the poses of the plan.
+
+A rest is where all readings stand: their spread in a window is not above what the quietest twentieth of the recording has. Which
+rest is which pose is decided by time: between two rests passes what the plan says, within `SLACK_S` and `SLACK`, whatever the
+clocks' offset; a pose may have no rest (its move shook on, the ball left the nest), a rest no pose (a stop by hand). The
+assignment with the least sum of mismatches and of what is left over is found by dynamic programming.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import FIRST_LINE, Run
+from symfive.errors import InputError
+from symfive.files import read_text, shown
+from symfive.instruments import instruments_of
+from symfive.machine import Machine
+from symfive.motion import approach
+from symfive.separated import Marks, cells_of, signs_of
+
+__all__ = ["Matched", "Rest", "cut_at_rests", "read_recording", "rests_of"]
+
+Array = NDArray[np.float64]
+UNITS = {"um": 1.0, "mm": 1e3}
+MAX_BYTES = 200_000_000
+LEAST_ROWS = 20
+WINDOW = 0.25
+"""Length of the window of which the spread is taken, as a share of the dwell."""
+QUIETEST, STILL = 0.05, 3.0
+"""So many times the spread of the quietest twentieth is still a rest."""
+SHORTEST = 0.5
+"""A rest lasts at least this share of the dwell."""
+SETTLED = 0.6
+"""Share of a rest, its end, that is read."""
+SLACK_S, SLACK = 1.0, 0.03
+"""How far the time between two rests may be from the plan's: in s, and as a share."""
+POSE_COST, REST_COST = 1.0, 0.25
+"""What a pose without a rest and a rest without a pose cost, in squares of a whole slack."""
+MOST_LEFT = 12
+"""Poses, and rests, that may be left over one after the other."""
+SAME = 1e-6
+"""mm or degree: an axis that moves by less keeps its side."""
+TIE = 0.2
+"""An assignment that costs so little more is as good."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """From `start` to `end` s of the recording; `values` (columns,) the median of its settled part."""
+
+    start: float
+    end: float
+    values: Array
+
+
+@dataclass(frozen=True)
+class Matched:
+    """The run with the readings of the poses that were found, as `runs`: several, each with set-up errors of its own, where
+    without a missing pose the next one would seem approached from another side; rows of the plan that are `missing`, and found
+    ones that would be `alone` in their run; how many `rests` the recording has and how many of them are `unused`."""
+
+    runs: tuple[Run, ...]
+    missing: tuple[int, ...]
+    alone: tuple[int, ...]
+    rests: int
+    unused: int
+
+    def __str__(self) -> str:
+        said = [f"run {self.runs[0].id}: {sum(run.rows for run in self.runs)} poses found in {self.rests} rests"]
+        if self.missing:
+            said.append(f"not found: {_poses(self.missing)}")
+        if self.alone:
+            said.append(f"left out, alone between missing ones: {_poses(self.alone)}")
+        if len(self.runs) > 1:
+            names = ", ".join(run.id for run in self.runs)
+            said.append(
+                f"in {len(self.runs)} runs ({names}): a missing pose had turned an axis, and play would see the wrong side"
+            )
+        if self.unused:
+            said.append(f"rests that are no pose of the plan: {self.unused}")
+        return "; ".join(said)
+
+
+def _poses(rows: Sequence[int]) -> str:
+    return ", ".join(f"pose {row + 1} (line {row + FIRST_LINE})" for row in rows)
+
+
+def read_recording(path: Path | str, columns: Sequence[str], *, unit: str = "um") -> tuple[Array, dict[str, Array]]:
+    """Time (N,) s and readings (N,) in µm by name from a text file.
+
+    `columns` names those of the file in their order: `t` the time in s, the plan's reading columns, `-` for what is not needed;
+    `unit` of the readings, `um` or `mm`. Lines before the first row of numbers are the head. Raises `InputError` naming file
+    and line.
+    """
+    path = Path(path)
+    if unit not in UNITS:
+        raise InputError(f'unit "{unit}" is unknown', remedy=f"use one of {', '.join(UNITS)}")
+    wanted = [name for name in columns if name != "-"]
+    if len(set(wanted)) < len(wanted) or "t" not in wanted or len(wanted) < 2:
+        problem = f"the columns {','.join(columns)} do not name t and readings once each"
+        raise InputError(
+            problem, remedy="write --columns t,dx_um,dy_um,dz_um in the order of the file, - for any other"
+        )
+    rows: list[list[float]] = []
+    marks: Marks | None = None
+    sign = ""
+    for number, line in enumerate(read_text(path, at_most=MAX_BYTES).split("\n"), start=1):
+        if not line.strip():
+            continue
+        if marks is None:
+            fits = (
+                s for s in signs_of(line) if len(cells_of(line, s)) == len(columns) and _numeric(cells_of(line, s), s)
+            )
+            sign = next(fits, "")
+            if not sign:
+                continue
+            marks = Marks(sign)
+        cells = cells_of(line, sign)
+        if len(cells) != len(columns):
+            problem = f"{len(cells)} columns, {len(columns)} are named: {shown(line.strip())}"
+            raise InputError(
+                problem, path=path, line=number, remedy="name all columns of the file, - for what is not needed"
+            )
+        try:
+            rows.append(
+                [0.0 if name == "-" else marks.number(c, number, name) for name, c in zip(columns, cells, strict=True)]
+            )
+        except InputError as error:
+            raise error.at(path) from None
+    if len(rows) < LEAST_ROWS:
+        problem = f"{len(rows)} rows of {len(columns)} numbers"
+        raise InputError(
+            problem, path=path, remedy=f"name all columns of the file and record at least {LEAST_ROWS} rows"
+        )
+    table = np.array(rows).T
+    found = {name: UNITS[unit] * values for name, values in zip(columns, table, strict=True) if name not in ("t", "-")}
+    time = table[list(columns).index("t")]
+    if not np.all(np.diff(time) > 0.0):
+        row = int(np.argmin(np.diff(time) > 0.0)) + 2
+        raise InputError(f"the time does not increase at reading {row}", path=path, remedy="record one run at a time")
+    return time, found
+
+
+def _numeric(cells: Sequence[str], sign: str) -> bool:
+    try:
+        for cell in cells:
+            Marks(sign).number(cell, 0)
+    except InputError:
+        return False
+    return True
+
+
+def rests_of(time: Array, readings: Array, *, dwell_s: float, reach_um: float = np.inf) -> list[Rest]:
+    """Where all of the readings (N, columns) µm at `time` (N,) s stand for at least half of `dwell_s` s; those beyond `reach_um`
+    are outside the sensors' range: the ball is not in its nest. Raises `InputError` where the recording is too coarse."""
+    window = max(3, round(WINDOW * dwell_s / float(np.median(np.diff(time)))))
+    if len(time) < 4 * window or WINDOW * dwell_s < 2.0 * float(np.median(np.diff(time))):
+        problem = f"{len(time)} readings, one every {float(np.median(np.diff(time))):.3g} s"
+        raise InputError(f"{problem}, show no rests of {dwell_s:g} s", remedy="record at least 10 readings a rest")
+    frames = np.lib.stride_tricks.sliding_window_view(readings, window, axis=0)
+    spread = frames.std(axis=2)
+    usual = np.quantile(spread, QUIETEST, axis=0)
+    quiet = np.all(spread <= STILL * np.maximum(usual, 1e-9), axis=1) & np.all(
+        np.abs(frames).max(axis=2) <= reach_um, axis=1
+    )
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(int)))
+    found = []
+    for first, beyond in zip(edges[::2], edges[1::2], strict=True):
+        last = min(beyond + window - 2, len(time) - 1)
+        if time[last] - time[first] >= SHORTEST * dwell_s:
+            settled = slice(last - int(SETTLED * (last - first)), last + 1)
+            found.append(Rest(float(time[first]), float(time[last]), np.median(readings[settled], axis=0)))
+    return found
+
+
+def cut_at_rests(
+    machine: Machine, run: Run, time: Array, readings: Mapping[str, Array], *, dwell_s: float = 2.0
+) -> Matched:
+    """A static run of a plan with its readings, from a recording without a break.
+
+    `time` (N,) s on any clock, `readings` (N,) µm by the plan's column names, `dwell_s` s of rest at each pose as the program has
+    it. Raises `InputError` where the columns are not the plan's, fewer than half of the poses are found, or the rests suit the
+    plan in several ways.
+    """
+    names = [column.name for instrument in instruments_of(run) for column in instrument.columns(run, machine)]
+    if run.dynamic:
+        raise InputError(f"run {run.id} is a recording itself", remedy="name a run whose poses are read at rest")
+    if missing := [name for name in names if name not in readings]:
+        raise InputError(f"the recording lacks {', '.join(missing)}", remedy=f"name the columns {', '.join(names)}")
+    reach = 1e3 * machine.workspace.stroke(bar=run.length is not None)
+    table = np.stack([readings[name] for name in names], axis=1)
+    rests = rests_of(np.asarray(time, dtype=float), table, dwell_s=dwell_s, reach_um=reach)
+    pairs, *others = _assigned(run, [rest.start for rest in rests])
+    if 2 * len(pairs) < run.rows:
+        problem = (
+            f"run {run.id}: {len(rests)} rests in the recording, {len(pairs)} of {run.rows} poses found by their times"
+        )
+        raise InputError(
+            problem, remedy="give the dwell of the program, and the recording of this run from start to end"
+        )
+    if others:
+        problem = (
+            f"run {run.id}: the {len(rests)} rests of the recording suit the plan's {run.rows} poses in several ways"
+        )
+        raise InputError(problem, remedy="record from before the first pose until after the last one")
+    found, parts = [], _parts(run, sorted(pairs))
+    for number, rows in enumerate(part for part in parts if len(part) > 1):
+        id = run.id if number == 0 else f"{run.id}-{number + 1}"
+        values = np.array([rests[pairs[row]].values for row in rows])
+        found.append(
+            replace(
+                run,
+                id=id,
+                file=run.file if number == 0 else f"{id}.csv",
+                start_s=run.start_s + float(run.time[rows[0]]),
+                time=run.time[rows] - run.time[rows[0]],
+                commands={name: q[rows] for name, q in run.commands.items()},
+                readings={name: values[:, i] for i, name in enumerate(names)},
+            )
+        )
+    lost = tuple(row for row in range(run.rows) if row not in pairs)
+    alone = tuple(part[0] for part in parts if len(part) == 1)
+    return Matched(tuple(found), lost, alone, len(rests), len(rests) - len(pairs))
+
+
+def _assigned(run: Run, starts: Sequence[float]) -> list[dict[int, int]]:
+    """Row → rest, the best assignment first, then those as good that say another row of the same rest."""
+    rows, count = run.rows, len(starts)
+    cost = np.full((count, rows), np.inf)
+    before = np.full((count, rows, 2), -1)
+    for i in range(count):
+        cost[i] = REST_COST * i + POSE_COST * np.arange(rows)
+        for a in range(max(0, i - MOST_LEFT - 1), i):
+            passed = starts[i] - starts[a]
+            for skipped in range(min(MOST_LEFT, rows - 1) + 1):
+                planned = run.time[skipped + 1 :] - run.time[: rows - skipped - 1]
+                off = np.abs(passed - planned) / (SLACK_S + SLACK * planned)
+                more = cost[a, : rows - skipped - 1] + off**2 + REST_COST * (i - a - 1) + POSE_COST * skipped
+                more[off > 1.0] = np.inf
+                better = np.flatnonzero(more < cost[i, skipped + 1 :])
+                cost[i, skipped + 1 + better] = more[better]
+                before[i, skipped + 1 + better] = np.stack([np.full(len(better), a), better], axis=1)
+    whole = cost + REST_COST * np.arange(count)[::-1, None] + POSE_COST * np.arange(rows)[::-1]
+    if not whole.size:
+        return [{}]
+    order = sorted(np.argwhere(whole <= whole.min() + TIE).tolist(), key=lambda end: whole[end[0], end[1]])
+    found = [_traced(before, i, row) for i, row in order]
+    rows_of = {rest: row for row, rest in found[0].items()}
+    return [found[0], *(other for other in found[1:] if any(rows_of.get(i, row) != row for row, i in other.items()))]
+
+
+def _traced(before: NDArray[np.int64], i: int, row: int) -> dict[int, int]:
+    found = {}
+    while i >= 0:
+        found[row] = i
+        i, row = before[i, row].tolist()
+    return found
+
+
+def _parts(run: Run, rows: Sequence[int]) -> list[list[int]]:
+    """The rows, parted where one is missing and the next would seem approached from another side than the plan says: of a part's
+    first row no side is assumed."""
+    q = np.stack(list(run.commands.values()), axis=1)
+    sides = np.stack([approach(column) for column in q.T], axis=1)
+    parts: list[list[int]] = []
+    for row in rows:
+        earlier = parts[-1][-1] if parts else -1
+        way = q[row] - q[earlier]
+        side = np.where(np.abs(way) > SAME, np.sign(way), sides[earlier])
+        if parts and (row == earlier + 1 or np.array_equal(side, sides[row])):
+            parts[-1].append(row)
+        else:
+            parts.append([row])
+    return parts

@@ -1,0 +1,152 @@
+"""A recording over a whole run is cut at its rests and matched with the poses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symfive.campaign import Run, read_campaign, write_campaign
+from symfive.cli import main
+from symfive.errors import InputError
+from symfive.importers import cut_at_rests, read_recording
+from symfive.machine import preset
+from symfive.motion import approach
+from symfive.nc import Post, arrival_times
+from symfive.procedures import campaign_of, r_test_grid
+from symfive.simulate import simulate
+
+MACHINE = preset("table-bc")
+COLUMNS = ("dx_um", "dy_um", "dz_um")
+DWELL = 2.0
+
+
+def measured() -> Run:
+    """An R-test of some poses as its program drives it, with readings."""
+    run = r_test_grid(MACHINE, step_deg=60.0, returning=False)[0]
+    longer = np.cumsum(np.random.default_rng(5).uniform(0.0, 8.0, run.rows))  # as the ways of an optimised plan
+    run = replace(run, time=arrival_times(MACHINE, run, Post(dwell_s=DWELL)) + longer - longer[0])
+    return simulate(campaign_of(MACHINE, (run,)), seed=3).campaign.runs[0]
+
+
+RUN = measured()
+
+
+def recorded(
+    run: Run, *, shaken: tuple[int, ...] = (), rate_hz: float = 50.0, seed: int = 0
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """What an R-test records over the run: rests with its readings, motion between them, on a clock of its own; at `shaken`
+    poses it never rests."""
+    generator = np.random.default_rng(seed)
+    end = run.time[-1] + DWELL + 6.0
+    time = np.arange(-8.0, end, 1.0 / rate_hz)
+    found = {}
+    for name in COLUMNS:
+        corners, values = [-8.0], [400.0]
+        for row in range(run.rows):
+            corners += [run.time[row], run.time[row] + DWELL]
+            values += [run.readings[name][row]] * 2
+        corners, values = [*corners, end], [*values, -700.0]
+        moving = np.interp(time, corners, values)
+        share = np.ones(len(time))
+        for row in range(run.rows):
+            share[(time >= run.time[row]) & (time <= run.time[row] + DWELL)] = 0.0
+        for row in shaken:
+            share[(time >= run.time[row]) & (time <= run.time[row] + DWELL)] = 1.0
+        found[name] = moving + share * 30.0 * np.sin(17.0 * time) + 0.3 * generator.standard_normal(len(time))
+    return 137.0 + 1.002 * time, found
+
+
+def test_every_pose_is_found_on_a_clock_of_its_own() -> None:
+    matched = cut_at_rests(MACHINE, RUN, *recorded(RUN), dwell_s=DWELL)
+    assert matched.missing == () and matched.unused == 0
+    (found,) = matched.runs
+    for name in COLUMNS:
+        assert np.abs(found.readings[name] - RUN.readings[name]).max() < 0.3
+
+
+@pytest.mark.parametrize("shaken", [(4,), (9, 10), (0,), (RUN.rows - 1,)])
+def test_a_pose_without_a_rest_is_named(shaken: tuple[int, ...]) -> None:
+    matched = cut_at_rests(MACHINE, RUN, *recorded(RUN, shaken=shaken), dwell_s=DWELL)
+    assert matched.missing == shaken and matched.alone == ()
+    assert f"pose {shaken[0] + 1} (line {shaken[0] + 2})" in str(matched)
+    rows = [row for row in range(RUN.rows) if row not in shaken]
+    for name in COLUMNS:
+        read = np.concatenate([run.readings[name] for run in matched.runs])
+        assert np.abs(read - RUN.readings[name][rows]).max() < 0.3
+    seen = 0
+    for run in matched.runs:  # play sees the sides of the plan, or none: before an axis' first motion its side is free
+        mine = rows[seen : seen + run.rows]
+        seen += run.rows
+        assert np.allclose(run.start_s + run.time, RUN.start_s + RUN.time[mine], atol=1e-9)
+        for name, q in RUN.commands.items():
+            moved = np.maximum.accumulate(np.abs(run.commands[name] - run.commands[name][0]) > 1e-6)
+            assert np.array_equal(approach(run.commands[name])[moved], approach(q)[mine][moved])
+
+
+def test_a_rest_that_is_no_pose_is_left_over() -> None:
+    time, readings = recorded(RUN)
+    stop = np.searchsorted(time, 137.0 - 4.0)
+    still = {name: values.copy() for name, values in readings.items()}
+    for values in still.values():
+        values[stop : stop + 120] = 55.0 + 0.3 * np.random.default_rng(1).standard_normal(120)
+    matched = cut_at_rests(MACHINE, RUN, time, still, dwell_s=DWELL)
+    assert matched.missing == () and matched.unused == 1 and "no pose of the plan: 1" in str(matched)
+
+
+def test_another_recording_is_refused() -> None:
+    time, readings = recorded(RUN)
+    half = len(time) // 3
+    with pytest.raises(InputError, match="poses found by their times"):
+        cut_at_rests(MACHINE, RUN, time[:half], {n: v[:half] for n, v in readings.items()}, dwell_s=DWELL)
+    with pytest.raises(InputError, match="lacks dz_um"):
+        cut_at_rests(MACHINE, RUN, time, {n: readings[n] for n in COLUMNS[:2]}, dwell_s=DWELL)
+    with pytest.raises(InputError, match="show no rests"):
+        cut_at_rests(MACHINE, RUN, time, readings, dwell_s=0.05)
+
+
+def test_equal_intervals_do_not_say_which_pose_is_missing_at_an_end() -> None:
+    even = replace(RUN, time=10.0 * np.arange(RUN.rows))
+    time, readings = recorded(even)
+    last = np.searchsorted(time, 137.0 + 1.002 * (even.time[-1] - 4.0))
+    with pytest.raises(InputError, match="in several ways"):
+        cut_at_rests(MACHINE, even, time[:last], {n: v[:last] for n, v in readings.items()}, dwell_s=DWELL)
+
+
+def test_a_text_file_with_a_head_and_decimal_commas(tmp_path: Path) -> None:
+    time, readings = recorded(RUN, rate_hz=20.0)
+    lines = ["R-Test; 2026", "Zeit;x;y;Temp;z"]
+    for k, t in enumerate(time):
+        cells = [f"{t:.3f}", *(f"{readings[n][k] / 1e3:.5f}" for n in COLUMNS)]
+        lines.append(";".join([*cells[:3], "20,1", cells[3]]).replace(".", ","))
+    path = tmp_path / "r-test.txt"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    read, found = read_recording(path, ["t", "dx_um", "dy_um", "-", "dz_um"], unit="mm")
+    assert np.abs(read - time).max() < 1e-3
+    assert all(np.abs(found[n] - readings[n]).max() < 0.006 for n in COLUMNS)
+    path.write_text("\n".join([*lines[:30], "1;2;3"]), encoding="utf-8")
+    with pytest.raises(InputError, match=r"3 columns, 5 are named") as caught:
+        read_recording(path, ["t", "dx_um", "dy_um", "-", "dz_um"])
+    assert caught.value.line == 31
+
+
+def test_the_verb_says_what_it_did_not_find(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = campaign_of(MACHINE, (replace(RUN, readings={}),))
+    write_campaign(plan, tmp_path / "plan")
+    time, readings = recorded(RUN, shaken=(4,), rate_hz=20.0)
+    rows = [",".join([f"{t:.3f}", *(f"{readings[n][k]:.3f}" for n in COLUMNS)]) for k, t in enumerate(time)]
+    (tmp_path / "r.csv").write_text("\n".join(["t,x,y,z", *rows]), encoding="utf-8")
+    call = ["import-rests", str(tmp_path / "plan"), str(tmp_path / "r.csv"), "-o", str(tmp_path / "m")]
+    assert main(call) == 0
+    assert "not found: pose 5 (line 6)" in capsys.readouterr().err
+    measured = read_campaign(tmp_path / "m")
+    assert measured.measured and measured.rows == RUN.rows - 1
+    for wrong, says in (
+        (["--run", "no"], "the plan has no run no"),
+        (["--columns", "dx_um,dy_um"], "do not name t"),
+        (["--run", RUN.id, "--run", "b"], "1 files for 2 runs"),
+    ):
+        assert main([*call[:-1], str(tmp_path / "n"), *wrong]) == 2
+        assert says in capsys.readouterr().err and not (tmp_path / "n").exists()
