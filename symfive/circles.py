@@ -14,7 +14,6 @@ from symfive.campaign import Run
 from symfive.instruments import instruments_of
 from symfive.kinematics import ball_in_workpiece
 from symfive.machine import Machine
-from symfive.report._style import short
 
 __all__ = ["Circle", "CircleFinder", "grouped"]
 
@@ -71,11 +70,6 @@ class Circle:
     def measured(self, readings: Array) -> Array:
         """Radial deviation (N,), µm, of readings from the commanded circle."""
         return np.asarray(np.sum(self.weights * (readings[:, self.columns] - self.nominal), axis=1))
-
-    @property
-    def words(self) -> str:
-        """Run and sense for a legend."""
-        return f"{short(self.run.id)} ({'CCW' if self.sense > 0 else 'CW'})"
 
 
 class CircleFinder:
