@@ -93,8 +93,10 @@ class CircleFinder:
         Where the ball goes round in the workpiece frame its own angle counts, else the coordinate of the axis that
         turns.
         """
+        if run.rows < 8 or not set(run.instrument) & set(INSTRUMENTS):
+            return None
         part = _columns(run, self.machine)
-        if part is None or run.rows < 8:
+        if part is None:
             return None
         name, columns = part
         ball = self.ball_path(run)

@@ -164,6 +164,7 @@ class _Seen:
     model: Model
     run: Run
     values: Array
+    prediction: Array
     rows: NDArray[np.int64]
     weights: Array
     deviation: Array
@@ -181,14 +182,16 @@ class _Seen:
         left, size, _ = np.linalg.svd(slopes, full_matrices=False)
         basis = left[:, size > UNSEEN]
         plain = model.predict_run(run, model.prior_mean)
-        return cls(model, run, values, rows, weights, weights * (readings - plain).ravel()[rows], basis)
+        return cls(
+            model, run, values, line.prediction, rows, weights, weights * (readings - plain).ravel()[rows], basis
+        )
 
     def squares(self, names: Sequence[str]) -> tuple[float, float]:
         """Sum of the deviation's squares, and what it would be with these parameters corrected."""
         without = self.values.copy()
         for i in (self.model.index[name] for name in names if name in self.model.index):
             without[i] = self.model.parameters[i].mean
-        gone = self.model.predict_run(self.run, self.values) - self.model.predict_run(self.run, without)
+        gone = self.prediction - self.model.predict_run(self.run, without)
         return self._left(self.deviation), self._left(self.deviation - self.weights * gone.ravel()[self.rows])
 
     def _left(self, deviation: Array) -> float:

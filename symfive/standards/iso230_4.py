@@ -192,7 +192,7 @@ def _limits(circle: Circle, angle: Array) -> tuple[str, ...]:
     gaps = steps[steps > GAP * np.median(steps)]
     if len(gaps):
         where = f"{len(gaps)} places without readings, the widest {np.degrees(gaps.max()):.2g}°"
-        said.append(f"{where} (left out near reversals?): peaks there do not count")
+        said.append(f"{where} (left out near reversals?): peaks there do not count, import with --angle-error 0")
     if _length(circle.run) >= KNOWN_LENGTH_UM:
         said.append("the bar's length is not calibrated: no F and no D")
     return tuple(said)
