@@ -32,7 +32,7 @@ from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import percent
 
-__all__ = ["DO_NOT", "Worth", "effect_worth", "location_worths", "signed", "worth_of", "worth_text"]
+__all__ = ["DO_NOT", "LONGEST", "Worth", "effect_worth", "location_worths", "signed", "worth_of", "worth_text"]
 
 Array = NDArray[np.float64]
 DO_NOT = "do not correct: below the uncertainty"
@@ -107,8 +107,8 @@ def worth_of(identification: Identification, groups: Iterable[Sequence[str]]) ->
         if name not in model.index:
             raise InputError(f'the model has no parameter "{name}"', remedy="see result.parameters")
     finder = CircleFinder(model.machine)
-    circles = {run.id for run in model.campaign.runs if finder.find(run) is not None}
     runs, space = _measured(identification), _workspace(identification)
+    circles = {seen.run.id for seen in runs if finder.find(seen.run) is not None}
     return tuple(_worth(identification, names, runs, circles, space) for names in wanted)
 
 

@@ -8,8 +8,8 @@ import math
 from symfive.identify import Identification
 from symfive.numbers import plain_number, rounded, unit_words
 from symfive.report._tables import Cell, table
-from symfive.standards import StandardValue, standard_values
-from symfive.worth import location_worths, signed
+from symfive.standards import StandardValue, squareness_values, standard_values
+from symfive.worth import LONGEST, location_worths, signed
 
 __all__ = ["standards_section", "worth_section"]
 
@@ -19,8 +19,12 @@ COMMON = ("tool reference", "evaluation")
 
 
 def standards_section(identification: Identification) -> list[str]:
-    """G, E, A … with U (k = 2) and what they hold for; nothing where no run is such a test."""
-    values = standard_values(identification)[:MOST_VALUES]
+    """G, E, A … with U (k = 2) and what they hold for; nothing where no run is such a test. Long runs are left to `symfive
+    standards`: they would have to be held in memory as a whole."""
+    campaign = identification.model.campaign
+    short = [run.id for run in campaign.runs if run.rows <= LONGEST]
+    found = standard_values(campaign.select(*short)) if short else ()
+    values = (*found, *squareness_values(identification))[:MOST_VALUES]
     if not values:
         return []
     rows: list[list[str | Cell]] = [
