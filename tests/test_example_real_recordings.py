@@ -17,11 +17,8 @@ from examples.real_recordings import figures, story, words  # noqa: E402
 from examples.real_recordings.recordings import (  # noqa: E402
     RECORDINGS,
     Recording,
-    cycles,
     halves,
-    rows_of,
     runs_with,
-    turns,
 )
 from examples.real_recordings.study import Study, held_out_rms, lacking, rms_of, study  # noqa: E402
 from symfive.campaign import Campaign, Run  # noqa: E402
@@ -30,6 +27,7 @@ from symfive.diagnose import amend  # noqa: E402
 from symfive.effects import make_effect  # noqa: E402
 from symfive.errors import InputError  # noqa: E402
 from symfive.identify import identify  # noqa: E402
+from symfive.importers import cycles_of, rows_of, turns_of  # noqa: E402
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis  # noqa: E402
 from symfive.simulate import simulate  # noqa: E402
 
@@ -60,7 +58,7 @@ def simulated() -> Study:
     """Backlash that the baseline does not know, through the functions of the example."""
     effect = make_effect("backlash", "X")
     plan = axis_under_test()
-    pieces = tuple(cycles(plan.runs[0]))  # each begins anew: its first row counts as approached like its second
+    pieces = tuple(cycles_of(plan.runs[0]))  # each begins anew: its first row counts as approached like its second
     whole = simulate(
         replace(plan, runs=pieces), truth={"backlash.X.width": WIDTH_UM}, effects=[effect], seed=3
     ).campaign
@@ -104,7 +102,7 @@ def test_every_converter_has_its_study_and_every_name_its_own() -> None:
 
 def test_cycles_repeat_each_other_and_lose_nothing() -> None:
     run = axis_under_test().runs[0]
-    pieces = cycles(run)
+    pieces = cycles_of(run)
     assert all(pieces[0].repeated_by(piece) for piece in pieces)
     assert np.array_equal(np.concatenate([piece.commands["X"] for piece in pieces]), run.commands["X"])
     assert [piece.start_s for piece in pieces] == [0.0, 14.0, 28.0, 42.0, 56.0]
@@ -116,12 +114,15 @@ def test_whole_turns_repeat_each_other() -> None:
         id="wheel", instrument=("displacement",), sampling="dynamic", time=time, commands={"C": 100.0 + 30.0 * time},
         readings={"s1_um": np.cos(np.radians(100.0 + 30.0 * time))},
     )  # fmt: skip
-    found = turns(run, "C")
+    axes = {"C": make_axis("C", travel=(-3600.0, 3600.0))}
+    machine = Machine(name="wheel", structure=Structure.parse("w C' b t"), axes=axes, errors={})
+    found = turns_of(run, machine, step_deg=4.0)
     assert len(found) == 1  # from 100° to 997°: only 360° … 720° is whole
     assert found[0].start_s == pytest.approx((360.0 - 100.0) / 30.0)
     expected = np.cos(np.radians(found[0].commands["C"]))
     assert found[0].readings["s1_um"] == pytest.approx(expected, abs=1e-3)
-    assert turns(rows_of(run, slice(0, 50)), "C") == []
+    with pytest.raises(InputError, match="whole turn"):
+        turns_of(rows_of(run, slice(0, 50)), machine, step_deg=4.0)
 
 
 def test_halves_are_each_others_rest() -> None:

@@ -10,6 +10,7 @@ import pytest
 from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
+from symfive.circles import CircleFinder, grouped
 from symfive.errors import InputError
 from symfive.identify import Confounding, Identification, Outlier, identify
 from symfive.machine import ErrorTerm, Machine, make_axis
@@ -30,7 +31,6 @@ from symfive.report import (
     residuals_over_time,
     save_figures,
 )
-from symfive.report._circles import CircleFinder, grouped
 from symfive.report._over_coordinates import coordinates_with_tips
 from symfive.report._over_time import residuals_with_tips
 from symfive.report._page import embedded
@@ -282,7 +282,7 @@ def test_report_says_what_the_data_say(backlash, tmp_path):
     text = path.read_text()
     page = Page(text)
     assert path.name == "identification.html" and len(text) < 3_000_000 and list(tmp_path.iterdir()) == [path]
-    assert page.tags.count("table") == 4 and page.tags.count("figure") == 7 and page.tags.count("svg") == 7
+    assert page.tags.count("table") == 6 and page.tags.count("figure") == 7 and page.tags.count("svg") == 7
     for words in confounded_machine(backlash):
         assert words in page.words
     for word in ("EX0C", "µrad", "95 % interval", "χ²/dof", "x110-f800-cw.csv", "correlation time / s", "declared"):

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
+from symfive.importers import every, split
 
-__all__ = ["RECORDINGS", "Part", "Recording", "cycles", "halves", "rows_of", "runs_with", "turns"]
+__all__ = ["RECORDINGS", "Part", "Recording", "halves", "runs_with"]
 
 Rows = NDArray[np.bool_]
-CYCLES = 5
 STEP_DEG = 4.0
 
 
@@ -59,27 +59,6 @@ class Recording:
         return self.name.split(" ")[0]
 
 
-def rows_of(run: Run, rows: slice | Rows) -> Run:
-    """Some rows of a run."""
-    return replace(
-        run,
-        time=run.time[rows],
-        commands={name: values[rows] for name, values in run.commands.items()},
-        readings={name: values[rows] for name, values in run.readings.items()},
-    )
-
-
-def cycles(run: Run, count: int = CYCLES) -> list[Run]:
-    """The cycles of an ISO 230-2 test as runs of their own: they repeat each other, row by row."""
-    pieces = []
-    for k, rows in enumerate(np.array_split(np.arange(run.rows), count), start=1):
-        piece = rows_of(run, slice(rows[0], rows[-1] + 1))
-        begin = float(piece.time[0])
-        name = f"{run.id}-cycle-{k}"
-        pieces.append(replace(piece, id=name, file=f"{name}.csv", time=piece.time - begin, start_s=run.start_s + begin))
-    return pieces
-
-
 def halves() -> tuple[Part, Part]:
     """The first half of the time of every run, and the second."""
 
@@ -102,67 +81,30 @@ def _without_friction(campaign: Campaign) -> Campaign:
 
 def _thinned(step: int) -> Callable[[Campaign], Campaign]:
     def prepare(campaign: Campaign) -> Campaign:
-        runs = [rows_of(run, slice(None, None, step)) if run.rows > 500 else run for run in campaign.runs]
-        return replace(campaign, runs=tuple(runs))
+        return replace(campaign, runs=tuple(every(run, step) if run.rows > 500 else run for run in campaign.runs))
 
     return prepare
 
 
 def _iso230(campaign: Campaign) -> Campaign:
-    """The static tests, their cycles as runs."""
-    runs: list[Run] = []
-    for run in (run for run in campaign.runs if not run.dynamic):
-        runs += [run] if "encoder" in run.instrument else cycles(run)
-    return replace(campaign, runs=tuple(runs))
+    """The static tests, their cycles as runs (`--split cycles`)."""
+    tests = replace(campaign, runs=tuple(run for run in campaign.runs if not run.dynamic))
+    return split(tests, "cycles", only=[run.id for run in tests.runs if "encoder" not in run.instrument])
 
 
 def _scans(step: int) -> Callable[[Campaign], Campaign]:
     def prepare(campaign: Campaign) -> Campaign:
-        scans = [rows_of(run, slice(None, None, step)) for run in campaign.runs if run.dynamic]
-        return replace(campaign, runs=tuple(scans))
+        return replace(campaign, runs=tuple(every(run, step) for run in campaign.runs if run.dynamic))
 
     return prepare
 
 
-def turns(run: Run, axis: str) -> list[Run]:
-    """The whole turns of an axis at constant speed as runs that repeat each other, rows every `STEP_DEG`.
-
-    Readings are interpolated linearly to the angles, times those of a uniform motion (ISO 230-7: what repeats from turn to
-    turn is synchronous, the rest is not).
-    """
-    angle = run.commands[axis]
-    if np.ptp(angle) < 360.0:
-        return []
-    order = np.argsort(angle, kind="stable")
-    speed = float(np.ptp(angle) / (run.time[-1] - run.time[0]))
-    grid = np.arange(0.0, 360.0, STEP_DEG)
-    first, last = np.ceil(angle.min() / 360.0), np.floor(angle.max() / 360.0)
-    pieces: list[Run] = []
-    for k in range(int(first), int(last)):
-        at = grid + 360.0 * k
-        name = f"{run.id}-turn-{len(pieces) + 1}"
-        pieces.append(
-            replace(
-                run, id=name, file=f"{name}.csv", time=grid / speed_of(speed), commands={axis: grid},
-                start_s=float(np.interp(at[0], angle[order], run.time[order])),
-                readings={n: np.interp(at, angle[order], v[order]) for n, v in run.readings.items()},
-            )
-        )  # fmt: skip
-    return pieces
-
-
-def speed_of(speed: float) -> float:
-    """Degree/s, rounded to what the drive was asked for: turns of several runs then repeat each other."""
-    return round(speed, 0)
-
-
 def _turns(campaign: Campaign) -> Campaign:
-    """Whole turns; of the standstill every eighth row; no coast-down."""
-    runs: list[Run] = []
-    for run in campaign.runs:
-        if "displacement" in run.instrument:
-            runs += turns(run, "C") or [rows_of(run, slice(None, None, 8))]
-    return replace(campaign, runs=tuple(runs))
+    """Whole turns (`--split turns --step-deg 4`); of the standstill every eighth row; no coast-down."""
+    probes = [run for run in campaign.runs if "displacement" in run.instrument]
+    still = [run.id for run in probes if np.ptp(run.commands["C"]) < 360.0]
+    thinned = replace(campaign, runs=tuple(every(run, 8) if run.id in still else run for run in probes))
+    return split(thinned, "turns", step_deg=STEP_DEG, only=[run.id for run in probes if run.id not in still])
 
 
 def _coast_down(campaign: Campaign) -> Campaign:
@@ -174,7 +116,7 @@ def _seen_from_outside(campaign: Campaign) -> Campaign:
     """The resolver on the screw of a stepper that runs open loop tells no control anything: it reads what the axis did, as an
     outer instrument. Every fourth row (25 Hz)."""
     runs = []
-    for run in (rows_of(run, slice(None, None, 4)) for run in campaign.runs):
+    for run in (every(run, 4) for run in campaign.runs):
         deviation = 1e3 * (run.readings["X_act_mm"] - run.commands["X"])
         runs.append(
             replace(

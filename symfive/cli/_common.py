@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 __all__ = [
-    "COUNT", "MOST", "PATH", "POSITIVE", "SEED", "Number", "Progress", "app", "as_json", "campaign_path", "dialects",
+    "COUNT", "MOST", "PATH", "POSITIVE", "SEED", "Number", "Progress", "app", "as_json", "campaign_path", "cut", "dialects",
     "dialects_of", "joined", "output_path", "overwrite", "quiet", "read", "scheduler", "tell",
 ]  # fmt: skip
 
@@ -105,6 +105,21 @@ dialects = click.option(
 )
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors and the result.")
+
+
+def cut(verb: Callable[..., None]) -> Callable[..., None]:
+    """The options that thin and cut recordings: `how`, `step_deg`, `step`."""
+    for option in (
+        click.option("--every", "step", type=click.IntRange(1, MOST), default=1, help="Keep every n-th row."),
+        click.option(
+            "--step-deg", type=POSITIVE, help="With --split turns: rows of a rotary axis every so many degrees."
+        ),
+        click.option("--split", "how", help="turns, cycles, or rests: cut each recording into runs."),
+    ):
+        verb = option(verb)
+    return verb
+
+
 scheduler = click.option("--scheduler", help="A Dask scheduler instead, as tcp://host:8786.")
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from symfive.cli._common import PATH, POSITIVE, Number, app, campaign_path, output_path, overwrite, quiet, read
+from symfive.cli._common import PATH, POSITIVE, Number, app, campaign_path, cut, output_path, overwrite, quiet, read
 
 if TYPE_CHECKING:
     from symfive.errors import InputError
@@ -235,16 +235,21 @@ def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: b
 @click.argument("name", help="A real recording: emps, ess-xyz, irb120-tracker, …")
 @output_path
 @click.option("--data", type=PATH, help="Where the recordings lie (default: $SYMFIVE_DATA).")
+@cut
 @overwrite
 @quiet
-def convert(name: str, output: Path, data: Path | None, overwrite: bool, quiet: bool) -> None:
+def convert(
+    name: str, output: Path, data: Path | None, how: str | None, step_deg: float | None, step: int, overwrite: bool,
+    quiet: bool,
+) -> None:  # fmt: skip
     """Turn a public real recording into a campaign (docs/recordings.md says which, and under which licence)."""
     from symfive.campaign import write_campaign_files
     from symfive.convert import convert as convert_recording
+    from symfive.importers import prepared
     from symfive.outputs import output_folder
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
-        campaign = convert_recording(name, data)
+        campaign = prepared(convert_recording(name, data), step=step, how=how, step_deg=step_deg)
         write_campaign_files(campaign, folder)
     if not quiet:
         click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)

@@ -1,9 +1,16 @@
 """Machines and campaigns from what users have: files of instruments and controls that are not campaigns yet."""
 
+from symfive.importers.mapping import Meaning, guessed_meanings, meanings, shown_meanings, taken
 from symfive.importers.mtconnect import read_mtconnect
 from symfive.importers.polar import FITTED, polar_doubts, polar_run, read_polar
+from symfive.importers.recording import Setting, positioning_run, probe_run, recorded_run, runs_of
 from symfive.importers.rests import Matched, cut_at_rests, read_recording
+from symfive.importers.split import SPLITS, cycles_of, every, moved_pieces, prepared, rows_of, split, turns_of
+from symfive.importers.table import Table, read_table
 
 __all__ = [
-    "FITTED", "Matched", "cut_at_rests", "polar_doubts", "polar_run", "read_mtconnect", "read_polar", "read_recording",
+    "FITTED", "SPLITS", "Matched", "Meaning", "Setting", "Table", "cut_at_rests", "cycles_of", "every", "guessed_meanings",
+    "meanings", "moved_pieces", "polar_doubts", "polar_run", "positioning_run", "prepared", "probe_run", "read_mtconnect",
+    "read_polar", "read_recording", "read_table", "recorded_run", "rows_of", "runs_of", "shown_meanings", "split", "taken",
+    "turns_of",
 ]  # fmt: skip

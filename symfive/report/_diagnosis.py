@@ -38,6 +38,7 @@ from symfive.report._polar import polar_trace
 from symfive.report._save import keep
 from symfive.report._spectrum import READING as SPECTRUM
 from symfive.report._spectrum import residual_spectrum
+from symfive.report._standards import standards_section
 from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
 from symfive.report._visible import visible_parts
@@ -72,6 +73,7 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
         *_cards(diagnosis, findings, target / "figures"),
         *_proof(diagnosis, target / "figures"),
         *_sight(diagnosis),
+        *standards_section(diagnosis.after),
         *_quality(diagnosis, target / "figures"),
     ]
     write_page(target / NAME, title, "\n".join(body))

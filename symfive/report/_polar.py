@@ -11,12 +11,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from symfive.campaign import Campaign, Run
+from symfive.circles import Circle, CircleFinder, grouped
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
-from symfive.report._circles import Circle, CircleFinder, grouped
-from symfive.report._style import blank, footnote, plain_number, styled
+from symfive.report._style import blank, footnote, plain_number, short, styled
 from symfive.report._traces import Array, Condensed, chosen_runs, condensed, condensed_of, running_mean, spread
 
 __all__ = ["polar_trace"]
@@ -211,7 +211,9 @@ def _panel(axes: Axes, group: Sequence[_Deviation], scale: _Scale, *, after: boo
 
 
 def _words(deviation: _Deviation) -> str:
-    words = f"{deviation.circle.words}: p–v {plain_number(_height(deviation, deviation.before))} µm"
+    circle = deviation.circle
+    name = f"{short(circle.run.id)} ({'CCW' if circle.sense > 0 else 'CW'})"
+    words = f"{name}: p–v {plain_number(_height(deviation, deviation.before))} µm"
     return (
         words
         if deviation.left is None

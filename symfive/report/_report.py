@@ -11,6 +11,7 @@ from symfive.identify import Identification
 from symfive.numbers import expected_ratio, plain_number
 from symfive.report._page import embedded, sentences, write_page
 from symfive.report._save import drawings, keep
+from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import unit_words
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
 from symfive.report._words import confounded_machine, confounded_setup, fits, verdict
@@ -94,6 +95,8 @@ def _sections(identification: Identification, target: Path | None) -> list[str]:
         '<h2 id="told-apart">What these data cannot tell apart</h2>', said,
         '<h2 id="values">Parameters</h2>',
         parameter_table(identification) if has_shared else "<p>The model has none but set-up.</p>",
+        *worth_section(identification),
+        *standards_section(identification),
         '<h2 id="noise">Noise found and declared</h2>', noise_table(identification),
         '<h2 id="outliers">Outliers</h2>',
         outlier_table(identification) if identification.outliers else "<p>None.</p>",

@@ -12,11 +12,11 @@ from scipy.fft import next_fast_len
 from scipy.special import gammainccinv
 
 from symfive.campaign._disk import let_go
+from symfive.circles import CircleFinder
 from symfive.drawing import INK, SERIES
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.machine import Machine
-from symfive.report._circles import CircleFinder
 from symfive.report._style import blank, footnote, plain_log, short, styled, unit_words
 from symfive.report._traces import Array, Trace, traces_of
 

@@ -14,7 +14,6 @@ from symfive.campaign import Run
 from symfive.instruments import instruments_of
 from symfive.kinematics import ball_in_workpiece
 from symfive.machine import Machine
-from symfive.report._style import short
 
 __all__ = ["Circle", "CircleFinder", "grouped"]
 
@@ -72,11 +71,6 @@ class Circle:
         """Radial deviation (N,), µm, of readings from the commanded circle."""
         return np.asarray(np.sum(self.weights * (readings[:, self.columns] - self.nominal), axis=1))
 
-    @property
-    def words(self) -> str:
-        """Run and sense for a legend."""
-        return f"{short(self.run.id)} ({'CCW' if self.sense > 0 else 'CW'})"
-
 
 class CircleFinder:
     """Finds the circles of a machine's runs from its nominal kinematics."""
@@ -99,8 +93,10 @@ class CircleFinder:
         Where the ball goes round in the workpiece frame its own angle counts, else the coordinate of the axis that
         turns.
         """
+        if run.rows < 8 or not set(run.instrument) & set(INSTRUMENTS):
+            return None
         part = _columns(run, self.machine)
-        if part is None or run.rows < 8:
+        if part is None:
             return None
         name, columns = part
         ball = self.ball_path(run)

@@ -1,0 +1,156 @@
+"""What instruments and controls export, brought back as a campaign."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from symfive.cli._common import PATH, POSITIVE, Number, app, cut, output_path, overwrite, quiet
+
+if TYPE_CHECKING:
+    from symfive.campaign import Run
+    from symfive.importers import Meaning, Table
+    from symfive.machine import Machine
+
+__all__ = ["import_table"]
+
+
+@app.command(
+    name="import",
+    epilog="Example: symfive import three-axis x-laser.csv -o measured/ --map target=1:mm --map up=2-6:um --map down=7-11:um",
+)
+@click.argument("machine", help="A machine file, or the name of a preset.")
+@click.argument("files", type=PATH, nargs=-1, required=True, help="Tables as instruments export them, one a run.")
+@output_path
+@click.option(
+    "--map", "entries", multiple=True,
+    help="NAME=COLUMN:UNIT: a column by number, range (2-6) or name is time, angle, deviation, radius, target, measured, up, "
+    "down, an axis, X_found, or a reading (dL, dx, X_dev, X_act, …).",
+)  # fmt: skip
+@click.option("--yes", is_flag=True, help="Take what is guessed from the head without asking.")
+@click.option("--axis", default="X", help="Axis of a positioning test.")
+@click.option("--centre", default="0,0,0", help="The table ball or sphere in the workpiece frame, mm.")
+@click.option(
+    "--tool-ball", help="The tool ball or the probe's tip in the tool frame, mm (default: the machine file's)."
+)
+@click.option("--radius", type=POSITIVE, help="Radius of the circle, length of the bar, mm.")
+@click.option("--feed", type=POSITIVE, help="Feed along the circle, mm/min.")
+@click.option("--plane", default="XY", help="XY, YZ or ZX.")
+@click.option(
+    "--direction", multiple=True, help="ccw or cw, one per file, where the angles do not run as the circle did."
+)
+@click.option("--hold", multiple=True, help="AXIS=POSITION of an axis without a column; may be repeated.")
+@click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
+@click.option("--fitted", is_flag=True, help="The software took each circle's own mean radius and centre off.")
+@click.option("--angle-error", type=Number(0.0), default=0.5, help="How well the angle of a circle is known, degree.")
+@cut
+@overwrite
+@quiet
+def import_table(
+    machine: str, files: tuple[Path, ...], output: Path, entries: tuple[str, ...], yes: bool, axis: str, centre: str,
+    tool_ball: str | None, radius: float | None, feed: float | None, plane: str, direction: tuple[str, ...],
+    hold: tuple[str, ...], noise_um: float, fitted: bool, angle_error: float, how: str | None, step_deg: float | None,
+    step: int, overwrite: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """A campaign from tables: columns, units and separators guessed, shown and confirmed."""
+    from dataclasses import replace
+
+    from symfive.campaign import write_campaign_files
+    from symfive.errors import InputError
+    from symfive.given import machine_given
+    from symfive.importers import Setting, meanings, prepared, read_table, runs_of, shown_meanings, taken
+    from symfive.importers.polar import DIRECTIONS
+    from symfive.outputs import output_folder
+    from symfive.procedures import PLANES, campaign_of
+
+    if plane not in PLANES:
+        raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
+    if direction and (len(direction) != len(files) or not set(direction) <= set(DIRECTIONS)):
+        problem = f"{len(files)} files have the directions {', '.join(direction)}"
+        raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
+    with output_folder(output, overwrite=overwrite, recorded=True) as folder:
+        data = machine_given(machine)
+        setting = Setting(
+            centre=_point("--centre", centre), tool_ball=None if tool_ball is None else _point("--tool-ball", tool_ball),
+            radius=radius, feed=feed, plane=plane, axis=axis, hold=_held(hold), noise_um=noise_um, fitted=fitted,
+            angle_error=angle_error,
+        )  # fmt: skip
+        runs: list[Run] = []
+        for number, path in enumerate(files):
+            table = read_table(path)
+            found = meanings(table, data, entries)
+            _confirm(table, found, shown_meanings(table, found), yes=yes, quiet=quiet)
+            own = replace(setting, direction=direction[number]) if direction else setting
+            try:
+                runs += runs_of(data, taken(table, found, data), own, path.stem)
+            except InputError as error:
+                raise error.at(path) from None
+        campaign = prepared(campaign_of(data, runs, output.name), step=step, how=how, step_deg=step_deg)
+        write_campaign_files(campaign, folder)
+    if not quiet:
+        for note in _doubts(data, runs, radius, feed):
+            click.echo(f"note: {note}", err=True)
+        click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
+
+
+def _doubts(machine: Machine, runs: Sequence[Run], radius: float | None, feed: float | None) -> tuple[str, ...]:
+    """What is odd about reconstructed circles."""
+    import numpy as np
+
+    from symfive.circles import CircleFinder
+    from symfive.importers import polar_doubts
+
+    finder = CircleFinder(machine)
+    circles = [(run, circle) for run in runs if run.options.get("start") == "moving" and (circle := finder.find(run))]
+    if not circles or radius is None or feed is None:
+        return ()
+    angles = [np.degrees(circle.angle) for _, circle in circles]
+    return polar_doubts(machine, [run for run, _ in circles], angles, radius=radius, feed=feed)
+
+
+def _confirm(table: Table, found: Sequence[Meaning], shown: str, *, yes: bool, quiet: bool) -> None:
+    """Show what the columns are taken for; ask where some of it is guessed. Raises `InputError` where nobody can answer."""
+    from symfive.errors import InputError
+
+    if not quiet:
+        click.echo(shown, err=True)
+    if yes or not any(m.guessed for m in found):
+        return
+    said = " ".join(f"--map {m.name}={m.column + 1}:{m.unit}" for m in found)
+    if not sys.stdin.isatty():
+        problem = "what the columns mean is guessed from the head, and nobody is there to confirm it"
+        raise InputError(problem, path=table.path, remedy=f"add --yes, or {said}")
+    click.confirm("Is that right?", default=True, abort=True, err=True)
+
+
+def _point(option: str, text: str) -> tuple[float, float, float]:
+    from symfive.errors import InputError
+    from symfive.separated import LARGEST
+
+    try:
+        x, y, z = (float(word) for word in text.split(","))
+        if not all(abs(value) <= LARGEST for value in (x, y, z)):
+            raise ValueError
+    except ValueError:
+        raise InputError(f'{option} "{text}" is no place', remedy=f"write {option} 0,0,50") from None
+    return x, y, z
+
+
+def _held(entries: Sequence[str]) -> dict[str, float]:
+    from symfive.errors import InputError
+    from symfive.separated import LARGEST
+
+    held = {}
+    for entry in entries:
+        name, _, text = entry.partition("=")
+        try:
+            held[name] = float(text)
+            if not abs(held[name]) <= LARGEST:
+                raise ValueError
+        except ValueError:
+            raise InputError(f'--hold "{entry}" is not AXIS=POSITION', remedy="write --hold Z=150") from None
+    return held

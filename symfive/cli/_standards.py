@@ -1,0 +1,60 @@
+"""The numbers that standards ask for, beside identification and diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from symfive.cli._common import PATH, app, as_json, campaign_path, quiet, read, tell
+
+__all__ = ["standards"]
+
+
+@app.command(epilog='Example: symfive standards measured/ --tolerance "G(b)=10" --tolerance E=6')
+@campaign_path
+@click.option("-o", "--output", type=PATH, help="A JSON file for the numbers, too.")
+@click.option(
+    "--tolerance", "tolerances", multiple=True,
+    help="NAME=VALUE (µm; squareness µm/m), as G=8, \"G XY CCW=8\" or G@circle-1=8: pass, fail or cannot be decided.",
+)  # fmt: skip
+@click.option(
+    "--uncertainty", "uncertainties", multiple=True, help="NAME=U (k = 2) from your own budget, instead of the noise's."
+)
+@as_json
+@quiet
+def standards(
+    campaign: Path, output: Path | None, tolerances: tuple[str, ...], uncertainties: tuple[str, ...], as_json: bool, quiet: bool
+) -> None:  # fmt: skip
+    """The numbers of ISO 230-4, ISO 230-2 and ISO 10791-6 from the readings, decided by ISO 14253-1."""
+    from symfive.outputs import output_file, write_json
+    from symfive.standards import decided, standard_values, standards_data, standards_text, with_uncertainties
+
+    limits, known = _numbers("--tolerance", tolerances), _numbers("--uncertainty", uncertainties)
+    values = with_uncertainties(standard_values(read(campaign, quiet, measured=True)), known)
+    decisions = decided(values, limits)
+    data = standards_data(values, decisions)
+    if output is not None:
+        with output_file(output) as path:
+            write_json(path, data)
+    tell(data, standards_text(values, decisions), as_json)
+
+
+def _numbers(option: str, entries: Sequence[str]) -> dict[str, float]:
+    """NAME=VALUE as a table. Raises `InputError` for text, and for what is not a number from 0 up."""
+    from symfive.errors import InputError
+    from symfive.files import shown
+    from symfive.separated import LARGEST
+
+    found = {}
+    for entry in entries:
+        name, sign, text = entry.rpartition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = -1.0
+        if not (sign and name.strip() and 0.0 <= value <= LARGEST):
+            raise InputError(f"{option} {shown(entry)} is not NAME=VALUE", remedy=f"write {option} E=6")
+        found[name.strip()] = value
+    return found

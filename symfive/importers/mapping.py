@@ -1,0 +1,147 @@
+"""What the columns of a table mean: guessed from its head, said by the user, shown before anything is written.
+
+The meaning of a column by its name and its unit in the head may be guessed; a unit is never.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.errors import InputError
+from symfive.files import shown
+from symfive.importers.table import Table
+from symfive.machine import Machine
+
+__all__ = ["Meaning", "guessed_meanings", "meanings", "shown_meanings", "taken"]
+
+Array = NDArray[np.float64]
+SCALES = {
+    "length": {"mm": 1.0, "um": 1e-3, "m": 1e3, "in": 25.4},
+    "angle": {"deg": 1.0, "rad": 180.0 / np.pi, "gon": 0.9, "urad": 1.8e-4 / np.pi},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
+    "force": {"N": 1.0, "kN": 1e3},
+    "torque": {"Nm": 1.0},
+}
+"""Quantity → unit → what multiplies it to mm, degree, s, N or Nm."""
+ALIASES = {
+    "time": ("time", "t", "zeit", "timestamp"),
+    "angle": ("angle", "phi", "winkel", "theta"),
+    "deviation": ("deviation", "dev", "abweichung", "dl", "delta"),
+    "radius": ("radius", "r"),
+    "ccw": ("ccw",),
+    "cw": ("cw",),
+    "target": ("target", "soll", "nominal", "target position", "tgt"),
+    "measured": ("measured", "ist", "actual", "measured position"),
+    "up": ("up", "forward", "fwd"),
+    "down": ("down", "backward", "bwd", "reverse"),
+}
+"""A meaning and the names in heads that it goes by."""
+SMALL = ("deviation", "ccw", "cw", "up", "down")
+"""What is mostly written in µm."""
+_READING = re.compile(r"(dL|d[xyz]|d[uv]|[A-Z]\w*_dev|[A-Z]\w*_act|[A-Z]\w*_force|[A-Z]\w*_torque)\Z")
+_NUMBERED = re.compile(r"\W*\d+\Z")
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """The table's column number `column` (from 0) is `name`, in `unit`; `guessed` where nobody said so."""
+
+    name: str
+    column: int
+    unit: str
+    guessed: bool
+
+
+def _quantity(name: str, machine: Machine) -> str:
+    axis = name.partition("_")[0] if name.partition("_")[2] in ("act", "found") else name
+    if name == "time":
+        return "time"
+    if name == "angle" or (axis in machine.axes and machine.axes[axis].rotary):
+        return "angle"
+    return "force" if name.endswith("_force") else "torque" if name.endswith("_torque") else "length"
+
+
+def _known(name: str, machine: Machine) -> bool:
+    axis, _, what = name.partition("_")
+    found = what == "found" and axis in machine.axes and not machine.axes[axis].rotary
+    return name in ALIASES or name in machine.axes or found or bool(_READING.match(name))
+
+
+def guessed_meanings(table: Table, machine: Machine) -> tuple[Meaning, ...]:
+    """Of every column whose name in the head says it: an axis, a reading by its name in a campaign, or a common word."""
+    found = []
+    for i, (name, unit) in enumerate(zip(table.names, table.units, strict=True)):
+        plain = _NUMBERED.sub("", name).strip().casefold()
+        word = next((key for key, words in ALIASES.items() if plain in words or name.casefold() in words), None)
+        meaning = name if name in machine.axes or _READING.match(name) else word
+        if name.endswith("_found") and _known(name, machine):
+            meaning = name
+        if meaning is not None:
+            found.append(Meaning(meaning, i, unit, guessed=True))
+    return tuple(found)
+
+
+def meanings(table: Table, machine: Machine, entries: Sequence[str]) -> tuple[Meaning, ...]:
+    """What the user said (`NAME=COLUMN[:UNIT]`, a column by number, range of numbers or name), else what the head says.
+
+    Where a name is said its guess is dropped. Raises `InputError` for an unknown name, column or unit.
+    """
+    said: list[Meaning] = []
+    for entry in entries:
+        name, sign, rest = entry.partition("=")
+        name, (place, _, unit) = name.strip(), rest.strip().partition(":")
+        if not sign or not place:
+            raise InputError(f"--map {shown(entry)} is not NAME=COLUMN:UNIT", remedy="write --map deviation=2:um")
+        if not _known(name, machine):
+            there = ", ".join([*machine.axes, *ALIASES, "X_found", "dL", "dx", "X_dev"])
+            raise InputError(f"--map {shown(entry)}: {shown(name)} has no meaning", remedy=f"use one of {there}")
+        said += [Meaning(name, i, unit or table.units[i], guessed=False) for i in _places(table, place)]
+    taken_names, taken_columns = {m.name for m in said}, {m.column for m in said}
+    guesses = [
+        m for m in guessed_meanings(table, machine) if m.name not in taken_names and m.column not in taken_columns
+    ]
+    found = tuple(sorted([*said, *guesses], key=lambda m: m.column))
+    for m in found:
+        units = SCALES[_quantity(m.name, machine)]
+        if m.unit not in units:
+            problem = f"column {m.column + 1} ({m.name}) has {'no unit' if not m.unit else f'the unit {shown(m.unit)}'}"
+            small = m.name in SMALL or _READING.match(m.name)
+            example = "um" if small and "um" in units else next(iter(units))
+            remedy = f"say it: --map {m.name}={m.column + 1}:{example} (one of {', '.join(units)})"
+            raise InputError(problem, path=table.path, remedy=remedy)
+    return found
+
+
+def _places(table: Table, place: str) -> list[int]:
+    first, dash, last = place.partition("-")
+    if dash and first.isdecimal() and last.isdecimal() and int(first) <= int(last):
+        return [table.column(str(i)) for i in range(int(first), int(last) + 1)]
+    return [table.column(place)]
+
+
+def shown_meanings(table: Table, found: Sequence[Meaning]) -> str:
+    """One line a column: number, name in the head, first number, meaning and unit."""
+    by_column = {m.column: m for m in found}
+    lines = [f"{table.path.name}: {len(table.numbers)} rows; {table.guessed}"]
+    for i, name in enumerate(table.names):
+        m = by_column.get(i)
+        what = "not used" if m is None else f"{m.name} in {m.unit}{' (guessed)' if m.guessed else ''}"
+        lines.append(f"  {i + 1:>3}  {name[:30]:<30}  {table.numbers[0, i]:>14.6g}  {what}")
+    return "\n".join(lines)
+
+
+def taken(table: Table, found: Sequence[Meaning], machine: Machine) -> Mapping[str, Array]:
+    """Name → (N, n) of its columns, in mm, degree, s, N or Nm."""
+    names = dict.fromkeys(m.name for m in found)
+    return {
+        name: np.stack(
+            [table.numbers[:, m.column] * SCALES[_quantity(name, machine)][m.unit] for m in found if m.name == name],
+            axis=1,
+        )
+        for name in names
+    }

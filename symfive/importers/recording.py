@@ -1,0 +1,233 @@
+"""Runs from a table whose columns have a meaning: a circle, a positioning test, a probe cycle, or a recording as it is.
+
+Which of them a table is follows from what its columns mean:
+
+| columns | becomes |
+| --- | --- |
+| `angle` and `deviation` or `radius`, or a column each of `ccw`, `cw` | ball-bar circles, positions reconstructed (`polar_run`) |
+| `target` and `up`, `down` (n columns each) | a positioning test of ISO 230-2, cycle by cycle |
+| `target` and `deviation` or `measured` | the same, rows in measured order |
+| `X_found`, `Y_found`, `Z_found` and rotary axes | a probe cycle: where the sphere's centre was found |
+| axes and readings by their names in a campaign (`dL`, `dx`, `X_dev`, `X_act` …) | a recording, dynamic where `time` is there |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.errors import InputError
+from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, polar_run
+from symfive.machine import Machine
+from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
+
+__all__ = ["Setting", "positioning_run", "probe_run", "recorded_run", "runs_of"]
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Array]
+TURN_MM = 1e-6
+"""Where the same target stands twice, reached from either side, the second command is so much further: it tells the side."""
+INSTRUMENTS = {
+    "dL": "ball_bar", "dx": "r_test", "dy": "r_test", "dz": "r_test", "du": "grid_encoder", "dv": "grid_encoder",
+    "dev": "laser", "act": "encoder", "force": "drive_force", "torque": "drive_force",
+}  # fmt: skip
+IN_FILE = {"act": {False: "mm", True: "deg"}, "force": {False: "N", True: "N"}, "torque": {False: "Nm", True: "Nm"}}
+"""Units in a campaign of what is not in µm, by whether the axis is rotary."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What no table of readings says. `centre` mm of the table ball in the workpiece frame, `tool_ball` mm in the tool frame,
+    `radius` mm of the circle (the bar's length), `feed` mm/min, `hold` positions of axes without a column, `axis` of a
+    positioning test, `noise_um` 1σ of a reading; `fitted` where the software removed centre and mean radius; `direction`
+    `ccw` or `cw` where the angles do not run as the circle did."""
+
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tool_ball: tuple[float, float, float] | None = None
+    radius: float | None = None
+    feed: float | None = None
+    plane: str = "XY"
+    axis: str = "X"
+    hold: Mapping[str, float] = field(default_factory=dict)
+    noise_um: float = 0.3
+    fitted: bool = False
+    angle_error: float = ANGLE_ERROR
+    direction: str | None = None
+
+
+def runs_of(machine: Machine, columns: Columns, setting: Setting, id: str) -> list[Run]:
+    """The runs that a table's columns (name → (N, n) in mm, degree, s, N, Nm) make: one, or one a sense of a circle.
+
+    Raises `InputError` saying what lacks.
+    """
+    if "angle" in columns:
+        return _circles(machine, columns, setting, id)
+    if "target" in columns:
+        return [_positioning(machine, columns, setting, id)]
+    found = {name.removesuffix("_found"): _one(columns, name) for name in columns if name.endswith("_found")}
+    if found:
+        commands = {name: _one(columns, name) for name in columns if name in machine.axes}
+        time = _one(columns, "time") if "time" in columns else None
+        return [probe_run(machine, found, commands, setting, id, time=time)]
+    return [recorded_run(machine, columns, setting, id)]
+
+
+def _one(columns: Columns, name: str) -> Array:
+    if columns[name].shape[1] != 1:
+        raise InputError(f"{columns[name].shape[1]} columns are called {name}", remedy=f"map one: --map {name}=2")
+    return columns[name][:, 0]
+
+
+def _circles(machine: Machine, columns: Columns, setting: Setting, id: str) -> list[Run]:
+    """A sense in each of two columns, one after the other in one list, or one alone."""
+    if setting.radius is None or setting.feed is None:
+        raise InputError("a circle needs its radius and feed", remedy="add --radius 100 (mm) and --feed 1000 (mm/min)")
+    angle = _one(columns, "angle")
+    senses = [sense for sense in DIRECTIONS if sense in columns]
+    if senses:
+        return [
+            _circle(machine, angle, _one(columns, sense), replace(setting, direction=sense), f"{id}-{sense}")
+            for sense in senses
+        ]
+    if ("deviation" in columns) == ("radius" in columns):
+        problem = "a circle needs one column deviation or radius (of the ball's path)"
+        raise InputError(problem, remedy="say which: --map deviation=2:um, or --map radius=2:mm")
+    deviation = _one(columns, "deviation") if "deviation" in columns else _one(columns, "radius") - setting.radius
+    pieces = _one_way(angle)
+    if len(pieces) == 1:
+        return [_circle(machine, angle, deviation, setting, id)]
+    return [_circle(machine, angle[p], deviation[p], setting, f"{id}-{k}") for k, p in enumerate(pieces, start=1)]
+
+
+def _one_way(angle: Array) -> list[slice]:
+    """The parts of a list of angles (degree; a jump by 360° is none) that rise or fall throughout."""
+    steps = np.diff(np.unwrap(np.radians(angle)))
+    senses = np.sign(steps)
+    for i in np.flatnonzero(senses[:-1] == 0.0)[::-1]:
+        senses[i] = senses[i + 1]
+    edges = [0, *(np.flatnonzero(np.diff(senses)) + 2).tolist(), len(angle)]
+    return [slice(first, last) for first, last in pairwise(edges)]
+
+
+def _circle(machine: Machine, angle: Array, deviation: Array, setting: Setting, id: str) -> Run:
+    assert setting.radius is not None and setting.feed is not None
+    if abs(float(np.median(deviation))) > 0.5 * setting.radius:
+        problem = f"the deviations are about {float(np.median(deviation)):.4g} mm: these are radii"
+        raise InputError(problem, remedy="map them so: --map radius=2:mm")
+    if setting.direction is not None and (np.median(np.diff(angle)) > 0.0) != (setting.direction == "ccw"):
+        angle, deviation = angle[::-1], deviation[::-1]
+    return polar_run(
+        machine, angle, 1e3 * deviation, centre=setting.centre, radius=setting.radius, feed=setting.feed, id=id,
+        plane=setting.plane, hold=setting.hold, tool_ball=setting.tool_ball, noise_um=setting.noise_um,
+        setup_sigma_um=FITTED if setting.fitted else None, angle_error=setting.angle_error,
+    )  # fmt: skip
+
+
+def _positioning(machine: Machine, columns: Columns, setting: Setting, id: str) -> Run:
+    target = _one(columns, "target")
+    sides = [columns.get("up"), columns.get("down")]
+    if any(side is not None for side in sides):
+        order = np.argsort(target)
+        cycles = [side.shape[1] for side in sides if side is not None]
+        if len(set(cycles)) != 1:
+            problem = f"{cycles[0]} columns up and {cycles[-1]} down"
+            raise InputError(problem, remedy="map as many of both: --map up=2-6:um --map down=7-11:um")
+        steps = [(side, order if k == 0 else order[::-1]) for k, side in enumerate(sides) if side is not None]
+        rows = [(target[i], side[i, j]) for j in range(cycles[0]) for side, ways in steps for i in ways]
+        where, deviation = (np.array(column) for column in zip(*rows, strict=True))
+        return positioning_run(machine, where, deviation, setting, id)
+    if ("deviation" in columns) == ("measured" in columns):
+        problem = "a positioning test needs one column deviation or measured beside the target"
+        raise InputError(problem, remedy="say which: --map deviation=2:um, or --map measured=2:mm")
+    deviation = _one(columns, "deviation") if "deviation" in columns else _one(columns, "measured") - target
+    return positioning_run(machine, target, deviation, setting, id)
+
+
+def positioning_run(
+    machine: Machine, target: Sequence[float] | Array, deviation: Sequence[float] | Array, setting: Setting, id: str
+) -> Run:
+    """A static run of a laser along `setting.axis`: `target` and `deviation` (N,) mm in measured order (ISO 230-2).
+
+    At the ends the same target may stand twice, reached from either side after an overrun without a reading.
+    """
+    if setting.axis not in machine.axes or machine.axes[setting.axis].rotary:
+        raise InputError(f"the machine has no linear axis {setting.axis}", remedy="name one: --axis X")
+    way, before = np.array(target, dtype=float), 1.0
+    for i in range(1, len(way)):
+        step = way[i] - way[i - 1]
+        if step == 0.0:
+            way[i] += TURN_MM if before < 0.0 else -TURN_MM
+        else:
+            before = step
+    commands = Nominal(machine).commands({**setting.hold, setting.axis: way}, len(way))
+    run = Run(
+        id=id, instrument=("laser",), sampling="static", clock="none", time=np.arange(float(len(way))), commands=commands,
+        readings={f"{setting.axis}_dev_um": 1e3 * np.asarray(deviation, dtype=float)},
+        tool_ball=tool_ball_of(machine, setting.tool_ball), noise_um=setting.noise_um, options={"axis": setting.axis},
+    )  # fmt: skip
+    return within_travel(machine, run, place="the targets' unit or the travel in the machine file")
+
+
+def probe_run(
+    machine: Machine, found: Columns, commands: Columns, setting: Setting, id: str, *, time: Array | None = None
+) -> Run:
+    """A static run of sphere centres: `found` linear axis → (N,) mm at which a centred touch would stand, `commands` rotary
+    axis → (N,) degree; both machine coordinates.
+
+    There the tool's ball (the probe's tip) is in the sphere's centre: the closure of an R-test whose readings are zero at the
+    found positions. `setting.centre` is where the sphere stands, to within some millimetres: its place is the test's zero.
+    """
+    linear = [name for name in machine.axis_names if not machine.axes[name].rotary and name not in setting.hold]
+    lacking = [name for name in linear if name not in found]
+    if lacking:
+        raise InputError(
+            f"where {', '.join(lacking)} found the centre is missing", remedy=f"add --map {lacking[0]}_found=2:mm"
+        )
+    rows = len(next(iter(found.values())))
+    positions = Nominal(machine).commands({**setting.hold, **commands, **found}, rows)
+    run = Run(
+        id=id, instrument=("r_test",), sampling="static", clock="none" if time is None else "recorded",
+        time=np.arange(float(rows)) if time is None else time - time[0], commands=positions,
+        readings={f"d{c}_um": np.zeros(rows) for c in "xyz"}, table_ball=setting.centre,
+        tool_ball=tool_ball_of(machine, setting.tool_ball), noise_um=setting.noise_um,
+    )  # fmt: skip
+    return within_travel(
+        machine, run, place="the found coordinates (machine coordinates?) or the travel in the machine file"
+    )
+
+
+def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) -> Run:
+    """A recording with the positions in it: dynamic where it has a time, else static. Axes without a column stand where
+    `setting.hold` says, or at home."""
+    readings, instruments = dict[str, Array](), dict[str, None]()
+    for name in columns:
+        kind = name if name in INSTRUMENTS else name.partition("_")[2]
+        if kind not in INSTRUMENTS:
+            continue
+        axis = machine.axes.get(name.partition("_")[0])
+        unit = IN_FILE.get(kind, {}).get(axis is not None and axis.rotary, "um")
+        readings[f"{name}_{unit}"] = _one(columns, name) * (1e3 if unit == "um" else 1.0)
+        instruments[INSTRUMENTS[kind]] = None
+    commands = {name: _one(columns, name) for name in columns if name in machine.axes}
+    if not readings or not commands:
+        there = ", ".join(columns) or "none"
+        problem = f"the columns ({there}) hold no {'reading' if not readings else 'position of an axis'}"
+        raise InputError(problem, remedy="map them: --map X=2:mm --map dL=3:um, or angle and deviation of a circle")
+    rows = len(next(iter(readings.values())))
+    time = _one(columns, "time") if "time" in columns else None
+    u, v = (np.eye(3)[i] for i in PLANES[setting.plane]) if "grid_encoder" in instruments else (None, None)
+    run = Run(
+        id=id, instrument=tuple(instruments), sampling="static" if time is None else "dynamic",
+        clock="none" if time is None else "recorded", time=np.arange(float(rows)) if time is None else time - time[0],
+        commands=Nominal(machine).commands({**setting.hold, **commands}, rows), readings=readings, table_ball=setting.centre,
+        tool_ball=tool_ball_of(machine, setting.tool_ball), length=setting.radius, noise_um=setting.noise_um,
+        u=None if u is None else (float(u[0]), float(u[1]), float(u[2])),
+        v=None if v is None else (float(v[0]), float(v[1]), float(v[2])),
+        options={"axis": next(n.partition("_")[0] for n in columns if n.endswith("_dev"))} if "laser" in instruments else {},
+    )  # fmt: skip
+    return within_travel(machine, run, place="a position's unit or the travel in the machine file")

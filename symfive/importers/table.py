@@ -1,0 +1,140 @@
+"""A table of numbers as any instrument's software or spreadsheet writes it.
+
+Encoding, separator, decimal mark and the length of the head are guessed: they can be seen to be right. What the columns mean
+and their units are not; names and units are taken from the head where it has them.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.errors import InputError
+from symfive.files import one_line, read_bytes, shown
+from symfive.separated import SIGNS, Marks, cells_of, signs_of
+
+__all__ = ["Table", "read_table"]
+
+Array = NDArray[np.float64]
+MAX_BYTES = 200_000_000
+_UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad))?$")
+_BLANKS = re.compile(r",?\s+(?![\[(])")
+_SPELT = {
+    "µm": "um", "μm": "um", "âµm": "um", "micron": "um", "microns": "um", "°": "deg", "degree": "deg",
+    "degrees": "deg", "inch": "in", '"': "in", "sec": "s", "µrad": "urad", "gon": "gon",
+}  # fmt: skip
+"""Units as they are found in heads."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """`numbers` (N, k) below a head; `names` and `units` (k,) as the head has them, "" where it has none; `guessed` what was
+    taken for granted, in words."""
+
+    path: Path
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    numbers: Array
+    guessed: str
+
+    def column(self, name: str) -> int:
+        """The place of a column by its number from 1 or by its name. Raises `InputError` listing those that there are."""
+        if name.isdecimal() and 1 <= int(name) <= len(self.names):
+            return int(name) - 1
+        found = [i for i, own in enumerate(self.names) if own and own.casefold() == name.casefold()]
+        if len(found) != 1:
+            problem = f"{'no' if not found else 'more than one'} column is called {shown(name)}"
+            there = ", ".join(f"{i + 1} {own}".strip() for i, own in enumerate(self.names[:12]))
+            raise InputError(problem, path=self.path, remedy=f"use a number or a name of {there}")
+        return found[0]
+
+
+def read_table(path: Path | str) -> Table:
+    """The numbers of a file and its head. Raises `InputError` naming file and line for a text or a row of another length."""
+    path = Path(path)
+    text, encoding = _decoded(path)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    sign, first = _begin(path, lines)
+    count = len(_cells(lines[first], sign))
+    marks, rows = Marks(sign), []
+    for number, line in enumerate(lines[first:], start=first + 1):
+        if not line.strip():
+            continue
+        cells = _cells(line, sign)
+        if len(cells) != count:
+            problem = f"the row has {len(cells)} cells, the first one has {count}"
+            raise InputError(problem, path=path, line=number, remedy="remove what is no row of the table")
+        try:
+            rows.append([marks.number(cell, number) for cell in cells])
+        except InputError as error:
+            raise error.at(path) from None
+    names, units = _head(lines[:first], sign, count)
+    decimal = "comma" if sign != "," and any("," in line for line in lines[first : first + 50]) else "point"
+    head = f"{first} lines of head" if first else "no head"
+    return Table(path, names, units, np.array(rows), f"{encoding}, {SIGNS[sign]}, decimal {decimal}, {head}")
+
+
+def _decoded(path: Path) -> tuple[str, str]:
+    data = read_bytes(path, at_most=MAX_BYTES)
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", errors="replace"), "UTF-16"
+    if b"\0" in data:
+        raise InputError("a NUL byte stands in the text", path=path, remedy="give a text file")
+    try:
+        return data.decode("utf-8-sig"), "UTF-8"
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace"), "Windows-1252"
+
+
+def _cells(line: str, sign: str) -> list[str]:
+    """The cells; one separator at the end of a row parts nothing."""
+    cells = cells_of(line, sign)
+    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+
+
+def _numeric(line: str, sign: str) -> int:
+    """How many numbers a line holds, 0 where any cell is none."""
+    cells, marks = _cells(line, sign), Marks(sign)
+    try:
+        for cell in cells:
+            marks.number(cell, 1)
+    except InputError:
+        return 0
+    return len(cells)
+
+
+def _begin(path: Path, lines: list[str]) -> tuple[str, int]:
+    """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more."""
+    for first, line in enumerate(lines):
+        after = next((later for later in lines[first + 1 :] if later.strip()), line)
+        for sign in signs_of(line):
+            count = _numeric(line, sign)
+            if count > 1 and _numeric(after, sign) == count:
+                return sign, first
+    raise InputError("the file holds no table of numbers", path=path, remedy="export text with at least two columns")
+
+
+def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units from the last line of the head that has as many cells; a line of units may follow the names."""
+    blanks = sign == " "  # those before a unit in brackets part nothing
+    parted = (_BLANKS.split(line.strip()) if blanks else _cells(line, sign) for line in lines)
+    rows = [cells for cells in parted if len(cells) == count and any(cells)]
+    if not rows:
+        return ("",) * count, ("",) * count
+    below = [_spelt(cell.strip("[]() ")) for cell in rows[-1]]
+    if len(rows) > 1 and all(unit in _KNOWN or not unit for unit in below):
+        return tuple(one_line(cell.strip('"')) for cell in rows[-2]), tuple(below)
+    split = [_UNIT.match(one_line(cell.strip('"'))) for cell in rows[-1]]
+    names = tuple(match[1] if match else "" for match in split)
+    return names, tuple(_spelt(next((u for u in match.groups()[1:] if u), "")) if match else "" for match in split)
+
+
+_KNOWN = {"um", "mm", "m", "in", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "kN"}
+
+
+def _spelt(unit: str) -> str:
+    return _SPELT.get(unit.strip().casefold(), unit.strip())

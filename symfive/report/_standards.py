@@ -1,0 +1,81 @@
+"""Sections of the pages: the numbers that standards ask for, and what each correction is worth."""
+
+from __future__ import annotations
+
+import html
+import math
+
+from symfive.identify import Identification
+from symfive.numbers import plain_number, rounded, unit_words
+from symfive.report._tables import Cell, table
+from symfive.standards import StandardValue, squareness_values, standard_values
+from symfive.worth import LONGEST, location_worths, signed
+
+__all__ = ["standards_section", "worth_section"]
+
+MOST_VALUES, MOST_LIMITS = 200, 40
+COMMON = ("tool reference", "evaluation")
+"""Conditions that the page does not repeat in every row; `symfive standards` prints them."""
+
+
+def standards_section(identification: Identification) -> list[str]:
+    """G, E, A … with U (k = 2) and what they hold for; nothing where no run is such a test. Long runs are left to `symfive
+    standards`: they would have to be held in memory as a whole."""
+    campaign = identification.model.campaign
+    short = [run.id for run in campaign.runs if run.rows <= LONGEST]
+    found = standard_values(campaign.select(*short)) if short else ()
+    values = (*found, *squareness_values(identification))[:MOST_VALUES]
+    if not values:
+        return []
+    rows: list[list[str | Cell]] = [
+        [value.standard, value.title, Cell(rounded(value.value, _known(value), value.unit), value.value), _spread(value),
+         unit_words(value.unit), _conditions(value)]
+        for value in values
+    ]  # fmt: skip
+    limits = list(dict.fromkeys(f"{value.title}: {limit}" for value in values for limit in value.limits))[:MOST_LIMITS]
+    heads = ["standard", "quantity", "value", "U (k = 2)", "unit", "holds for"]
+    notes = "".join(f"<li>{html.escape(limit)}</li>" for limit in limits)
+    return [
+        '<h2 id="standards">Numbers of the standards</h2>',
+        table("From the readings alone, whatever the model; squareness (identified) from the model", heads, rows),
+        f"<details><summary>What limits them</summary><ul>{notes}</ul></details>" if notes else "",
+    ]
+
+
+def worth_section(identification: Identification) -> list[str]:
+    """What goes away with each location error, the most at the tool first; nothing where none was identified."""
+    worths = location_worths(identification)
+    if not worths:
+        return []
+    rows: list[list[str | Cell]] = []
+    for worth in worths:
+        best = max(worth.circles.values(), default=math.nan)
+        rows.append([", ".join(worth.names), _share(worth.readings), _share(best), _share(worth.tool), worth.advice])
+    heads = [
+        "corrected alone",
+        "of the readings' deviation",
+        "of a circle's, at most",
+        "of the error at the tool",
+        "advice",
+    ]
+    return [
+        '<h2 id="worth">What a correction is worth</h2>',
+        table("Share of the rms that goes away; negative: it grows", heads, rows),
+    ]
+
+
+def _share(share: float | None) -> Cell:
+    known = share is not None and math.isfinite(share)
+    return Cell(signed(share), share) if known and share is not None else Cell("–", math.nan)
+
+
+def _known(value: StandardValue) -> float:
+    return value.u if math.isfinite(value.u) else 0.0
+
+
+def _spread(value: StandardValue) -> Cell:
+    return Cell(plain_number(value.u, value.unit) if math.isfinite(value.u) else "unknown", value.u)
+
+
+def _conditions(value: StandardValue) -> str:
+    return "; ".join(f"{key} {said}" for key, said in value.conditions.items() if key not in COMMON)

@@ -1,0 +1,235 @@
+"""Tables as instruments export them: read, understood, cut into runs, and refused where only a guess would do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from symfive.campaign import Campaign, Run, read_campaign
+from symfive.cli import main
+from symfive.errors import InputError
+from symfive.identify import identify
+from symfive.importers import cycles_of, every, meanings, moved_pieces, read_table, split, taken, turns_of
+from symfive.machine import preset
+from symfive.procedures import Nominal, campaign_of, linear_positioning, r_test_grid
+from symfive.simulate import simulate
+from symfive.standards import standard_values
+
+MACHINE = preset("three-axis")
+ANGLES = np.arange(0.0, 360.0, 2.0)
+
+
+def _imported(folder: Path, machine: str, *words: object) -> Campaign:
+    assert main([str(w) for w in ["import", machine, *words, "-o", folder / "out", "-q"]]) == 0
+    return read_campaign(folder / "out")
+
+
+@pytest.mark.parametrize("separator", [";", "\t", ",", "  "])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+def test_whatever_the_separator_mark_and_encoding(separator: str, encoding: str, tmp_path: Path):
+    comma = separator != ","
+    rows = [separator.join(f"{v:.3f}".replace(".", "," if comma else ".") for v in (a, np.sin(a))) for a in ANGLES]
+    head = f"Ballbar, größe 100\nRadius{separator}100\n\nAngle [°]{separator}Deviation [µm]"
+    (tmp_path / "bar.csv").write_bytes("\r\n".join([head.replace("\n", "\r\n"), *rows, ""]).encode(encoding))
+    table = read_table(tmp_path / "bar.csv")
+    assert table.names == ("Angle", "Deviation") and table.units == ("deg", "um")
+    np.testing.assert_allclose(table.numbers, np.stack([ANGLES, np.sin(ANGLES)], axis=1), atol=6e-4)
+    columns = taken(table, meanings(table, MACHINE, ()), MACHINE)
+    np.testing.assert_allclose(columns["deviation"][:, 0], 1e-3 * np.sin(ANGLES), atol=1e-6)
+
+
+@given(st.binary(max_size=300))
+def test_any_file_is_a_table_or_a_sentence(tmp_path_factory, data: bytes):
+    path = tmp_path_factory.mktemp("any") / "a.csv"
+    path.write_bytes(data)
+    try:
+        assert read_table(path).numbers.ndim == 2
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+def test_both_senses_in_one_file_are_what_import_polar_makes_of_two(tmp_path: Path):
+    wave = {"ccw": 3.0 * np.sin(2.0 * np.radians(ANGLES)), "cw": 2.0 * np.cos(2.0 * np.radians(ANGLES))}
+    for sense, way in (("ccw", slice(None)), ("cw", slice(None, None, -1))):
+        lines = [f"{a:.1f} {d:.4f}" for a, d in zip(ANGLES[way], wave[sense][way], strict=True)]
+        (tmp_path / f"{sense}.txt").write_text("\n".join(lines))
+    options = ["--radius", 100, "--feed", 1000, "--centre", "0,0,110"]
+    files = [tmp_path / "ccw.txt", tmp_path / "cw.txt"]
+    polar = ["import-polar", "three-axis", *files, "-o", tmp_path / "polar", *options, "-q"]
+    assert main([str(w) for w in polar]) == 0
+    wanted = read_campaign(tmp_path / "polar")
+
+    columns = "\n".join(f"{a:.1f};{x:.4f};{y:.4f}" for a, x, y in zip(ANGLES, wave["ccw"], wave["cw"], strict=True))
+    (tmp_path / "both.csv").write_text(columns)
+    maps = ["--map", "angle=1:deg", "--map", "ccw=2:um", "--map", "cw=3:um"]
+    side_by_side = _imported(tmp_path, "three-axis", tmp_path / "both.csv", *options, *maps)
+    (tmp_path / "list.txt").write_text("\n".join(path.read_text() for path in files))
+    maps = ["--map", "angle=1:deg", "--map", "deviation=2:um"]
+    one_list = _imported(tmp_path, "three-axis", tmp_path / "list.txt", *options, *maps, "--overwrite")
+    radians = np.radians(ANGLES)
+    (tmp_path / "radii.txt").write_text(
+        "\n".join(f"{a:.8f} {100.0 + 1e-3 * d:.7f}" for a, d in zip(radians, wave["ccw"], strict=True))
+    )
+    maps = ["--map", "angle=1:rad", "--map", "radius=2:mm"]
+    radii = _imported(tmp_path, "three-axis", tmp_path / "radii.txt", *options, *maps, "--overwrite")
+    for found in (side_by_side.runs, one_list.runs, radii.runs):
+        for run, other in zip(found, wanted.runs, strict=False):
+            np.testing.assert_allclose(run.readings["dL_um"], other.readings["dL_um"], atol=1e-3)
+            for name in run.commands:
+                np.testing.assert_allclose(run.commands[name], other.commands[name], atol=1e-5)
+
+
+def _laser(tmp_path: Path) -> tuple[Run, np.ndarray, np.ndarray, np.ndarray]:
+    """A test without overruns: its run, the targets, and the readings up and down (m, n)."""
+    (run,) = linear_positioning(MACHINE, axis="X", cycles=5, overrun=3.0)
+    run = simulate(campaign_of(MACHINE, [run]), seed=4).campaign.runs[0]
+    way, x = run.commands["X"], run.readings["X_dev_um"]
+    targets = np.unique(way)[1:-1]
+    rises = np.concatenate([[True], np.diff(way) > 0.0])
+    up, down = (np.array([x[(way == t) & (rises == side)][:5] for t in targets]) for side in (True, False))
+    return run, targets, up, down
+
+
+def test_a_laser_file_gives_the_numbers_of_its_test(tmp_path: Path):
+    run, targets, up, down = _laser(tmp_path)
+    wanted = {v.title: v.value for v in standard_values(Campaign(machine=MACHINE, runs=(run,)))}
+    rows = [
+        ";".join(f"{v:.4f}".replace(".", ",") for v in (t, *u, *d)) for t, u, d in zip(targets, up, down, strict=True)
+    ]
+    heads = ";".join(["Target [mm]", *(f"up {k} [µm]" for k in range(1, 6)), *(f"down {k} [µm]" for k in range(1, 6))])
+    (tmp_path / "x.csv").write_text("\n".join(["Machine;4711", "", heads, *rows]), encoding="cp1252")
+    wide = _imported(tmp_path, "three-axis", tmp_path / "x.csv", "--yes")
+    way, x = run.commands["X"], run.readings["X_dev_um"]
+    inner = np.isin(way, targets)
+    lines = [f"{t / 25.4:.8f}, {(t + 1e-3 * d) / 25.4:.9f}" for t, d in zip(way[inner], x[inner], strict=True)]
+    (tmp_path / "long.csv").write_text("\n".join(["target (inch), measured (inch)", *lines]))
+    long = _imported(tmp_path, "three-axis", tmp_path / "long.csv", "--yes", "--overwrite")
+    for campaign in (wide, long):
+        found = {v.title: v.value for v in standard_values(campaign)}
+        assert set(found) == set(wanted)
+        for name, value in wanted.items():
+            assert found[name] == pytest.approx(value, abs=0.01), name
+    cycles = _imported(tmp_path, "three-axis", tmp_path / "x.csv", "--yes", "--split", "cycles", "--overwrite")
+    assert [run.rows for run in cycles.runs] == [2 * len(targets)] * 5
+    again = {v.title: v.value for v in standard_values(cycles)}
+    assert again["E X"] == pytest.approx(wanted["E X"], abs=0.01)
+
+
+def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path):
+    """The centres that an exact machine with these errors would find, solved for here; nothing of the importer's."""
+    machine = preset("table-bc")
+    kept = {n: machine.errors[n] for n in ("EX0C", "EY0C", "EA0C", "EB0C") if n in machine.errors}
+    machine = replace(machine, errors=kept)
+    truth = {"EX0C": 40.0, "EY0C": -25.0, "EA0C": 60.0, "EB0C": -30.0}
+    poses = [(b, c) for b in (-30.0, 0.0, 30.0) for c in np.arange(0.0, 360.0, 45.0)]
+    sphere, rows = (80.0, 0.0, 60.0), []
+    from symfive.model import Model
+
+    nominal = Nominal(machine)
+    b, c = (np.array(v) for v in zip(*poses, strict=True))
+    ball = (0.0, 0.0, -150.0)
+    commands = nominal.follow(np.tile(sphere, (len(poses), 1)), ball, {"B": b, "C": c}, "probe")
+    (plan,) = r_test_grid(machine)[:1]
+    run = replace(
+        plan, commands=commands, time=np.arange(float(len(poses))), readings={}, table_ball=sphere, tool_ball=ball
+    )
+    for _ in range(4):  # Newton: move the linear axes by what an R-test there would read
+        model = Model(Campaign(machine=machine, runs=(run,)))
+        off = 1e-3 * model.predict_run(run, model.vector({n: truth[n] for n in truth if n in model.index}))
+        turned = np.einsum("nij,nj->ni", nominal.workpiece_rotation(run.commands), off)
+        run = replace(
+            run, commands={n: v - turned[:, "XYZ".index(n)] if n in "XYZ" else v for n, v in run.commands.items()}
+        )
+    noise = np.random.default_rng(0).normal(0.0, 5e-4, (len(poses), 3))
+    for k, (bk, ck) in enumerate(poses):
+        x, y, z = (run.commands[n][k] + noise[k, i] for i, n in enumerate("XYZ"))
+        rows.append(f"{k};{bk:.3f};{ck:.3f};{x:.6f};{y:.6f};{z:.6f}")
+    (tmp_path / "probe.csv").write_text("\n".join(["pose;B_deg;C_deg;X_found_mm;Y_found_mm;Z_found_mm", *rows]))
+    options = ["--centre", "80,0.4,60.2", "--tool-ball", "0,0,-150", "--noise-um", 0.5, "--yes"]
+    campaign = _imported(tmp_path, "table-bc", tmp_path / "probe.csv", *options)
+    found = identify(campaign.with_machine(machine))
+    for name in kept:
+        assert found[name] == pytest.approx(truth[name], abs=4.0 * found.uncertainty(name)), name
+    assert found.uncertainty("EX0C") < 2.0
+
+
+def test_turns_cycles_and_rests_are_runs():
+    machine = preset("table-bc")
+    time = np.arange(0.0, 30.0, 0.02)
+    for speed in (100.0, -100.0):
+        angle = 20.0 + speed * time
+        commands = Nominal(machine).commands({"C": angle}, len(time))
+        run = Run(id="spin", instrument=("r_test",), sampling="dynamic", time=time, commands=commands,
+                  readings={f"d{c}_um": np.cos(np.radians(angle)) for c in "xyz"})  # fmt: skip
+        plain, even = turns_of(run, machine), turns_of(run, machine, step_deg=4.0)
+        assert len(plain) == 8 and all(350.0 < np.ptp(piece.commands["C"]) < 360.0 for piece in plain)
+        assert all(piece.repeated_by(even[0]) for piece in even) and even[0].rows == 90
+        for piece in even:
+            np.testing.assert_allclose(piece.readings["dx_um"], np.cos(np.radians(piece.commands["C"])), atol=2e-3)
+            assert np.sign(np.diff(piece.commands["C"])[0]) == np.sign(speed)
+    with pytest.raises(InputError, match="whole turn"):
+        turns_of(every(run, 1).part(0, 50), machine)
+    with pytest.raises(InputError, match="no sequence"):
+        cycles_of(run)
+    with pytest.raises(InputError, match='no split "halves"'):
+        split(Campaign(machine=machine, runs=(run,)), "halves")
+    stops = np.interp(time, [0.0, 3.0, 10.0, 13.0, 20.0, 30.0], [0.0, 0.0, 90.0, 90.0, -90.0, -90.0])
+    (first, second) = moved_pieces(replace(run, commands={**commands, "C": stops}))
+    assert (first.start_s, second.start_s) == (pytest.approx(3.0, abs=0.05), pytest.approx(13.0, abs=0.05))
+    assert first.id == "spin-1" and first.duration == pytest.approx(7.0, abs=0.1)
+
+
+WRONG = {
+    "unit": (["a;d", "1;2", "2;3"], ["--map", "deviation=2"], "has no unit", "--map deviation=2:um"),
+    "odd": (["a;d", "1;2", "2;3"], ["--map", "deviation=2:furlong"], "the unit 'furlong'", "um"),
+    "meaning": (["a;d", "1;2", "2;3"], ["--map", "speed=2:mm"], "'speed' has no meaning", "deviation"),
+    "column": (["a;d", "1;2", "2;3"], ["--map", "angle=9:deg"], "no column is called '9'", "1 a, 2 d"),
+    "nobody": (["angle [deg];deviation [um]", "1;2", "2;3"], [], "nobody is there", "--yes, or --map angle=1:deg"),
+    "text": (["angle [deg];deviation [um]", "1;2", "2;3", "end;of file"], ["--yes"], "line 4", "write a number"),
+    "cells": (["1;2", "2;3", "1;2;3"], ["--yes"], "3 cells, the first one has 2", "remove"),
+    "none": (["angle [deg];deviation [um]", "1;2", "2;3"], ["--yes"], "needs its radius and feed", "--radius 100"),
+    "empty": (["nothing"], [], "no table of numbers", "two columns"),
+    "other": (["x;y", "1;2", "2;3"], ["--map", "X=1:mm"], "hold no reading", "--map dL=3:um"),
+    "side": (["1;2", "2;3"], ["--map", "target=1:mm"], "deviation or measured", "--map measured=2:mm"),
+    "split": (["1;2", "2;3"], ["--map", "X=1:mm", "--map", "dL=2:um", "--radius", "100", "--split", "cycles"], "repeats", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_cannot_be_guessed_is_asked_for_in_one_sentence(name: str, tmp_path: Path, capsys):
+    lines, options, says, remedy = WRONG[name]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert main(["import", "three-axis", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), "-q", *options]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and says in said and remedy in said, said
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_guessed_is_shown_and_asked(tmp_path: Path, monkeypatch, capsys):
+    """With a person at the keyboard: yes writes, no leaves nothing; both see what each column is taken for."""
+    (tmp_path / "x.csv").write_text("target [mm];deviation [µm];humidity\n0;1;50\n10;2;50\n0;3;50\n")
+    words = ["import", "three-axis", str(tmp_path / "x.csv"), "-o", str(tmp_path / "out")]
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    for answer, code in ((False, 130), (True, 0)):
+        monkeypatch.setattr("click.termui.visible_prompt_func", lambda *_, answer=answer: "y" if answer else "n")
+        assert main(words) == code and (tmp_path / "out").exists() is answer
+        said = capsys.readouterr().err
+        assert "target in mm (guessed)" in said and "deviation in um (guessed)" in said and "not used" in said
+
+
+def test_circles_of_one_sense_are_noted(tmp_path: Path, capsys):
+    (tmp_path / "a.csv").write_text("\n".join(f"{a} {5 + np.sin(a):.4f}" for a in ANGLES))
+    (tmp_path / "b.csv").write_text((tmp_path / "a.csv").read_text())
+    words = ["import", "three-axis", tmp_path / "a.csv", tmp_path / "b.csv", "-o", tmp_path / "out", "--radius", 100]
+    maps = ["--feed", 1000, "--centre", "0,0,110", "--map", "angle=1:deg", "--map", "deviation=2:um"]
+    assert main([str(w) for w in [*words, *maps]]) == 0
+    assert "play cannot be told from lag" in capsys.readouterr().err
+    words[words.index(tmp_path / "out")] = tmp_path / "two"
+    assert main([str(w) for w in [*words, *maps, "--direction", "ccw", "--direction", "cw"]]) == 0
+    assert "play cannot be told" not in capsys.readouterr().err
+    assert {v.name for v in standard_values(read_campaign(tmp_path / "two"))} >= {"G", "G(b)"}
