@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, qmc
+from scipy.special import gammaincinv
 
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.circles import CircleFinder
@@ -143,7 +143,9 @@ def _certain(identification: Identification, names: Sequence[str]) -> bool:
         return False
     change = identification.values[where] - model.prior_mean[where]
     covariance = identification.covariance[np.ix_(where, where)]
-    return bool(change @ np.linalg.pinv(covariance) @ change > chi2.ppf(CERTAIN, len(where)))
+    return bool(
+        change @ np.linalg.pinv(covariance) @ change > 2.0 * gammaincinv(0.5 * len(where), CERTAIN)
+    )  # χ²'s quantile
 
 
 def _confounded(identification: Identification, names: Sequence[str]) -> tuple[str, ...]:
@@ -241,12 +243,12 @@ def _joins(effect: Effect, campaign: Campaign) -> bool:
 
 
 def _poses(machine: Machine) -> Run:
-    """A static run through a Halton sequence over the travels, the tool of middle length."""
+    """A static run spread evenly over the travels, the tool of middle length."""
     names = machine.axis_names
     travels = np.array([machine.axes[name].travel for name in names])
     turning = [machine.axes[name].rotary for name in names]
     travels[turning] = np.clip(travels[turning], -TURN, TURN)
-    spread = travels[:, 0] + qmc.Halton(len(names), scramble=False).random(POSES + 1)[1:] * np.ptp(travels, axis=1)
+    spread = travels[:, 0] + _spread(POSES, len(names)) * np.ptp(travels, axis=1)
     lengths = machine.workspace.tool_length
     length = 0.0 if lengths is None else float(np.mean(lengths))
     return Run(
@@ -254,6 +256,15 @@ def _poses(machine: Machine) -> Run:
         commands=dict(zip(names, spread.T, strict=True)), tool_ball=(0.0, 0.0, -length),
         setup_sigma_um=SetupSigma(table_ball=0.0, tool_ball=0.0, length=0.0),
     )  # fmt: skip
+
+
+def _spread(count: int, over: int) -> Array:
+    """Points (count, over) between 0 and 1, evenly spread: multiples of the powers of the generalised golden section, the root
+    of x^(n+1) = x + 1 (M. Roberts 2018)."""
+    root = 2.0
+    for _ in range(64):
+        root = (1.0 + root) ** (1.0 / (over + 1))
+    return np.asarray((0.5 + np.outer(np.arange(1.0, count + 1.0), root ** -np.arange(1.0, over + 1.0))) % 1.0)
 
 
 def worth_text(worths: Sequence[Worth], most: int = 12) -> str:

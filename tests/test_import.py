@@ -71,6 +71,11 @@ def test_both_senses_in_one_file_are_what_import_polar_makes_of_two(tmp_path: Pa
     (tmp_path / "list.txt").write_text("\n".join(path.read_text() for path in files))
     maps = ["--map", "angle=1:deg", "--map", "deviation=2:um"]
     one_list = _imported(tmp_path, "three-axis", tmp_path / "list.txt", *options, *maps, "--overwrite")
+    gap = [f"{a + 0.3:.1f} {d:.4f}" for a, d in zip(ANGLES[::-1], wave["cw"][::-1], strict=True)]
+    (tmp_path / "gap.txt").write_text("\n".join([files[0].read_text(), *gap]))  # the second begins past the first's end
+    gapped = _imported(tmp_path, "three-axis", tmp_path / "gap.txt", *options, *maps, "--overwrite")
+    assert len(gapped.runs) == len(one_list.runs) == len(wanted.runs) == 2
+    np.testing.assert_allclose(gapped.runs[0].readings["dL_um"], wanted.runs[0].readings["dL_um"], atol=1e-9)
     radians = np.radians(ANGLES)
     (tmp_path / "radii.txt").write_text(
         "\n".join(f"{a:.8f} {100.0 + 1e-3 * d:.7f}" for a, d in zip(radians, wave["ccw"], strict=True))

@@ -105,12 +105,15 @@ def _circles(machine: Machine, columns: Columns, setting: Setting, id: str) -> l
 
 
 def _one_way(angle: Array) -> list[slice]:
-    """The parts of a list of angles (degree; a jump by 360° is none) that rise or fall throughout."""
+    """The parts of a list of angles (degree; a jump by 360° is none) that rise or fall throughout.
+
+    A step of less than half the usual one is none: it leads from the end of one part to the begin of the next.
+    """
     steps = np.diff(np.unwrap(np.radians(angle)))
-    senses = np.sign(steps)
-    for i in np.flatnonzero(senses[:-1] == 0.0)[::-1]:
-        senses[i] = senses[i + 1]
-    edges = [0, *(np.flatnonzero(np.diff(senses)) + 2).tolist(), len(angle)]
+    senses = np.where(np.abs(steps) > 0.5 * np.median(np.abs(steps)), np.sign(steps), 0.0)
+    turning = np.flatnonzero(senses)
+    turned = turning[1:][np.diff(senses[turning]) != 0.0]
+    edges = [0, *(int(i) if senses[i - 1] == 0.0 else int(i) + 1 for i in turned), len(angle)]
     return [slice(first, last) for first, last in pairwise(edges)]
 
 

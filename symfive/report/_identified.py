@@ -5,12 +5,14 @@ from __future__ import annotations
 from symfive.identify import Identification
 from symfive.numbers import expected_ratio, plain_number, rounded, unit_words
 from symfive.report._words import confounded_machine, verdict
+from symfive.worth import location_worths, worth_text
 
 __all__ = ["identification_text"]
 
 
 def identification_text(identification: Identification) -> str:
-    """The verdict, value ± 1σ of the machine's parameters, fit, and what the readings cannot tell apart."""
+    """The verdict, value ± 1σ of the machine's parameters, fit, what the readings cannot tell apart, and what correcting each
+    location error is worth."""
     rows = [("parameter", "value", "1σ", "unit", "prior 1σ")]
     rows += [
         (name, rounded(value, std, unit), rounded(std, std, unit), unit_words(unit), plain_number(prior, unit))
@@ -26,4 +28,7 @@ def identification_text(identification: Identification) -> str:
         f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} to the declared "
         f"noise ({expected_ratio(identification.dof)}), rank {identification.rank}"
     )
-    return "\n".join([verdict(identification), "", *lines, *confounded_machine(identification)])
+    worth = worth_text(location_worths(identification))
+    return "\n".join(
+        [verdict(identification), "", *lines, *confounded_machine(identification), *([worth] if worth else [])]
+    )
