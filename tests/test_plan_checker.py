@@ -18,6 +18,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine as MachineFile
 from symfive.machine import preset, presets, read_machine
 from tests.plan_checker import check, read_plan, read_program
+from tests.plan_checker.__main__ import main as checker
 from tests.plan_checker._bodies import Cylinder, clearance
 from tests.plan_checker._plan import Machine
 from tests.plan_checker.example import write_example
@@ -308,3 +309,22 @@ def test_the_command_ends_with_one_where_there_are_findings(good: Path, tmp_path
         )  # fmt: skip
         assert answer.returncode == code, answer.stdout + answer.stderr
     assert "spindle nose and table meet by" in answer.stdout
+
+
+def test_circles_of_random_machines_are_in_order(capsys: pytest.CaptureFixture[str]) -> None:
+    """`python -m tests.plan_checker --random 0 40 --circles` takes more."""
+    assert checker(["--random", "0", "4", "--circles"]) == 0
+    assert capsys.readouterr().out.split() == [
+        "0:",
+        "0",
+        "findings",
+        "1:",
+        "0",
+        "findings",
+        "2:",
+        "0",
+        "findings",
+        "3:",
+        "0",
+        "findings",
+    ]

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from symfive.campaign import Run, write_campaign
 from symfive.design import plan
+from symfive.design._ways import cleared
 from symfive.errors import InputError
-from symfive.machine import read_machine
+from symfive.machine import Machine, read_machine
+from symfive.nc import DIALECTS, Post, write_programs
+from symfive.procedures import campaign_of, planar_circle, rotary_circle
 
 from . import check
 from .machines import random_machine
@@ -23,9 +28,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--random", nargs=2, type=int, metavar=("FIRST", "END"), help="plan and check random machines instead"
     )
+    parser.add_argument(
+        "--circles", action="store_true", help="of random machines: circles of linear and rotary axes, no poses"
+    )
     options = parser.parse_args(arguments)
     if options.random:
-        return 1 if _random(range(*options.random)) else 0
+        make = _circles if options.circles else _poses
+        return 1 if _random(range(*options.random), make) else 0
     reversed_axes = tuple(filter(None, options.reversed.split(",")))
     plans = [path.parent for folder in options.folders for path in sorted(folder.glob("**/campaign.toml"))]
     total = 0
@@ -39,7 +48,42 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if total or not plans else 0
 
 
-def _random(seeds: range) -> int:
+def _poses(machine: Machine, seed: int, folder: Path) -> None:
+    """An optimised plan, read at a stop every third time and by a trigger every other third."""
+    at_pose = ("dwell", "stop", "trigger")[seed % 3]
+    post = Post(at_pose=at_pose, trigger="M64 P0" if at_pose == "trigger" else "")
+    made = plan(machine, instrument=("r_test", "ball_bar")[seed % 2], points=10, starts=1)
+    made.write(folder, nc=tuple(DIALECTS) if at_pose != "trigger" else ("linuxcnc",), post=post)
+
+
+def _circles(machine: Machine, seed: int, folder: Path) -> None:
+    """Circles in one plane at two feeds, and one while a rotary axis turns, of those that have a clear way."""
+    runs: list[Run] = []
+    rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
+    arrangement = ("radial", "tangential", "axial")[seed % 3]
+    makers = [
+        lambda: planar_circle(
+            machine, plane=("XY", "YZ", "ZX")[seed % 3], radius=50.0, feed=(500.0, 2000.0), rate_hz=20.0
+        )
+    ]
+    makers += (
+        [lambda: rotary_circle(machine, axis=rotary[seed % len(rotary)], arrangement=arrangement)] if rotary else []
+    )
+    refusals = []
+    for make in makers:
+        try:
+            found = make()
+            cleared(machine, found, {})
+            runs += found
+        except InputError as refusal:
+            refusals.append(refusal)
+    if not runs:
+        raise refusals[0]
+    write_campaign(campaign_of(machine, runs), folder)
+    write_programs(campaign_of(machine, runs), folder / "nc", DIALECTS, cleared(machine, runs, {}))
+
+
+def _random(seeds: range, make: Callable[[Machine, int, Path], None]) -> int:
     """Plans and checks the random machines of these seeds; prints findings and refusals, and returns the number of findings."""
     total = 0
     for seed in seeds:
@@ -47,8 +91,7 @@ def _random(seeds: range) -> int:
             file = Path(folder) / "machine.toml"
             file.write_text(random_machine(seed), encoding="utf-8")
             try:
-                made = plan(read_machine(file), instrument=("r_test", "ball_bar")[seed % 2], points=10, starts=1)
-                made.write(Path(folder) / "plan", nc=("iso", "siemens", "heidenhain", "linuxcnc"))
+                make(read_machine(file), seed, Path(folder) / "plan")
             except InputError as refusal:
                 print(f"{seed}: refused: {refusal}", flush=True)
                 continue
