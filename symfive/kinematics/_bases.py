@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.compiled import Mapped
 from symfive.errors import InputError
 from symfive.machine import Axis, ErrorTerm, Machine
 
@@ -73,11 +74,15 @@ class Basis:
 
     def matrix(self, *coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """The functions at N points: (N, number of functions)."""
-        symbols = [ca.SX.sym("q") for _ in coordinates]
-        function = ca.Function("basis", symbols, [ca.horzcat(*self.values(*symbols))])
-        n = len(coordinates[0])
-        out = function.map(n)(*[ca.DM(np.asarray(c, dtype=float)).T for c in coordinates])
-        return np.asarray(out, dtype=float).reshape(n, -1) if len(self.names) else np.zeros((n, 0))
+        if not self.names:
+            return np.zeros((len(coordinates[0]), 0))
+        (values,) = self._function(*(np.asarray(c, dtype=float)[:, None] for c in coordinates))
+        return values
+
+    @cached_property
+    def _function(self) -> Mapped:
+        symbols = [ca.SX.sym("q") for _ in self.over]
+        return Mapped(ca.Function("basis", symbols, [ca.densify(ca.horzcat(*self.values(*symbols)))]))
 
 
 def basis_of(term: ErrorTerm, machine: Machine) -> Basis:
