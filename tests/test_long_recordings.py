@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from symfive.campaign import Campaign, Run, _disk, _lines, read_campaign, write_campaign
 from symfive.design import assess
@@ -20,7 +21,8 @@ from symfive.inference import _windows as windows
 from symfive.inference._whitening import Whitening
 from symfive.machine import preset
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
-from symfive.report import _spectrum
+from symfive.report import _spectrum, _traces, identification_report, residuals_over_time
+from symfive.report._tables import noise_table
 from symfive.report._traces import BLOCKS, condensed
 from symfive.simulate import simulate
 
@@ -141,6 +143,19 @@ def test_a_long_recording_is_drawn_by_blocks_of_all_its_rows():
     others = np.delete(view.run.readings["dv_um"], row)
     assert np.abs(others).max() < 10.0  # it has no part in its block
     assert set(view.run.commands["X"]) <= set(place)
+
+
+def test_the_report_of_a_long_recording_counts_all_rows(monkeypatch, circles, tmp_path):
+    """Its pictures are of blocks, its tables of rows."""
+    result = identify(spoilt(circles, "dL_um"), noise="declared")
+    whole = noise_table(result)
+    monkeypatch.setattr(_traces, "BLOCKS", 100)
+    assert noise_table(result) == whole
+    for run in circles.runs:
+        assert f">{run.rows}<" in whole
+    words = "".join(text.get_text() for text in residuals_over_time(result).findobj(Text))
+    assert "Pale: the lowest and the highest of every" in words
+    assert identification_report(result, tmp_path).exists()
 
 
 def test_a_tone_has_its_size_in_the_mean_of_stretches(monkeypatch, circles):

@@ -151,9 +151,11 @@ class Identification(OnScreen):
 
     def _reach(self, axis: str, count: int) -> Array:
         """The part of the travel that the campaign used (of a turning axis at most one turn)."""
-        used = [run.commands[axis] for run in self.model.campaign.runs]
-        low, high = float(min(map(np.min, used))), float(max(map(np.max, used)))
-        let_go(*used)
+        low, high = np.inf, -np.inf
+        for run in self.model.campaign.runs:
+            command = run.commands[axis]
+            low, high = min(low, float(np.min(command))), max(high, float(np.max(command)))
+            let_go(command)
         if high - low < 1e-9:
             low, high = self.model.machine.axes[axis].travel
         if self.model.machine.axes[axis].rotary and high - low > 360.0:

@@ -44,7 +44,7 @@ def coordinates_with_tips(
     identification: Identification, runs: str | Iterable[str] | None = None
 ) -> tuple[Figure, dict[str, list[str]]]:
     """The same, and what hovering over the points of few poses says."""
-    traces = traces_of(identification, runs)
+    traces = traces_of(identification, runs, drawn=True)
     machine = identification.model.machine
     moved = moving_axes([trace.run for trace in traces], machine)
     if not moved:

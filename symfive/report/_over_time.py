@@ -53,7 +53,7 @@ def residuals_with_tips(
 ) -> tuple[Figure, dict[str, list[str]]]:
     """The same, and what hovering over the points of static runs says."""
     panels: dict[tuple[str, str], list[Trace]] = {}
-    for trace in traces_of(identification, runs):
+    for trace in traces_of(identification, runs, drawn=True):
         panels.setdefault((trace.run.id, trace.unit), []).append(trace)
     drawn = list(panels.items())[:MOST_PANELS]
     columns = 1 if len(drawn) <= 3 else 2 if len(drawn) <= 12 else 3

@@ -54,7 +54,7 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
     of the axis that turns by a whole turn, as many as the angles tell apart. Raises `InputError` where no run is long enough.
     """
     groups: dict[tuple[str, str], list[Trace]] = {}
-    for trace in traces_of(identification, runs, whole=True):
+    for trace in traces_of(identification, runs):
         groups.setdefault((trace.run.id, trace.unit), []).append(trace)
     drawn = list(groups.items())[:MOST_RUNS]
     unit = drawn[0][0][1]
@@ -62,7 +62,7 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
     finder = CircleFinder(identification.model.machine)
     over_time = [(run, *_frequencies(traces)) for (run, _), traces in drawn if _recorded(traces)]
     turning: dict[tuple[str, str], list[Trace]] = {}
-    for trace in traces_of(identification, {run for (run, _), _ in drawn}):
+    for trace in traces_of(identification, {run for (run, _), _ in drawn}, drawn=True):
         turning.setdefault((trace.run.id, trace.unit), []).append(trace)
     over_turn = [(key[0], *found) for key, _ in drawn if (found := _orders(turning[key], finder)) is not None]
     panels = int(bool(over_time)) + int(bool(over_turn))

@@ -7,8 +7,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from symfive.campaign import FIRST_LINE
 from symfive.identify import Identification
+from symfive.inference import square_of
 from symfive.report._style import plain_number, rounded, unit_words
 from symfive.report._traces import traces_of
 from symfive.report._words import learnt, meaning
@@ -74,8 +77,8 @@ def noise_table(identification: Identification) -> str:
     for key in dict.fromkeys((t.run.id, t.instrument) for t in found):
         traces = [t for t in found if (t.run.id, t.instrument) == key]
         run, noise, unit = traces[0].run, traces[0].noise, traces[0].unit
-        values = [float(v) for t in traces for v in t.residual]
-        rms = math.sqrt(math.fsum(v * v for v in values) / max(len(values), 1))
+        every = np.zeros((run.rows, 1), dtype=bool)
+        rms = math.sqrt(sum(square_of(t.residual[:, None], every) for t in traces) / (len(traces) * run.rows))
         slow = noise.coloured > 0.0
         size = _number(noise.coloured, unit) if slow else Cell("none", 0.0)
         tau = _number(noise.time_constant, "s") if slow else Cell("–", 0.0)

@@ -146,10 +146,14 @@ def condensed(
     mask = np.zeros((len(rows), columns), dtype=bool)
     mask[np.searchsorted(rows, out[:, 0]), out[:, 1]] = True
 
-    def drawn(values: Array, left_out: NDArray[np.int64]) -> list[Array]:
-        """Lowest, highest and mean value (n, k) of the blocks, amid them the rows of outliers, and all single values (n, k)."""
+    def chosen(values: Array) -> Array:
         single = np.array(values[rows])
         let_go(values)
+        return single
+
+    def drawn(values: Array, left_out: NDArray[np.int64]) -> list[Array]:
+        """Lowest, highest and mean value (n, k) of the blocks, amid them the rows of outliers, and all single values (n, k)."""
+        single = chosen(values)
         found = []
         for table in _blocks(values, left_out, step):
             found.append(single.copy())
@@ -168,9 +172,7 @@ def condensed(
         spoilt = np.searchsorted(rows, mine[:, 0])
         means[spoilt] = single[spoilt]
         readings[name] = means[:, 0]
-    commands = {name: np.array(values[rows]) for name, values in run.commands.items()}
-    time = np.array(run.time[rows])
-    let_go(run.time, *run.commands.values())
+    commands, time = {name: chosen(values) for name, values in run.commands.items()}, chosen(run.time)
     return Condensed(replace(run, time=time, commands=commands, readings=readings), mean, low, high, sample, mask, step)
 
 
@@ -196,13 +198,13 @@ def _blocks(values: Array, left_out: NDArray[np.int64], step: int) -> tuple[Arra
 
 
 def traces_of(
-    identification: Identification, runs: str | Iterable[str] | None = None, *, whole: bool = False
+    identification: Identification, runs: str | Iterable[str] | None = None, *, drawn: bool = False
 ) -> list[Trace]:
-    """Every column that entered the fit, in the order of the runs; `whole`: with all rows of long recordings."""
+    """Every column that entered the fit, in the order of the runs; `drawn`: long recordings condensed."""
     model = identification.model
     found = []
     for run in chosen_runs(model.campaign, runs):
-        view = _whole(identification, run) if whole else condensed_of(identification, run)
+        view = condensed_of(identification, run) if drawn else _whole(identification, run)
         first = 0
         for instrument in instruments_of(run):
             columns = instrument.columns(run, model.machine)
