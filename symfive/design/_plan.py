@@ -122,8 +122,8 @@ def plan(
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
     `machine` a machine, the path of its file, or the name of a preset;
-    `instrument` `r_test` or `ball_bar`; `criterion` D, A, E, G or V (`I`); `for_` names of the parameters that count (by
-    default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
+    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D, A, E, G or V (`I`); `for_` names of the parameters that
+    count (by default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
@@ -147,7 +147,7 @@ def plan(
     names = tuple(p.name for p in space.shared)
     wanted = interest_of(names, tuple(for_))
     task = task_of(space, criterion, wanted, given)
-    shares = affordable(machine, minutes, points, setups or (2 if instrument == "r_test" else 3), returns, repeats)
+    shares = affordable(machine, minutes, points, setups or (3 if instrument == "ball_bar" else 2), returns, repeats)
     points, runs = shares[-1]
     refuse_unseen(space, task, points, names)
     progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
@@ -252,7 +252,7 @@ def _finished(
 
 def _shortage(points: int, instrument: str, assessment: Assessment) -> list[str]:
     """Why a plan with fewer readings than unknowns stays far from its bound."""
-    readings, unknowns = points * (3 if instrument == "r_test" else 1), len(assessment.parameters)
+    readings, unknowns = points * (1 if instrument == "ball_bar" else 3), len(assessment.parameters)
     if readings >= unknowns:
         return []
     return [

@@ -59,7 +59,7 @@ def _laid_out(
     unsafe: dict[str, tuple[int, ...]] = {}
     clock = 0.0
     instants, places = [], []
-    letter = "nest" if space.instrument == "r_test" else "bar"
+    letter = {"r_test": "nest", "touch_probe": "sphere"}.get(space.instrument, "bar")
     for g in range(rows.groups):
         mine = np.flatnonzero(rows.group == g)
         commands = space.commands(rows.z[mine], rows.k[mine])
@@ -69,6 +69,7 @@ def _laid_out(
         order = np.repeat(order, repeats)
         commands = {name: values[order] for name, values in commands.items()}
         leaves = _leaves(space, rows, mine[order[:-1]], mine[order[1:]], DENSELY)
+        leaves |= space.instrument == "touch_probe"  # a tip cannot follow a sphere: it goes out and around
         rows_unsafe = tuple(int(i) + 1 for i in np.flatnonzero(leaves & (order[:-1] != order[1:])))
         name = f"{letter}-{g + 1}"
         first = mine[0]
@@ -162,7 +163,7 @@ def _drift(space: Space, rows: Rows, visited: Indices, instants: Array, repeats:
     task = Task(Volume(), np.eye(len(everything)), space.own_sigma, everything)
     plain = task.information(sensitivities, group, rows.groups)
     hours = (instants - instants.mean()) / 3600.0
-    directions = np.eye(3)[None, :, :] if space.instrument == "r_test" else _bars(space, z)[:, :, None]
+    directions = _bars(space, z)[:, :, None] if space.instrument == "ball_bar" else np.eye(3)[None, :, :]
     rate = DRIFT_UM_PER_H / (space.noise_um * math.sqrt(repeats)) * hours[:, None, None] * directions
     whole = task.layout(rows.groups).embed(sensitivities, group)
     cross = np.einsum("npy,ndy->pd", whole, np.broadcast_to(rate, (len(z), 3, whole.shape[2])))

@@ -27,6 +27,9 @@ RUN_KEYS = (
     "v",
     "noise_um",
     "setup_sigma_um",
+    "lobing_sigma_um",
+    "touches",
+    "touch_frame",
 )
 
 

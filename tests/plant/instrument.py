@@ -12,7 +12,12 @@ from .behind import play
 from .chain import Array, ball_in_workpiece
 from .state import RunState, Spec
 
-COLUMNS = {"ball_bar": ("dL_um",), "r_test": ("dx_um", "dy_um", "dz_um"), "grid_encoder": ("du_um", "dv_um")}
+COLUMNS = {
+    "ball_bar": ("dL_um",),
+    "r_test": ("dx_um", "dy_um", "dz_um"),
+    "touch_probe": ("X_dev_um", "Y_dev_um", "Z_dev_um"),
+    "grid_encoder": ("du_um", "dv_um"),
+}
 """Reading columns of each instrument; `encoder` adds one column per driven axis."""
 
 
