@@ -16,7 +16,7 @@ from symfive.design._order import kept_apart, move_times, out_and_back, round_tr
 from symfive.design._refine import Rows
 from symfive.design._space import Space
 from symfive.machine import Machine
-from symfive.nc import Post, arrival_times, outside_s
+from symfive.nc import Post, arrival_times, cycle_seconds, outside_s
 
 __all__ = ["SETUP_S", "Schedule", "on_ways", "retimed", "scheduled"]
 
@@ -110,7 +110,8 @@ def on_ways(campaign: Campaign, post: Post) -> tuple[Campaign, float]:
 
 def _timed(machine: Machine, run: Run, post: Post, clock: float) -> tuple[Run, float]:
     """A run that is set up from `clock` on, at the times of its program, and when it is done, s."""
-    time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose)
+    rest = cycle_seconds(run) if "touch_probe" in run.instrument else 0.0
+    time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose, rest)
     around = math.ceil(outside_s(machine, run, post))
     start = clock + SETUP_S + around
     return replace(run, time=time, start_s=start), start + float(time[-1])

@@ -16,13 +16,13 @@ from symfive.instruments.encoder import Encoder
 from symfive.instruments.grid_encoder import GridEncoder
 from symfive.instruments.laser import Laser
 from symfive.instruments.r_test import RTest
-from symfive.instruments.touch_probe import TouchProbe
+from symfive.instruments.touch_probe import TouchProbe, touches_of
 from symfive.instruments.tracker import Tracker
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
 
-__all__ = ["INSTRUMENTS", "Column", "Instrument", "has_clock_of_its_own", "instruments_of"]
+__all__ = ["INSTRUMENTS", "Column", "Instrument", "has_clock_of_its_own", "instruments_of", "touches_of"]
 
 _ALL = (
     BallBar(),

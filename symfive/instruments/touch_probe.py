@@ -81,7 +81,7 @@ class TouchProbe(Instrument):
             return ca.SX(3, 1)
         turned = row.poses[1].rotation if run.options.get("touch_frame") == "machine" else ca.SX.eye(3)
         pretravel = []
-        for touch in _touches(run):
+        for touch in touches_of(run):
             x, y, _ = ca.vertsplit(turned.T @ ca.DM(touch))
             lobes = (x**3 - 3 * x * y**2, 3 * x**2 * y - y**3)
             pretravel.append(
@@ -94,8 +94,8 @@ def _linear(machine: Machine) -> list[str]:
     return [name for name in sorted(machine.axis_names) if not machine.axes[name].rotary]
 
 
-def _touches(run: Run) -> list[list[float]]:
-    """Directions of the touches as unit vectors."""
+def touches_of(run: Run) -> list[list[float]]:
+    """Directions of a run's touches from the sphere's centre as unit vectors. Raises `InputError` where they are too few."""
     given = run.options.get("touches", FIVE_TOUCHES)
     lengths = [sum(float(c) ** 2 for c in touch) ** 0.5 for touch in given]
     if len(given) < LEAST_TOUCHES or min(lengths, default=0.0) == 0.0:
@@ -108,7 +108,7 @@ def _centre_of_touches(run: Run) -> Any:
     """(3, N): the centre that a fit of centre and radius finds, per unit of distance along each touch."""
     import numpy as np
 
-    table = np.array([[*touch, -1.0] for touch in _touches(run)])
+    table = np.array([[*touch, -1.0] for touch in touches_of(run)])
     if np.linalg.matrix_rank(table, tol=1e-3) < 4:
         problem = f"run {run.id}: the touches do not determine the sphere's centre and the effective radius"
         raise InputError(problem, remedy="touch the top and four sides", keys=("touches",))
