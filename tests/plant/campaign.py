@@ -30,6 +30,8 @@ RUN_KEYS = (
     "lobing_sigma_um",
     "touches",
     "touch_frame",
+    "frame",
+    "sense",
 )
 
 
