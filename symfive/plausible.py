@@ -20,7 +20,7 @@ units are 57, 60 and 1000)."""
 ROUNDING = 1e-6
 MOST_ROWS = 100_000
 """Of a longer run only the first rows are looked at."""
-WHAT = {"ball_bar": "the bar", "r_test": "the ball"}
+WHAT = {"ball_bar": "the bar", "r_test": "the ball", "touch_probe": "the sphere"}
 
 
 def doubts(campaign: Campaign) -> tuple[str, ...]:

@@ -17,7 +17,10 @@ from typing import Any
 import linuxcnc  # type: ignore[import-not-found]  # comes with LinuxCNC
 
 POLL_S = 0.01
+WATCH_S = 0.1
 SWITCH_ON_S = 20.0
+STALLED = "milltask, the interpreter's process, died"
+"""Seen with LinuxCNC 2.9 on loaded computers, cause not found; the joints then stand still for ever."""
 
 
 class Operator:
@@ -76,9 +79,11 @@ class Operator:
                         self.command.auto(linuxcnc.AUTO_RESUME)
                         self.wait(lambda s: s.interp_state != linuxcnc.INTERP_PAUSED, SWITCH_ON_S, "going on after M0")
                     self.wait(lambda s: True, POLL_S, "")
+                    if subprocess.run(["pidof", "-q", "milltask"], check=False).returncode != 0:
+                        raise RuntimeError(f"{STALLED} in {program.name}")
                     if time.monotonic() > end:
                         raise RuntimeError(f"{program.name} took more than {seconds:.0f} s")
-                    time.sleep(POLL_S)
+                    time.sleep(WATCH_S)
                 self.check()
                 sampling(False)
                 time.sleep(0.3)  # what is still in the sampler's queue

@@ -47,14 +47,21 @@ def _sensors(value: Any) -> bool:
     )
 
 
+def _touches(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and all(_numbers(3)(touch) for touch in value)
+
+
 OPTIONS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "axis": (_text, '"X"'),
+    "directions": (_touches, "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"),
     "encoder_axes": (_texts, '["X", "C"]'),
     "encoder_zero_sigma": (lambda value: is_number(value) and value >= 0.0, "a number from zero"),
     "force_terms": (_texts, '["mass", "coulomb"]'),
     "form_axis": (_text, '"C"'),
     "form_order": (_whole, "a whole number from 0 to 60"),
     "form_sigma_um": (_positive, "a number above zero"),
+    "lobing_sigma_um": (lambda value: is_number(value) and value >= 0.0, "a number from zero"),
+    "frame": (lambda value: value in ("workpiece", "machine", "tool"), '"tool"'),
     "low_pass_hz": (_positive, "a number above zero"),
     "motion_from": (_text, '"encoder"'),
     "placement": (_numbers(6), "[x, y, z, a, b, c]"),
@@ -62,8 +69,11 @@ OPTIONS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "placement_sigma": (_numbers(2), "[mm, degree]"),
     "reflector_on": (_text, '"workpiece"'),
     "sensors": (_sensors, "[{ direction = [1.0, 0.0, 0.0], position = [150.0, 0.0, 0.0] }]"),
+    "sense": (lambda value: value in ("tool-table", "table-tool"), '"table-tool"'),
     "smoothing_s": (_positive, "a number above zero"),
     "start": (lambda value: value in ("rest", "moving"), '"moving"'),
+    "touch_frame": (lambda value: value in ("tool", "machine"), '"machine"'),
+    "touches": (_touches, "[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], …]"),
     "v_rest": (_positive, "a number above zero"),
 }
 """Key → what it must be, and how to write it. Other keys are kept and noted."""

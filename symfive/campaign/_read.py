@@ -97,7 +97,7 @@ def _check_schema(file: TomlFile) -> None:
 def _run_notes(run: Run, block: Mapping[str, Any]) -> list[str]:
     unknown = [key for key in run.options if key not in OPTIONS]
     notes = [f'key "{key}" of run {run.id} is unknown to symfive; it is kept' for key in unknown]
-    if "setup_sigma_um" not in block and {"ball_bar", "r_test", "grid_encoder"} & set(run.instrument):
+    if "setup_sigma_um" not in block and {"ball_bar", "r_test", "touch_probe", "grid_encoder"} & set(run.instrument):
         notes.append(f"run {run.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
     return notes
 

@@ -55,7 +55,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @app.command(epilog="Example: symfive plan table-bc -o plan/ --instrument r_test --points 40 --nc linuxcnc")
 @click.argument("machine", help="A machine file, or the name of a preset.")
 @output_path
-@click.option("--instrument", default="r_test", help="r_test or ball_bar.")
+@click.option("--instrument", default="r_test", help="r_test, touch_probe or ball_bar.")
 @click.option("--criterion", default="D", help="D, A, E, G or V.")
 @click.option("--points", type=COUNT, default=40, help="Number of poses.")
 @click.option(

@@ -69,7 +69,7 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
     """Which limit keeps most poses out, in words."""
     limits = space.kernel.limits(z, k)
     violated = (limits < -1e-9).mean(axis=0)
-    where = "sensor_range" if space.instrument == "r_test" else "bar_stroke"
+    where = "bar_stroke" if space.instrument == "ball_bar" else "sensor_range"
     if not space.in_range(z, k).any():
         return InputError(
             f"the errors expected by the priors leave the {where} at every pose",

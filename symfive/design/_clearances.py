@@ -37,7 +37,10 @@ class Clearances:
         axis = workpiece.rotation.T @ spindle.rotation[:, 2]
         self._frame = Mapped(ca.Function("frame", [q], [ca.densify(place), ca.densify(axis)]))
         self.machine, self.table_ball = machine, np.asarray(run.table_ball, dtype=float)
-        self.bar, self.stands = "ball_bar" in run.instrument, bool({"ball_bar", "r_test"} & set(run.instrument))
+        self.bar, self.stands = (
+            "ball_bar" in run.instrument,
+            bool({"ball_bar", "r_test", "touch_probe"} & set(run.instrument)),
+        )
         nose = machine.workspace.spindle_nose
         self.nose = None if nose is None else float(nose["radius"])
         self.above = float(nose["above_ball"]) if nose is not None else -float(run.tool_ball[2])

@@ -33,7 +33,7 @@ from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
-from symfive.nc import LETTERS, Post
+from symfive.nc import CYCLES, LETTERS, Post
 from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
@@ -76,11 +76,20 @@ class Plan(OnScreen):
     notes: tuple[str, ...] = ()
 
     def write(
-        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
+        self,
+        folder: Path | str,
+        *,
+        nc: Iterable[str] | None = None,
+        post: Post | None = None,
+        overwrite: bool = False,
     ) -> None:
-        """The campaign without readings, plan.json, NC programs, set-up sheet and figures, whole or not at all."""
+        """The campaign without readings, plan.json, NC programs, set-up sheet and figures, whole or not at all.
+
+        `nc` dialects of the programs, by default `iso`, and of a touch probe those whose probing cycle is written."""
         from symfive.design._write import write_plan
 
+        if nc is None:
+            nc = CYCLES if self.instrument == "touch_probe" else ("iso",)
         with output_folder(Path(folder), overwrite=overwrite) as target:
             write_plan(self, target, tuple(nc), post)
 
@@ -122,8 +131,8 @@ def plan(
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
     `machine` a machine, the path of its file, or the name of a preset;
-    `instrument` `r_test` or `ball_bar`; `criterion` D, A, E, G or V (`I`); `for_` names of the parameters that count (by
-    default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
+    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D, A, E, G or V (`I`); `for_` names of the parameters that
+    count (by default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
@@ -147,7 +156,7 @@ def plan(
     names = tuple(p.name for p in space.shared)
     wanted = interest_of(names, tuple(for_))
     task = task_of(space, criterion, wanted, given)
-    shares = affordable(machine, minutes, points, setups or (2 if instrument == "r_test" else 3), returns, repeats)
+    shares = affordable(machine, minutes, points, setups or (3 if instrument == "ball_bar" else 2), returns, repeats)
     points, runs = shares[-1]
     refuse_unseen(space, task, points, names)
     progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
@@ -254,7 +263,7 @@ def _finished(
 
 def _shortage(points: int, instrument: str, assessment: Assessment) -> list[str]:
     """Why a plan with fewer readings than unknowns stays far from its bound."""
-    readings, unknowns = points * (3 if instrument == "r_test" else 1), len(assessment.parameters)
+    readings, unknowns = points * (1 if instrument == "ball_bar" else 3), len(assessment.parameters)
     if readings >= unknowns:
         return []
     return [

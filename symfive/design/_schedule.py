@@ -16,7 +16,7 @@ from symfive.design._order import kept_apart, move_times, out_and_back, round_tr
 from symfive.design._refine import Rows
 from symfive.design._space import Space
 from symfive.machine import Machine
-from symfive.nc import Post, arrival_times, outside_s
+from symfive.nc import Post, arrival_times, cycle_seconds, outside_s
 
 __all__ = ["SETUP_S", "Schedule", "on_ways", "retimed", "scheduled"]
 
@@ -59,7 +59,7 @@ def _laid_out(
     unsafe: dict[str, tuple[int, ...]] = {}
     clock = 0.0
     instants, places = [], []
-    letter = "nest" if space.instrument == "r_test" else "bar"
+    letter = {"r_test": "nest", "touch_probe": "sphere"}.get(space.instrument, "bar")
     for g in range(rows.groups):
         mine = np.flatnonzero(rows.group == g)
         commands = space.commands(rows.z[mine], rows.k[mine])
@@ -69,6 +69,7 @@ def _laid_out(
         order = np.repeat(order, repeats)
         commands = {name: values[order] for name, values in commands.items()}
         leaves = _leaves(space, rows, mine[order[:-1]], mine[order[1:]], DENSELY)
+        leaves |= space.instrument == "touch_probe"  # a tip cannot follow a sphere: it goes out and around
         rows_unsafe = tuple(int(i) + 1 for i in np.flatnonzero(leaves & (order[:-1] != order[1:])))
         name = f"{letter}-{g + 1}"
         first = mine[0]
@@ -109,7 +110,8 @@ def on_ways(campaign: Campaign, post: Post) -> tuple[Campaign, float]:
 
 def _timed(machine: Machine, run: Run, post: Post, clock: float) -> tuple[Run, float]:
     """A run that is set up from `clock` on, at the times of its program, and when it is done, s."""
-    time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose)
+    rest = cycle_seconds(run) if "touch_probe" in run.instrument else 0.0
+    time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose, rest)
     around = math.ceil(outside_s(machine, run, post))
     start = clock + SETUP_S + around
     return replace(run, time=time, start_s=start), start + float(time[-1])
@@ -162,7 +164,7 @@ def _drift(space: Space, rows: Rows, visited: Indices, instants: Array, repeats:
     task = Task(Volume(), np.eye(len(everything)), space.own_sigma, everything)
     plain = task.information(sensitivities, group, rows.groups)
     hours = (instants - instants.mean()) / 3600.0
-    directions = np.eye(3)[None, :, :] if space.instrument == "r_test" else _bars(space, z)[:, :, None]
+    directions = _bars(space, z)[:, :, None] if space.instrument == "ball_bar" else np.eye(3)[None, :, :]
     rate = DRIFT_UM_PER_H / (space.noise_um * math.sqrt(repeats)) * hours[:, None, None] * directions
     whole = task.layout(rows.groups).embed(sensitivities, group)
     cross = np.einsum("npy,ndy->pd", whole, np.broadcast_to(rate, (len(z), 3, whole.shape[2])))

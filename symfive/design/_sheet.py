@@ -25,7 +25,12 @@ from symfive.procedures._setting import PAUSE_S
 __all__ = ["Sheet", "setup_sheet"]
 
 Array = NDArray[np.float64]
-STANDS = {"r_test": "nest", "ball_bar": "table ball", "grid_encoder": "middle of the grid plate"}
+STANDS = {
+    "r_test": "nest",
+    "touch_probe": "sphere",
+    "ball_bar": "table ball",
+    "grid_encoder": "middle of the grid plate",
+}
 """What stands on the table, by instrument."""
 STILL = 1e-3
 """What moves by less, mm or degree, stands still; directions that differ by less are one."""

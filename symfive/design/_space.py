@@ -50,6 +50,8 @@ DIGITS = 6
 """Digits behind the point to which positions are written, so that what is tested is what is driven."""
 MOST_ELEVATION = 90.0
 SIGMAS_IN_RANGE = 3.0
+MOST_PROBE_TILT_DEG = 50.0
+"""Between the probe and the sphere's post, so that a touch square to the probe is at least 40° off the post."""
 
 
 @dataclass(frozen=True)
@@ -121,12 +123,13 @@ def _written(value: float) -> float:
 def make_space(
     machine: Machine, instrument: str, *, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None
 ) -> Space:
-    """The space of `r_test` or `ball_bar` on a machine. Raises `InputError` where there is nothing to decide."""
-    if instrument not in ("r_test", "ball_bar"):
-        raise InputError(f"plans with {instrument} are not designed", remedy="use r_test or ball_bar")
+    """The space of `r_test`, `touch_probe` or `ball_bar` on a machine. Raises `InputError` where there is nothing to decide."""
+    if instrument not in ("r_test", "touch_probe", "ball_bar"):
+        raise InputError(f"plans with {instrument} are not designed", remedy="use r_test, touch_probe or ball_bar")
     rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
-    if not rotary and instrument == "r_test":
-        raise InputError("an R-test needs a rotary axis and the machine has none", remedy="use instrument ball_bar")
+    if not rotary and instrument != "ball_bar":
+        called = "an R-test" if instrument == "r_test" else "a touch probe"
+        raise InputError(f"{called} needs a rotary axis and the machine has none", remedy="use instrument ball_bar")
     lengths = tuple(machine.workspace.bar_lengths)
     if instrument == "ball_bar" and not lengths:
         raise InputError("the workspace lists no bar", remedy="add bar_lengths = [100.0, 150.0] to [workspace]")
@@ -278,6 +281,9 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
             down = ca.DM([0.0, 0.0, -1.0])
             limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))
             names.append("spindle nose and post")
+    if instrument == "touch_probe":  # the touches at the equator stay off the sphere's post
+        limits.append(axis[2] - math.cos(math.radians(MOST_PROBE_TILT_DEG)))
+        names.append("touch and post")
     if instrument == "ball_bar":
         limits.append(geometry.place[2] / UNIT_MM)
         names.append("tool ball and table")

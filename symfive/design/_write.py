@@ -159,7 +159,7 @@ def _write_files(sheet: Sheet, folder: Path, nc: tuple[str, ...]) -> None:
 def write_sheet(sheet: Sheet, folder: Path, nc: tuple[str, ...] = ()) -> None:
     """setup.html of any campaign and its pictures, a run each, into a folder that exists; `nc` dialects of its programs."""
     machine = sheet.campaign.machine
-    with_ball = [run for run in sheet.campaign.runs if {"r_test", "ball_bar"} & set(run.instrument)]
+    with_ball = [run for run in sheet.campaign.runs if {"r_test", "touch_probe", "ball_bar"} & set(run.instrument)]
     pictures = {run.id: svg(pose_figure(machine, _thinned(run))) for run in with_ball}
     for run, picture in pictures.items():
         write_text(folder / "figures" / f"poses-{run}.svg", picture)

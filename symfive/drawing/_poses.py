@@ -25,7 +25,8 @@ TURN, TILT = -60.0, 25.0
 WIDE, TALL, REACH = 720, 480, 215.0
 MOST_POINTS, MOST_LINES, MOST_NAMES = 1200, 24, 24
 """Points of all runs, lines of a recording in motion, names below the drawing."""
-WITH_A_BALL, WITH_A_NEST = {"ball_bar", "r_test", "grid_encoder", "displacement", "tracker"}, {"ball_bar", "r_test"}
+WITH_A_NEST = {"ball_bar", "r_test", "touch_probe"}
+WITH_A_BALL = {*WITH_A_NEST, "grid_encoder", "displacement", "tracker"}
 COLOURS = (f"var(--blue, {SERIES[0]})", f"var(--orange, {SERIES[1]})", *SERIES[2:])
 STYLE = """
 .poses path { fill: none; stroke: currentColor; stroke-linecap: round; stroke-width: 1.2; }

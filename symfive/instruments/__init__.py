@@ -16,17 +16,26 @@ from symfive.instruments.encoder import Encoder
 from symfive.instruments.grid_encoder import GridEncoder
 from symfive.instruments.laser import Laser
 from symfive.instruments.r_test import RTest
+from symfive.instruments.touch_probe import TouchProbe, touches_of
 from symfive.instruments.tracker import Tracker
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
 
-__all__ = ["INSTRUMENTS", "Column", "Instrument", "has_clock_of_its_own", "instruments_of"]
+__all__ = ["INSTRUMENTS", "Column", "Instrument", "has_clock_of_its_own", "instruments_of", "touches_of"]
 
-INSTRUMENTS: dict[str, Instrument] = {
-    instrument.name: instrument
-    for instrument in (BallBar(), RTest(), GridEncoder(), Displacement(), Laser(), Encoder(), DriveForce(), Tracker())
-}
+_ALL = (
+    BallBar(),
+    RTest(),
+    TouchProbe(),
+    GridEncoder(),
+    Displacement(),
+    Laser(),
+    Encoder(),
+    DriveForce(),
+    Tracker(),
+)
+INSTRUMENTS: dict[str, Instrument] = {instrument.name: instrument for instrument in _ALL}
 
 
 def instruments_of(run: Run) -> tuple[Instrument, ...]:

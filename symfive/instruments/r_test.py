@@ -1,9 +1,12 @@
-"""R-test: three displacements of the tool ball along the workpiece frame's axes (Oyama, Ibaraki & Otsubo 2010)."""
+"""R-test: displacements of the tool ball against the table's, in any frame (Oyama, Ibaraki & Otsubo 2010)."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from symfive.errors import InputError
 from symfive.instruments._base import ZERO_SIGMA_UM, Column, Instrument, setup_parameter, setup_vector, vector_constants
 from symfive.parameters import Parameter
 
@@ -14,23 +17,59 @@ if TYPE_CHECKING:
 
 
 class RTest(Instrument):
-    """`d - table_ball` in µm; nuisances: the tool ball and one zero per direction.
+    """`R·(d - table_ball)` in µm along the sensors; nuisances: the tool ball and one zero per sensor.
 
-    An error of the nest's position moves all readings by a constant: it is the zero, and not a second unknown.
+    `frame` names the axes of the reading: `workpiece` (default, R = 1: a nest on the table), `machine` (R = R_W, the table's
+    rotation) or `tool` (R = R_T⁻¹·R_W: a head in the spindle). A head that reads where the table's ball is, seen from it, has the
+    opposite sign, `sense = "table-tool"`. `directions` (three or more, not in one plane) replace the axes of the frame.
+    In the workpiece's frame an error of the nest's position moves all readings by a constant: it is the zero, and not a second
+    unknown. In the others it turns with the table, and in the tool's frame it is the tool ball that is the zero.
     """
 
     name = "r_test"
 
+    def check(self, run: Run, machine: Machine) -> None:
+        given = run.options.get("directions")
+        if given is not None and np.linalg.matrix_rank(np.array(given, dtype=float).reshape(-1, 3), tol=1e-3) < 3:
+            problem = f"run {run.id}: the R-test's directions do not span space"
+            raise InputError(problem, remedy="give at least three that do not lie in one plane", keys=("directions",))
+
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
-        return tuple(Column(f"d{c}_um", "um", 1e-3) for c in "xyz")
+        return tuple(Column(f"{name}_um", "um", 1e-3) for name in self._sensors(run))
 
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
-        zeros = tuple(setup_parameter(run, f"zero.{c}", "um", ZERO_SIGMA_UM) for c in "xyz")
-        return (*setup_vector(run, "tool_ball", run.setup_sigma_um.tool_ball), *zeros)
+        sigma, frame = run.setup_sigma_um, run.options.get("frame", "workpiece")
+        zeros = tuple(
+            setup_parameter(run, f"zero.{name.removeprefix('d')}", "um", ZERO_SIGMA_UM) for name in self._sensors(run)
+        )
+        table = setup_vector(run, "table_ball", sigma.table_ball) if frame != "workpiece" else ()
+        tool = setup_vector(run, "tool_ball", sigma.tool_ball) if frame != "tool" else ()
+        return (*table, *tool, *zeros)
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
         return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}
 
     def reading(self, row: Row, run: Run) -> list[Any]:
-        deviation = row.ball - row.table_ball
-        return [deviation[i] + row.parameter(f"setup.zero.{c}") for i, c in enumerate("xyz")]
+        import casadi as ca
+
+        deviation, frame = row.ball - row.table_ball, run.options.get("frame", "workpiece")
+        if frame != "workpiece":
+            workpiece, tool = row.poses
+            deviation = workpiece.rotation @ deviation
+            deviation = tool.rotation.T @ deviation if frame == "tool" else deviation
+        if run.options.get("sense") == "table-tool":
+            deviation = -deviation
+        found = []
+        for name, direction in self._sensors(run).items():
+            length = float(np.linalg.norm(direction))
+            seen = ca.dot(ca.DM(list(direction)) / length, deviation)
+            found.append(seen + row.parameter(f"setup.zero.{name.removeprefix('d')}"))
+        return found
+
+    @staticmethod
+    def _sensors(run: Run) -> dict[str, tuple[float, ...]]:
+        """Column, without its unit → direction."""
+        given = run.options.get("directions")
+        if given is None:
+            return {f"d{c}": tuple(float(c == other) for other in "xyz") for c in "xyz"}
+        return {f"s{k}": tuple(direction) for k, direction in enumerate(given, start=1)}

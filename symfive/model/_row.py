@@ -87,8 +87,12 @@ class Row:
     @cached_property
     def ball(self) -> Symbol:
         """The tool ball in the workpiece frame, mm."""
+        return self.ball_at(self.tool_ball)
+
+    def ball_at(self, tool_ball: Symbol) -> Symbol:
+        """A ball that stands elsewhere in the tool frame (mm), in the workpiece frame, mm."""
         return ball_in_workpiece(
-            self.machine, self.axis, self.tool_ball, location=self.location, motion=self.motion, shift=self.shift
+            self.machine, self.axis, tool_ball, location=self.location, motion=self.motion, shift=self.shift
         )
 
     @cached_property

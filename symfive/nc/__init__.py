@@ -11,6 +11,7 @@ from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._pace import CAUTION, pace
 from symfive.nc._post import LETTERS, Post, arrival_times, outside_s, program_steps
+from symfive.nc._probing import CYCLES, Probing, cycle_seconds, probing_steps
 from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
 from symfive.nc._warning import UNCHECKED, collision_warning, which_point
 from symfive.nc.heidenhain import HEIDENHAIN
@@ -20,9 +21,9 @@ from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
 
 __all__ = [
-    "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Step", "Way", "arrival_times", "at_the_top",
-    "collision_warning", "dialect_of", "lifts", "outside_s", "over_the_top", "pace", "program", "program_steps", "top_of",
-    "turned_home", "upright_axis", "which_point", "write_programs",
+    "CAUTION", "CYCLES", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Step", "Way",
+    "arrival_times", "at_the_top", "collision_warning", "cycle_seconds", "dialect_of", "lifts", "outside_s", "over_the_top",
+    "pace", "program", "program_steps", "top_of", "turned_home", "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
@@ -55,9 +56,16 @@ def _first(dialect: Dialect, machine: Machine, post: Post) -> str:
     return f"first move: {axis} alone to {there}, which must be the top of its travel; then rotary axes, plane, {axis}"
 
 
-def program(machine: Machine, run: Run, dialect: str, post: Post | None = None) -> str:
-    """The program of one run. Raises `InputError` for an unknown dialect and for axes without an NC address."""
-    return _text(machine, run, dialect_of(dialect), program_steps(machine, run, post), post or Post())
+def _steps(machine: Machine, run: Run, dialect: str, post: Post | None, probing: Probing | None = None) -> list[Step]:
+    if "touch_probe" in run.instrument:
+        return probing_steps(machine, run, dialect, post or Post(), probing)
+    return program_steps(machine, run, post)
+
+
+def program(machine: Machine, run: Run, dialect: str, post: Post | None = None, probing: Probing | None = None) -> str:
+    """The program of one run; `probing`: sphere, tip and feeds of a touch probe. Raises `InputError` for an unknown dialect and
+    for axes without an NC address."""
+    return _text(machine, run, dialect_of(dialect), _steps(machine, run, dialect, post, probing), post or Post())
 
 
 def write_programs(
@@ -67,8 +75,8 @@ def write_programs(
     chosen = [dialect_of(name) for name in dialects]
     written = []
     for number, run in enumerate(campaign.runs if chosen else (), start=1):
-        steps = program_steps(campaign.machine, run, post)
         for dialect in chosen:
+            steps = _steps(campaign.machine, run, dialect.name, post)
             path = Path(folder) / dialect.name / f"{run.id}{dialect.suffix}"
             write_text(path, _text(campaign.machine, run, dialect, steps, post or Post(), number))
             written.append(path)

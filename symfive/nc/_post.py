@@ -30,7 +30,7 @@ from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_t
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal
 
-__all__ = ["LETTERS", "Post", "arrival_times", "outside_s", "program_steps"]
+__all__ = ["LETTERS", "Post", "Writer", "arrival_times", "outside_s", "program_steps"]
 
 Array = NDArray[np.float64]
 LETTERS = "XYZABCUVW"
@@ -95,15 +95,15 @@ def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[
     for name in machine.axis_names:
         if name not in LETTERS:
             raise InputError(f"axis {name} has no NC address", remedy=f"name axes by {', '.join(LETTERS)} for programs")
-    return _without_standstill(_Writer(machine, run, post or Post()).steps())
+    return _without_standstill(Writer(machine, run, post or Post()).steps())
 
 
-def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) -> Array:
+def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0, rest_s: float = 0.0) -> Array:
     """When the program of a static run reaches every pose (rows,), s from the first one: its ways as they are driven, the dwells,
-    stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least
-    `least_s` a pose, to 0.1 s."""
-    writer = _Writer(machine, run, post)
-    needed = [post.rest_s + writer.seconds_to(row) for row in range(1, run.rows)]
+    stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least `least_s` a
+    pose, to 0.1 s; `rest_s` what is done at each pose where it is no rest of the program."""
+    writer = Writer(machine, run, post)
+    needed = [(rest_s or post.rest_s) + writer.seconds_to(row) for row in range(1, run.rows)]
     each = np.maximum(
         np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
     )  # the program waits on ways around: `tenths`
@@ -112,7 +112,7 @@ def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) 
 
 def outside_s(machine: Machine, run: Run, post: Post) -> float:
     """Time of a program's moves before the first pose and from the last dwell on, s, without the stops."""
-    writer = _Writer(machine, run, post)
+    writer = Writer(machine, run, post)
     steps = [*writer._first_moves(), *writer._last_moves("")]
     return post.rest_s + sum(step.seconds for step in steps)
 
@@ -152,7 +152,9 @@ def _stands_at(there: Positions, positions: Positions) -> bool:
     return all(name in there and abs(value - there[name]) < STANDSTILL for name, value in positions.items())
 
 
-class _Writer:
+class Writer:
+    """A run's moves: the ways to its poses and between them."""
+
     def __init__(self, machine: Machine, run: Run, post: Post) -> None:
         self.machine, self.run, self.post = machine, run, post
         self.nominal = Nominal(machine)

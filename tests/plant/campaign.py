@@ -27,6 +27,11 @@ RUN_KEYS = (
     "v",
     "noise_um",
     "setup_sigma_um",
+    "lobing_sigma_um",
+    "touches",
+    "touch_frame",
+    "frame",
+    "sense",
 )
 
 

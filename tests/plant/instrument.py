@@ -9,10 +9,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from .behind import play
-from .chain import Array, ball_in_workpiece
+from .chain import Array, axis_transform, ball_in_workpiece, location
 from .state import RunState, Spec
 
-COLUMNS = {"ball_bar": ("dL_um",), "r_test": ("dx_um", "dy_um", "dz_um"), "grid_encoder": ("du_um", "dv_um")}
+COLUMNS = {
+    "ball_bar": ("dL_um",),
+    "r_test": ("dx_um", "dy_um", "dz_um"),
+    "touch_probe": ("X_dev_um", "Y_dev_um", "Z_dev_um"),
+    "grid_encoder": ("du_um", "dv_um"),
+}
 """Reading columns of each instrument; `encoder` adds one column per driven axis."""
 
 
@@ -26,6 +31,8 @@ def true_reading(state: RunState, instrument: str, run: Spec) -> Array:
     d = ball(state)
     if instrument == "ball_bar":
         return 1e3 * (np.linalg.norm(d - state.table_ball, axis=1) - state.length)[:, None]
+    if instrument == "r_test" and run.get("frame", "workpiece") != "workpiece":
+        return 1e3 * head_reading(state, run["frame"]) * (-1.0 if run.get("sense") == "table-tool" else 1.0)
     if instrument == "r_test":
         return 1e3 * (d - state.table_ball)
     if instrument == "grid_encoder":
@@ -33,6 +40,21 @@ def true_reading(state: RunState, instrument: str, run: Spec) -> Array:
         moved = d - (state.table_ball - np.asarray(run.get("table_ball", (0.0, 0.0, 0.0)), float))
         return 1e3 * np.stack([moved @ np.asarray(run["u"], float), moved @ np.asarray(run["v"], float)], axis=1)
     raise ValueError(f"the plant has no instrument {instrument!r}")
+
+
+def head_reading(state: RunState, frame: str) -> Array:
+    """Both balls in the machine frame by the chains: tool minus table there, or in the tool's axes, (N, 3) mm."""
+    ends, turns = [], []
+    for side, point in ((state.chain.workpiece, state.table_ball), (state.chain.tool, state.tool_ball)):
+        at, turn = np.broadcast_to(point, (len(state.t), 3)), np.broadcast_to(np.eye(3), (len(state.t), 3, 3))
+        for axis in reversed(side):
+            place, motion = location(axis, state.location), state.motion.get(axis.name)
+            rotation, shift = axis_transform(axis, state.x[axis.name], place, motion)
+            at, turn = (rotation @ at[:, :, None])[:, :, 0] + shift, rotation @ turn
+        ends.append(at)
+        turns.append(turn)
+    away = ends[1] + state.tool_shift - ends[0]
+    return np.asarray(np.einsum("nji,nj->ni", turns[1], away) if frame == "tool" else away)
 
 
 def columns(instrument: str | Sequence[str], driven: Sequence[str]) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from . import effects as catalogue
 from . import instrument as instruments
+from . import probe
 from .chain import Array, parse_structure
 from .drives import Drive, follow
 from .noise import PLAIN, NoiseOptions, kept_rows, noise, quantise
@@ -53,6 +54,8 @@ def draw_setup(run: Spec, rng: np.random.Generator) -> dict[str, Any]:
         "length": rng.normal() * sigma.get("length", 0.0),
         "zero": rng.normal(0.0, ZERO_SIGMA_UM, 3)[:zero],
     }
+    if "lobing_sigma_um" in run:
+        drawn["lobing"] = rng.normal(0.0, 1.0, 2) * run["lobing_sigma_um"]
     return {k: given.get(k, v if np.isscalar(v) else v.tolist()) for k, v in drawn.items()}
 
 
@@ -69,9 +72,14 @@ def rounded_command(machine: Mapping[str, Any], run: Spec) -> dict[str, Array]:
 
 
 def build_state(
-    machine: Mapping[str, Any], run: Spec, setup: Mapping[str, Any], seed: int, oversample: int
+    machine: Mapping[str, Any],
+    run: Spec,
+    setup: Mapping[str, Any],
+    seed: int,
+    oversample: int,
+    beside: Mapping[str, Array],
 ) -> RunState:
-    """The run's state on the fine instants, axes on their commands, before any motion is computed."""
+    """The run's state on the fine instants, axes on their commands (or so far `beside`, mm), before any motion is computed."""
     chain = parse_structure(machine["structure"], machine["axes"])
     rows = np.round(np.asarray(run["t_s"], float), 6)
     dynamic = run["sampling"] == "dynamic"
@@ -82,7 +90,7 @@ def build_state(
     )
     command = {}
     for name, q in rounded_command(machine, run).items():
-        q = np.deg2rad(q) if chain.axis(name).rotary else q
+        q = np.deg2rad(q) if chain.axis(name).rotary else q + beside.get(name, 0.0)
         command[name] = np.interp(t, rows, q) if dynamic else q
     drives = {n: Drive.from_table(table["drive"]) for n, table in machine["axes"].items() if "drive" in table}
     travel = {a.name: float(np.max(np.abs(machine["axes"][a.name]["travel"]))) for a in chain.axes}
@@ -128,9 +136,10 @@ def prepare(
     setup: Mapping[str, Any],
     seed: int,
     oversample: int,
+    beside: Mapping[str, Array] | None = None,
 ) -> RunState:
     """The run's state with every motion, error and effect in it, ready to be read."""
-    state = build_state(machine, run, setup, seed, oversample)
+    state = build_state(machine, run, setup, seed, oversample, beside or {})
     state.location = {k: np.asarray(v * (URAD if k[1] in "ABC" else UM)) for k, v in (location_errors or {}).items()}
     move(state, effects)
     for component, spec in (error_motions or {}).items():
@@ -172,7 +181,12 @@ def simulate_run(
             encoders = [state.coordinate(a.name, state.encoder[a.name])[take] for a in driven]
             blocks.append(np.stack(encoders, axis=1))
             continue
-        y = instruments.measured(state, instruments.true_reading(state, kind, run), zero)[take]
+        if kind == "touch_probe":
+            everything = (machine, run, location_errors, error_motions, effects, setup, seed, oversample)
+            state, found = probe.found_um(run, setup, lambda beside, given=everything: prepare(*given, beside))
+        else:
+            found = instruments.true_reading(state, kind, run)
+        y = instruments.measured(state, found, zero)[take]
         y = y + noise(rows, y.shape[1], float(run["noise_um"]), noise_options, rng)
         blocks.append(quantise(y, noise_options.quantum_um))
     names = instruments.columns(run["instrument"], [a.column.replace("_", "_act_") for a in driven])

@@ -1,0 +1,188 @@
+"""Touch probe and calibration sphere against the independent plant, which touches, fits spheres and searches for coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+import plant
+import pytest
+
+from symfive.campaign import Campaign, Run, SetupSigma, read_campaign
+from symfive.design import assess, plan
+from symfive.errors import InputError
+from symfive.identify import identify
+from symfive.machine import machine_from_data, preset
+from symfive.model import Model
+from symfive.simulate import simulate
+
+LOCATION = {
+    "EX0C": 31.0,
+    "EY0C": -22.0,
+    "EA0C": 83.0,
+    "EB0C": -64.0,
+    "EX0B": 15.0,
+    "EZ0B": 26.0,
+    "EA0B": 47.0,
+    "EC0B": -38.0,
+}
+MOTION = {"EXC": {"basis": "fourier", "order": 1, "sigma": 9.0}, "EYX": {"basis": "polynomial", "order": 2, "sigma": 9.0},
+          "EXX": {"basis": "polynomial", "order": 3, "sigma": 9.0}}  # fmt: skip
+SIZES = {"EXC.cos1": 4.0, "EXC.sin1": -3.0, "EYX.P2": 6.0, "EYX.P1": -2.0, "EXX.P1": 7.0, "EXX.P2": 3.0, "EXX.P3": -5.0}
+SETUP = {
+    "table_ball": [140.0, -90.0, 60.0],
+    "tool_ball": [11.0, -7.0, 5.0],
+    "lobing": [6.0, -4.0],
+    "length": 0.0,
+    "zero": [],
+}
+POSES = plant.grid_poses([-50.0, -20.0, 35.0], [0.0, 75.0, 160.0, 250.0])
+DENSE = [[0, 0, 1], [0.9, 0, 0.3], [-0.4, 0.8, 0.2], [-0.5, -0.7, 0], [0.3, -0.8, 0.5], [0.6, 0.6, 0.4]]
+
+
+def probe_run(machine: dict, **more: object) -> dict:
+    run = plant.r_test(machine, "sphere-1", nest=[90.0, -25.0, 80.0], poses=POSES, noise_um=1.0, sigma_um=100.0)
+    return {**run, "instrument": "touch_probe", **more}
+
+
+def campaign_of(table: dict, run: dict, errors: dict) -> Campaign:
+    machine = machine_from_data({"schema": "symfive.machine/1", **{**table, "errors": errors}})
+    options = {k: run[k] for k in ("lobing_sigma_um", "touches", "touch_frame") if k in run}
+    planned = Run(
+        id=run["id"], instrument=("touch_probe",), sampling="static", time=run["t_s"],
+        commands={n: np.round(np.broadcast_to(run["command"].get(n, 0.0), len(run["t_s"])), 7) for n in machine.axis_names},
+        table_ball=tuple(run["table_ball"]), tool_ball=tuple(run["tool_ball"]), noise_um=1.0, options=options,
+    )  # fmt: skip
+    return Campaign(machine=machine, runs=(planned,))
+
+
+def true_motions(table: dict) -> dict:
+    """The error motions as functions of the coordinate, written out."""
+    low, high = table["axes"]["X"]["travel"]
+
+    def legendre(*c: float):
+        return lambda q: np.polynomial.legendre.legval((2 * q - low - high) / (high - low), [0.0, *c])
+
+    return {
+        "EXC": lambda q: 4.0 * np.cos(np.deg2rad(q)) - 3.0 * np.sin(np.deg2rad(q)),
+        "EYX": legendre(-2.0, 6.0),
+        "EXX": legendre(7.0, 3.0, -5.0),
+    }
+
+
+@pytest.mark.parametrize(
+    ("topology", "more"),
+    [
+        ("table-bc", {}),
+        ("nutating-table", {}),
+        ("head-cb", {}),
+        ("head-cb", {"lobing_sigma_um": 5.0}),
+        ("head-cb", {"lobing_sigma_um": 5.0, "touch_frame": "machine", "touches": DENSE}),
+        ("mixed-c-b", {"lobing_sigma_um": 5.0, "touch_frame": "machine"}),
+    ],
+)
+def test_readings_and_derivatives_agree_with_the_plant(topology, more):
+    table = plant.topology(topology, {})
+    run = probe_run(table, **more)
+    lobed = bool(more)
+    truth = SETUP if lobed else {**SETUP, "lobing": [0.0, 0.0]}
+    campaign = campaign_of(table, run, {**{n: {"sigma": 50.0} for n in LOCATION}, **MOTION})
+    model = Model(campaign)
+    values = {**LOCATION, **SIZES}
+    for ball in ("table_ball", "tool_ball"):
+        values |= {f"setup.sphere-1.{ball}.{c}": v for c, v in zip("xyz", SETUP[ball], strict=True)}
+    if lobed:
+        values |= {f"setup.sphere-1.lobing.{f}": v for f, v in zip(("cos", "sin"), SETUP["lobing"], strict=True)}
+
+    def measured(location: dict, setup_um: dict) -> np.ndarray:
+        found = plant.simulate_run(
+            table, {**run, "setup_um": setup_um}, location, true_motions(table), noise_options=plant.QUIET
+        )
+        assert found.columns == ["X_dev_um", "Y_dev_um", "Z_dev_um"]
+        return found.values
+
+    read = measured(LOCATION, truth)
+    assert np.abs(read).max() > 50.0
+    # 1e-9 mm; lobes of 7 µm bend the fit of a sphere of 12.5 mm by their square over its radius
+    assert model.predict(values)["sphere-1"] == pytest.approx(read, abs=4e-3 if lobed else 1e-6)
+
+    linear = model.linearise("sphere-1", values)
+    slopes = dict(
+        zip([model.parameters[i].name for i in linear.columns], np.moveaxis(linear.jacobian, 2, 0), strict=True)
+    )
+    for name in LOCATION:
+        ahead, behind = (measured({**LOCATION, name: LOCATION[name] + s}, truth) for s in (20.0, -20.0))
+        assert slopes[name] == pytest.approx((ahead - behind) / 40.0, abs=2e-6), name
+    for k, ball in enumerate(("table_ball", "tool_ball", "lobing")[: 3 if lobed else 2]):
+        ends = [measured(LOCATION, {**truth, ball: [truth[ball][0] + s, *truth[ball][1:]]}) for s in (1.0, -1.0)]
+        name = f"setup.sphere-1.{ball}." + ("x", "x", "cos")[k]
+        assert slopes[name] == pytest.approx((ends[0] - ends[1]) / 2.0, abs=1e-3 if k == 2 else 2e-6), name
+
+
+@pytest.fixture(scope="module")
+def trunnion() -> dict:
+    return plant.static_table()
+
+
+def measured_campaign(trunnion: dict, folder, seed: int) -> tuple[Campaign, dict]:
+    """A trunnion table with eight drawn location errors, probed with 1 µm of noise in a place known to 0.1 mm."""
+    rng = np.random.default_rng(seed)
+    truth = {name: float(rng.normal(0.0, term["sigma"])) for name, term in trunnion["errors"].items()}
+    run = probe_run(trunnion, setup_sigma_um={"table_ball": 100.0, "tool_ball": 1.0})
+    plant.write_campaign(folder, trunnion, [run], truth, seed=seed)
+    return read_campaign(folder), truth
+
+
+def test_eight_location_errors_of_a_trunnion_table(trunnion, tmp_path):
+    campaign, truth = measured_campaign(trunnion, tmp_path / "one", 3)
+    result = identify(campaign)
+    assert set(truth) == {"EX0B", "EZ0B", "EA0B", "EC0B", "EX0C", "EY0C", "EA0C", "EB0C"}
+    for name, value in truth.items():
+        assert abs(result[name] - value) < 2.0 * result.uncertainty(name), name
+        assert result.uncertainty(name) < 0.2 * trunnion["errors"][name]["sigma"], name
+    assert result.rms_um == pytest.approx(1.0, rel=0.25)
+
+
+def test_its_uncertainties_hold_over_machines(trunnion, tmp_path):
+    scores = []
+    for seed in range(20):
+        campaign, truth = measured_campaign(trunnion, tmp_path / str(seed), 100 + seed)
+        found = identify(campaign)
+        scores += [(found[name] - value) / found.uncertainty(name) for name, value in truth.items()]
+    assert np.mean(np.abs(scores) < 2.0) > 0.90
+    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.2)
+
+
+def test_what_a_probe_cannot_see_is_named():
+    trunnion = preset("table-bc")
+    chosen = plan(
+        trunnion, instrument="touch_probe", points=10, setups=1, starts=1, anywhere=False, noise_um=1.0,
+        setup_sigma=SetupSigma(table_ball=100.0, tool_ball=20.0),
+    )  # fmt: skip
+    run = chosen.campaign.runs[0]
+    assert chosen.instrument == "touch_probe" and np.abs(run.commands["B"]).max() <= 50.0 + 1e-6
+    assert chosen.unsafe[run.id] == tuple(range(1, run.rows))
+    said = [group.names for group in assess(chosen.campaign).confounded]
+    assert any({"EZ0B", f"setup.{run.id}.tool_ball.z"} <= set(group) for group in said), said
+    result = identify(simulate(chosen.campaign, seed=4).campaign)
+    assert result.chi2_dof == pytest.approx(1.0, abs=0.6)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"touches": [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]}, "do not make a centre"),
+        ({"touches": [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 1, 0]]}, "do not determine"),
+        ({"touch_frame": "table"}, "touch_frame"),
+        ({"lobing_sigma_um": -1.0}, "lobing_sigma_um"),
+    ],
+)  # fmt: skip
+def test_touches_that_make_no_centre_are_refused(trunnion, tmp_path, options, words):
+    plant.write_campaign(tmp_path, trunnion, [probe_run(trunnion, **options)], readings=False)
+    with pytest.raises(InputError, match=words) as refused:
+        read_campaign(tmp_path)
+    assert "campaign.toml" in str(refused.value)
+
+
+def test_a_recording_is_no_probing(trunnion, tmp_path):
+    plant.write_campaign(tmp_path, trunnion, [probe_run(trunnion, sampling="dynamic")], readings=False)
+    with pytest.raises(InputError, match="at rest"):
+        read_campaign(tmp_path)
