@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
+from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, polar_run
 from symfive.machine import Machine
@@ -30,6 +30,8 @@ __all__ = ["Setting", "positioning_run", "probe_run", "recorded_run", "runs_of"]
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
+SPHERE = SetupSigma(table_ball=1000.0, tool_ball=20.0)
+"""A calibration sphere is put down by eye and a rule."""
 TURN_MM = 1e-6
 """Where the same target stands twice, reached from either side, the second command is so much further: it tells the side."""
 INSTRUMENTS = {
@@ -179,25 +181,26 @@ def positioning_run(
 def probe_run(
     machine: Machine, found: Columns, commands: Columns, setting: Setting, id: str, *, time: Array | None = None
 ) -> Run:
-    """A static run of sphere centres: `found` linear axis → (N,) mm at which a centred touch would stand, `commands` rotary
-    axis → (N,) degree; both machine coordinates.
+    """A static run of a touch probe: `found` linear axis → (N,) mm at which a centred touch would stand, `commands` rotary axis →
+    (N,) degree; both machine coordinates.
 
-    There the tool's ball (the probe's tip) is in the sphere's centre: the closure of an R-test whose readings are zero at the
-    found positions. `setting.centre` is where the sphere stands, to within some millimetres: its place is the test's zero.
+    The readings are found less nominal coordinates, the nominal ones those of a sphere at `setting.centre`: it need be right to
+    some tenths of a millimetre only, its prior is `SPHERE`.
     """
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary and name not in setting.hold]
+    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
     lacking = [name for name in linear if name not in found]
     if lacking:
-        raise InputError(
-            f"where {', '.join(lacking)} found the centre is missing", remedy=f"add --map {lacking[0]}_found=2:mm"
-        )
-    rows = len(next(iter(found.values())))
-    positions = Nominal(machine).commands({**setting.hold, **commands, **found}, rows)
+        problem = f"where {', '.join(lacking)} found the centre is missing"
+        raise InputError(problem, remedy=f"add --map {lacking[0]}_found=2:mm")
+    nominal, ball, rows = Nominal(machine), tool_ball_of(machine, setting.tool_ball), len(next(iter(found.values())))
+    positions = nominal.follow(
+        np.tile(setting.centre, (rows, 1)), ball, {**setting.hold, **commands}, f"probe cycle {id}"
+    )
     run = Run(
-        id=id, instrument=("r_test",), sampling="static", clock="none" if time is None else "recorded",
+        id=id, instrument=("touch_probe",), sampling="static", clock="none" if time is None else "recorded",
         time=np.arange(float(rows)) if time is None else time - time[0], commands=positions,
-        readings={f"d{c}_um": np.zeros(rows) for c in "xyz"}, table_ball=setting.centre,
-        tool_ball=tool_ball_of(machine, setting.tool_ball), noise_um=setting.noise_um,
+        readings={f"{name}_dev_um": 1e3 * (found[name] - positions[name]) for name in linear}, table_ball=setting.centre,
+        tool_ball=ball, noise_um=setting.noise_um, setup_sigma_um=SPHERE,
     )  # fmt: skip
     return within_travel(
         machine, run, place="the found coordinates (machine coordinates?) or the travel in the machine file"
