@@ -21,7 +21,7 @@ from symfive.posterior._evidence import (
     widths_of,
 )
 from symfive.posterior._moments import Moments
-from symfive.posterior._terms import Name
+from symfive.posterior._terms import Name, complete
 
 __all__ = ["Posterior", "Subset", "explore", "log_prior", "weighed"]
 
@@ -114,7 +114,7 @@ class _Search:
             terms = self.moments.terms
             held = [terms[t] for t, _ in subset]
             free = [k for k, term in enumerate(terms)
-                    if k >= self.moments.held and not any(term.excludes(h) for h in held)]  # fmt: skip
+                    if k >= self.moments.held and not any(term.excludes(h) for h in held) and complete([*held, term])]  # fmt: skip
             prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
             self.see(subset)
             usual = [WIDTHS[0]] * len(free)
@@ -144,8 +144,9 @@ class _Search:
             self.join(subset, BIRTHS)
         for k, (t, width) in enumerate(subset):
             rest = (*subset[:k], *subset[k + 1 :])
-            self.see(rest)
-            self.join(rest, SWAPS)
+            if complete(self.moments.terms[n] for n, _ in rest):
+                self.see(rest)
+                self.join(rest, SWAPS)
             at = WIDTHS.index(width)
             for other in widths_of(self.moments, t)[max(at - 1, 0) : at + 2]:
                 self.see((*rest, (t, other)))

@@ -16,13 +16,13 @@ from symfive.posterior._explore import Posterior, Subset, explore, log_prior, we
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._moments import moments_of
 from symfive.posterior._scan import placed
-from symfive.posterior._terms import Candidates
+from symfive.posterior._terms import Candidates, variations_of
 
 __all__ = ["Expansion", "expanded", "polish"]
 
 ROUNDS = 6
-"""Expansions at most: each about the best subset of the one before, as Gauss-Newton steps they settle in two or three;
-one more for each member that a rival replaces."""
+"""Expansions at most, of each stage: each about the best subset of the one before, as Gauss-Newton steps they settle in two or
+three; one more for each member that a rival replaces."""
 TRIES = 3
 """Subsets that are refitted in one round, until one holds what the moments promise."""
 DECISIVE = 3.0
@@ -46,8 +46,19 @@ def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) 
 def polish(
     before: Identification, candidates: Candidates, progress: Progress = lambda message: None
 ) -> tuple[Posterior, Expansion]:
-    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset."""
-    here, been = Expansion(before, (), WHITE, 1.0), set[frozenset[str]]()
+    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset.
+
+    First the laws of the library; where nothing better is found among them, whether those that are held are the same everywhere.
+    """
+    now = _settled(Expansion(before, (), WHITE, 1.0), replace(candidates, vary=False), progress)
+    if candidates.vary and now.here.held:
+        now = _settled(now.here, candidates, progress)
+    return _corrected(now.posterior, now.exactly), settled(now.here)
+
+
+def _settled(here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
+    """The expansion at which nothing moves any more, from `here` on."""
+    been = set[frozenset[tuple[str, str]]]()
     for number in range(ROUNDS):
         progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
         now = _Round.at(here, candidates, progress)
@@ -61,7 +72,7 @@ def polish(
         if ahead is None or number == ROUNDS - 1:
             break
         here = settled(ahead)
-    return _corrected(now.posterior, now.exactly), settled(now.here)
+    return now
 
 
 def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior:
@@ -120,7 +131,8 @@ def _fresh(here: Expansion, candidates: Candidates) -> list[Form]:
     taken = {effect.key for effect in here.fit.model.effects}
     freed = {place for effect in here.fit.model.effects for place in effect.frees()}
     forms = [*candidates.forms, *placed(here.fit, candidates.scans, here.node)]
-    return [f for f in forms if f.effect.key not in taken and not freed & set(f.effect.frees())]
+    found = [f for f in forms if f.effect.key not in taken and not freed & set(f.effect.frees())]
+    return [*found, *(variations_of(here.held, here.fit.model.campaign) if candidates.vary else ())]
 
 
 def _shaped(
