@@ -97,7 +97,10 @@ class Varying(Effect):
     def of_effect(cls, effect: Effect, campaign: Campaign) -> tuple[Self, ...]:
         """The ways in which an effect may vary in a campaign; none where it cannot."""
         found = []
+        own = effect.coordinate.split(", ") if effect.nameless else []
         for over in varies_over(campaign):
+            if over in own:
+                continue  # its functions of that hold it already
             try:
                 found.append(cls(of=effect, over=over, spread=effect.spread).prepare(campaign))
             except InputError:

@@ -29,8 +29,8 @@ UNIDENTIFIED = float(np.exp(-5.0))
 
 @dataclass(frozen=True)
 class Candidates:
-    """All that may be missing in a campaign: `forms` at known places, and `scans` for those that have to be placed; `vary`: whether
-    what is found may not be the same everywhere."""
+    """All that may be missing in a campaign: `forms` at known places, and `scans` for those that have to be placed; `vary`:
+    whether what is found may not be the same everywhere."""
 
     forms: tuple[Form, ...]
     scans: tuple[Scan | Tone, ...]
@@ -56,6 +56,10 @@ class Term:
     def effect(self) -> Effect:
         """Its effect."""
         return self.form.effect
+
+    def varies(self, other: Term) -> bool:
+        """Whether it is a variation of another one."""
+        return bool(self.needs) and not other.needs and self.needs == other.effect.key
 
     def excludes(self, other: Term) -> bool:
         """Whether both cannot act at once."""
@@ -91,7 +95,7 @@ def variations_of(held: Sequence[Form], campaign: Campaign) -> list[Form]:
 def complete(terms: Iterable[Term]) -> bool:
     """Whether a subset holds what its variations are of."""
     chosen = list(terms)
-    return {t.needs for t in chosen} - {""} <= {t.effect.key for t in chosen if not t.needs}
+    return all(any(term.varies(other) for other in chosen) for term in chosen if term.needs)
 
 
 def joinable(campaign: Campaign, forms: Sequence[Form]) -> tuple[Form, ...]:
