@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from functools import cache
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -35,6 +36,7 @@ from symfive.effects.table_step import TableStep
 from symfive.effects.thermal_drift import ThermalDrift
 from symfive.effects.transmission_error import TransmissionError
 from symfive.effects.unknown import Unknown
+from symfive.effects.varying import Varying
 from symfive.effects.vibration import Vibration
 from symfive.errors import InputError
 from symfive.files import shown
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AXIS", "BALL", "CARRIED", "EFFECTS", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form", "Quantity", "Scan", "Tone",
-    "baseline_effects", "make_effect",
+    "Varying", "baseline_effects", "make_effect",
 ]  # fmt: skip
 
 _TABLE: tuple[type[Effect], ...] = (
@@ -76,6 +78,7 @@ _TABLE: tuple[type[Effect], ...] = (
     Counterbalance,
     EccentricMass,
     FamilyShape,
+    Varying,
 )
 EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _TABLE}
 VOCABULARY: tuple[str, ...] = tuple(name for name, effect in EFFECTS.items() if not effect.reported_as)
@@ -101,6 +104,7 @@ def make_effect(effect: str, axis: str | None = None, **options: Any) -> Effect:
         if name not in options and f.default is MISSING and f.default_factory is MISSING:
             raise InputError(f"effect {effect} needs its option {name}", remedy=f"write {name} = …")
     hints = _types_of(effect)
+    options = {n: make_effect(**v) if hints[n] is Effect and isinstance(v, Mapping) else v for n, v in options.items()}
     for name, value in {"axis": axis, **options}.items():
         if not fits(value, hints[name]):
             problem = f"effect {effect}: {name} = {shown(value)} is not of the right kind"

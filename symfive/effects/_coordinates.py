@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
 from symfive.machine import Machine
-from symfive.motion import approach
+from symfive.motion import Acceleration, Direction, Position, Signal, Velocity, approach
 
-__all__ = ["ACCELERATION", "SIGN", "SINCE", "VELOCITY", "coordinate_values", "owner", "steps", "usual_span"]
+if TYPE_CHECKING:
+    from symfive.model._row import Row
+
+__all__ = [
+    "ACCELERATION", "SIGN", "SINCE", "VELOCITY", "coordinate_in", "coordinate_values", "owner", "signals_of", "steps",
+    "usual_span",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 VELOCITY, ACCELERATION = " velocity", " acceleration"
@@ -61,3 +67,19 @@ def _since_reversal(command: Array) -> Array:
     turned = np.flatnonzero(np.diff(sign))
     origin = np.concatenate([[0], turned])[np.searchsorted(turned + 1, np.arange(len(command)), side="right")]
     return np.asarray(sign * np.abs(command - command[origin]))
+
+
+def signals_of(name: str) -> tuple[Signal, ...]:
+    """What a row needs beside the positions to know a coordinate: of an axis, its velocity, acceleration or side."""
+    kinds = ((VELOCITY, Velocity), (ACCELERATION, Acceleration), (SIGN, Direction))
+    return tuple(kind(owner(name)) for ending, kind in kinds if name.endswith(ending))
+
+
+def coordinate_in(name: str, row: Row) -> Any:
+    """A coordinate of a row: of an axis mm or rad, of what its motion does in file units, of time s."""
+    if name == "t":
+        return row.clock
+    for signal in signals_of(name):
+        unit = 1.0 if name.endswith(SIGN) else row.machine.axes[owner(name)].to_internal
+        return row.signal(signal) / unit
+    return row.signal(Position(name))

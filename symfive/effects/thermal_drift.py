@@ -12,16 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone
+from symfive.effects._form import TOOL, Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagate
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.campaign import Campaign, Run
     from symfive.model._row import Row
 
+Array = NDArray[np.float64]
 SHAPES = ("exponential", "mixture", "linear", "delayed")
+ONSETS = 9
+"""Places of a late onset that are looked at, a tenth of the campaign apart: closer than a time constant can be told."""
 SHORTEST = 0.1
 """Share of the campaign that is left after the onset, at least: of a part of the runs the onset may lie beyond their end."""
 
@@ -61,13 +64,23 @@ class ThermalDrift(Effect):
     def _usual_onset(self, campaign: Campaign) -> float:
         return 0.25 * self.clock_span(campaign)
 
-    def places(self, campaign: Campaign, looks: int) -> float:
-        return self._usual_onset(campaign) / self.onset_sigma_s if self.shape == "delayed" else looks
-
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
-        yield Form(effect=cls(), shapes=tuple(cls(shape=shape) for shape in ("mixture", "delayed")))
+        yield Form(effect=cls(), shapes=(cls(shape="mixture"),))
         yield Form(effect=cls(shape="linear", tag="linear"))
+        span = cls().clock_span(campaign)
+        step = span / (ONSETS + 1)
+
+        def form(place: int) -> Form:
+            late = cls(shape="delayed", onset_s=(place + 1) * step, onset_sigma_s=step, tag="delayed")
+            return Form(effect=late, places=ONSETS)
+
+        def courses(run: Run) -> Array:
+            since = run.start_s + np.asarray(run.time)[:, None] - step * np.arange(1, ONSETS + 1)
+            tau = 0.5 * np.maximum(span - step * np.arange(1, ONSETS + 1), SHORTEST * span)
+            return np.asarray(run.has_clock * (1.0 - np.exp(-np.maximum(since, 0.0) / tau)))
+
+        yield Scan(channel=TOOL, count=ONSETS, courses=courses, form=form)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         if self.shape == "linear":
@@ -78,7 +91,7 @@ class ThermalDrift(Effect):
         found.append(self.time_constant(tau))
         if self.shape == "mixture":
             found += [self.own(f"slow.{c}", "um", 20.0) for c in "xyz"]
-            slow = self.own("slow_time_constant_s", "s", 5.0 * tau, mean=5.0 * tau, lower=tau, per_decade=True)
+            slow = self.own("slow_time_constant_s", "s", 5.0 * tau, mean=5.0 * tau, lower=tau)
             found.append(slow)
         if self.shape == "delayed":
             found.append(self.own("onset_s", "s", self.onset_sigma_s, mean=self.onset_s, lower=0.0))

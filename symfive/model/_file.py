@@ -53,8 +53,12 @@ def effect_to_data(effect: Effect) -> dict[str, Any]:
     for f in fields(effect):
         value = getattr(effect, f.name)
         if value != f.default:
-            table[f.name] = list(value) if isinstance(value, tuple) else value
+            table[f.name] = effect_to_data(value) if isinstance(value, Effect) else _listed(value)
     return table
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def effects_from_data(entries: Any, source: Path | str) -> tuple[Effect, ...]:
@@ -75,6 +79,8 @@ def effects_from_data(entries: Any, source: Path | str) -> tuple[Effect, ...]:
 
 
 def _tuple(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _tuple(v) for name, v in value.items()}
     return tuple(_tuple(v) for v in value) if isinstance(value, list) else value
 
 

@@ -114,8 +114,9 @@ def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = (
 
 
 def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
-    """The widths that a term may have: of one that frees a quantity of a drive the usual one, since no slope holds beyond."""
-    return WIDTHS[:1] if moments.terms[number].frees else WIDTHS
+    """The widths that a term may have: the usual one where it frees a quantity of a drive, since no slope holds beyond, and where
+    it has no size of its own, as what only varies another."""
+    return WIDTHS[:1] if moments.terms[number].frees or moments.terms[number].needs else WIDTHS
 
 
 def sweep(
@@ -202,12 +203,14 @@ def _joined(
 
 
 def discrepancies(moments: Moments, members: Sequence[Member], weighed: Weighed) -> Blocks:
-    """The discrepancy of each named member: a term over its own coordinate, in its own channel, whose prior rms in the readings
-    is `SHARE` of what the member came out as (M. Kennedy & A. O'Hagan 2001; one per channel and coordinate, of the largest)."""
+    """The discrepancy of each named member that does not vary: a term over its own coordinate, in its own channel, whose prior
+    rms in the readings is `SHARE` of what the member came out as (M. Kennedy & A. O'Hagan 2001; one per channel and coordinate,
+    of the largest)."""
     sizes: dict[int, float] = {}
+    varied = {moments.terms[t].needs for t, _ in members}
     for (number, _), x in zip(members, solution(moments, members, weighed), strict=True):
         block = moments.blocks[number]
-        if block >= 0:
+        if block >= 0 and moments.terms[number].effect.key not in varied:
             own, other = moments.columns[number], moments.columns[block].where
             a, at = x[own.amplitude], own.where[own.amplitude]
             square = float(a @ moments.raw[np.ix_(at, at)] @ a) / float(np.trace(moments.raw[np.ix_(other, other)]))

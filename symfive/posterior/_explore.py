@@ -21,14 +21,14 @@ from symfive.posterior._evidence import (
     widths_of,
 )
 from symfive.posterior._moments import Moments
-from symfive.posterior._terms import Name
+from symfive.posterior._terms import Name, complete
 
 __all__ = ["Posterior", "Subset", "explore", "log_prior", "weighed"]
 
 Array = NDArray[np.float64]
 Subset = tuple[Member, ...]
 MOST = 5
-"""Effects at once."""
+"""Effects at once; how they vary does not count."""
 BEAM = 6
 """Subsets that are expanded side by side; the search ends when the best so many have been."""
 BIRTHS, SWAPS = 12, 4
@@ -113,8 +113,12 @@ class _Search:
         if subset not in self.swept:
             terms = self.moments.terms
             held = [terms[t] for t, _ in subset]
-            free = [k for k, term in enumerate(terms)
-                    if k >= self.moments.held and not any(term.excludes(h) for h in held)]  # fmt: skip
+            full = sum(not term.needs for term in held) >= MOST
+            free = [
+                k for k, term in enumerate(terms)
+                if k >= self.moments.held and (term.needs or not full)
+                and complete([*held, term]) and not any(term.excludes(h) for h in held)
+            ]  # fmt: skip
             prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
             self.see(subset)
             usual = [WIDTHS[0]] * len(free)
@@ -140,12 +144,12 @@ class _Search:
 
     def expand(self, subset: Subset) -> None:
         """All neighbours of a subset that may matter."""
-        if len(subset) < MOST:
-            self.join(subset, BIRTHS)
+        self.join(subset, BIRTHS)
         for k, (t, width) in enumerate(subset):
             rest = (*subset[:k], *subset[k + 1 :])
-            self.see(rest)
-            self.join(rest, SWAPS)
+            left = tuple(m for m in rest if not self.moments.terms[m[0]].varies(self.moments.terms[t]))
+            self.see(left)
+            self.join(left, SWAPS)
             at = WIDTHS.index(width)
             for other in widths_of(self.moments, t)[max(at - 1, 0) : at + 2]:
                 self.see((*rest, (t, other)))

@@ -38,9 +38,9 @@ class Expansion:
     kappa2: float
 
     @property
-    def keys(self) -> frozenset[str]:
-        """Of the effects that it holds."""
-        return frozenset(form.effect.key for form in self.held)
+    def keys(self) -> frozenset[tuple[str, str]]:
+        """Of the effects that it holds, and what each is of."""
+        return frozenset((form.effect.key, form.effect.coordinate) for form in self.held)
 
 
 def baseline(campaign: Campaign) -> Identification:
@@ -71,7 +71,7 @@ def fitted(
 def refitted(moments: Moments, subset: Subset) -> Expansion:
     """The exact fit of a subset under the noise that fits it best, its amplitudes' priors as wide as the subset says."""
     weighed = log_evidence(moments, subset)
-    forms = [replace(f := moments.terms[t].form, effect=replace(f.effect, spread=width)) for t, width in subset]
+    forms = [replace(moments.terms[t].form, effect=effect) for t, effect in _effects(moments, subset).items()]
     still = dict(moments.fit.named)
     effects, moved = foretold(moments, subset, weighed)
     at = {name: value for t, _ in subset for name, value in moments.terms[t].form.at.items()}
@@ -84,9 +84,22 @@ def foretold(moments: Moments, subset: Subset, weighed: Weighed) -> tuple[list[E
     """The effects of a subset, and all parameters by name where the moments put those that join."""
     values = dict(moments.fit.named)
     for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
-        if t >= moments.held and moments.terms[t].form.basis is None:
+        if moments.terms[t].needs:
+            own = moments.terms[t].effect.parameters(moments.fit.model.campaign)[-len(part) :]
+            values |= {p.name: float(x) for p, x in zip(own, part, strict=True)}
+        elif t >= moments.held and moments.terms[t].form.basis is None:
             values |= _stepped(moments, t, part)
-    return [replace(moments.terms[t].effect, spread=width) for t, width in subset], values
+    return list(_effects(moments, subset).values()), values
+
+
+def _effects(moments: Moments, subset: Subset) -> dict[int, Effect]:
+    """The effects of a subset by the number of their term; one that varies stands for the one of which it is a variation."""
+    width = {moments.terms[t].effect.key: w for t, w in subset if not moments.terms[t].needs}
+    varied = {moments.terms[t].needs for t, _ in subset}
+    found = {
+        t: moments.terms[t] for t, _ in subset if moments.terms[t].needs or moments.terms[t].effect.key not in varied
+    }
+    return {t: replace(term.effect, spread=width[term.effect.key]) for t, term in found.items()}
 
 
 def settled(here: Expansion) -> Expansion:

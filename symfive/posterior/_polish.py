@@ -11,18 +11,18 @@ from symfive.effects import Effect, Form
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
+from symfive.posterior._about import moments_about
 from symfive.posterior._evidence import Member, log_evidence, nearest_width
 from symfive.posterior._explore import Posterior, Subset, explore, log_prior, weighed
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._moments import moments_of
-from symfive.posterior._scan import placed
-from symfive.posterior._terms import Candidates
+from symfive.posterior._terms import Candidates, variations_of
 
 __all__ = ["Expansion", "expanded", "polish"]
 
 ROUNDS = 6
-"""Expansions at most: each about the best subset of the one before, as Gauss-Newton steps they settle in two or three;
-one more for each member that a rival replaces."""
+"""Expansions at most, of each stage: each about the best subset of the one before, as Gauss-Newton steps they settle in two or
+three; one more for each member that a rival replaces."""
 TRIES = 3
 """Subsets that are refitted in one round, until one holds what the moments promise."""
 DECISIVE = 3.0
@@ -46,22 +46,35 @@ def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) 
 def polish(
     before: Identification, candidates: Candidates, progress: Progress = lambda message: None
 ) -> tuple[Posterior, Expansion]:
-    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset."""
-    here, been = Expansion(before, (), WHITE, 1.0), set[frozenset[str]]()
+    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset.
+
+    First the laws of the library; where nothing better is found among them, whether those that are held are the same everywhere.
+    """
+    now = _settled(Expansion(before, (), WHITE, 1.0), replace(candidates, vary=False), progress)
+    if candidates.vary and variations_of(now.here.held, before.model.campaign):
+        now = _settled(now.here, candidates, progress, now)
+    return _corrected(now.posterior, now.exactly), settled(now.here)
+
+
+def _settled(here: Expansion, candidates: Candidates, progress: Progress, before: _Round | None = None) -> _Round:
+    """The expansion at which nothing moves any more, from `here` on; there the rivals were asked `before`."""
+    been = set[frozenset[tuple[str, str]]]()
     for number in range(ROUNDS):
         progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
         now = _Round.at(here, candidates, progress)
         been.add(here.keys)
         better = (now.exact(subset) for subset in _ahead(now.posterior))
         ahead = next((there for worth, there in better if worth > now.own and there.keys not in been), None)
-        if ahead is None:
+        if number == 0 and before is not None:
+            now.exactly.update({subset: mass for subset, mass in before.exactly.items() if subset not in now.exactly})
+        elif ahead is None:
             rivals = [each for each in map(now.exact, _rivals(now.posterior)) if each[1].keys not in been]
             best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
             ahead = ahead if best > now.own else None
         if ahead is None or number == ROUNDS - 1:
             break
         here = settled(ahead)
-    return _corrected(now.posterior, now.exactly), settled(now.here)
+    return now
 
 
 def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior:
@@ -87,7 +100,7 @@ class _Round:
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
         here, evidence = expanded(here.fit, here.held, candidates)
-        moments = moments_of(here.fit, here.held, _fresh(here, candidates))
+        moments = moments_about(here, candidates)
         held = tuple((t, nearest_width(moments.terms[t].effect.spread)) for t in range(moments.held))
         posterior = explore(moments, range(moments.held))
         return cls(here, posterior, posterior.worth(held, evidence + log_prior(moments, held)), candidates, progress)
@@ -113,14 +126,6 @@ def _ahead(posterior: Posterior) -> Iterator[Subset]:
         if terms not in tried:
             tried.add(terms)
             yield _clear(posterior, subset)
-
-
-def _fresh(here: Expansion, candidates: Candidates) -> list[Form]:
-    """What may join a fit: forms of other keys than it holds, that free no quantity which is free."""
-    taken = {effect.key for effect in here.fit.model.effects}
-    freed = {place for effect in here.fit.model.effects for place in effect.frees()}
-    forms = [*candidates.forms, *placed(here.fit, candidates.scans, here.node)]
-    return [f for f in forms if f.effect.key not in taken and not freed & set(f.effect.frees())]
 
 
 def _shaped(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
-from symfive.effects import Effect, Form
+from symfive.effects import Effect, Form, Varying
 from symfive.identify import Identification
 from symfive.model import Linearisation, Model
 from symfive.posterior._tangents import Compressed, channel_of, compressed, probes
@@ -88,7 +88,8 @@ class Tables:
 
     def __init__(self, fit: Identification, held: Sequence[Effect], fresh: Sequence[Form]) -> None:
         self.fit, self._held = fit, held
-        physical = [form.effect for form in fresh if form.basis is None and not form.at]
+        self._varied = [form.effect for form in fresh if isinstance(form.effect, Varying)]
+        physical = [form.effect for form in fresh if _sloped(form)]
         freeing = [effect for effect in physical if effect.frees()]
         others = [effect for effect in physical if not effect.frees()]
         campaign = fit.model.campaign
@@ -121,6 +122,8 @@ class Tables:
         self._distant = {id(form): Distant(fit, form) for form in fresh if form.at}
         self._tangents = self._compressed([form for form in fresh if form.basis is not None])
         self.columns = self._placed(held, fresh)
+        columns = zip(fresh, self.columns[len(held) :], strict=True)
+        self._places_varied = [placed.where for form, placed in columns if isinstance(form.effect, Varying)]
         self._contributions = [fit.model.contribution(effect, fit.values) for effect in held]
 
     def _compressed(self, forms: Sequence[Form]) -> dict[int, Compressed]:
@@ -134,7 +137,7 @@ class Tables:
 
     def _placed(self, held: Sequence[Effect], fresh: Sequence[Form]) -> tuple[Placed, ...]:
         here, found = self.geometry, list[Placed]()
-        for effect in (*held, *(form.effect for form in fresh if form.basis is None and not form.at)):
+        for effect in (*held, *(form.effect for form in fresh if _sloped(form))):
             here = self._name(effect, here)
         for effect in held:
             found.append(self._columns_of(effect, here))
@@ -143,6 +146,11 @@ class Tables:
             if form.at:
                 found.append(self._distant[id(form)].placed_at(here))
                 here = found[-1].exact + 1
+                continue
+            if isinstance(form.effect, Varying):
+                width = form.effect.functions(self.fit.model.campaign.runs[0], self.fit.model.campaign).shape[1]
+                found.append(Placed(here + np.arange(width), np.zeros(width, dtype=bool), np.zeros(width)))
+                here += width
                 continue
             if form.basis is None:
                 found.append(self._columns_of(form.effect, -1))
@@ -218,6 +226,11 @@ class Tables:
             residual += given[run.id]
             parts.append((given[run.id] - self._tangent(line, effect))[:, :, None])
             where.append(np.array([placed.exact]))
+        for effect, at in zip(self._varied, self._places_varied, strict=True):
+            number = next(k for k, own in enumerate(self._held) if own.key == effect.key)
+            functions = effect.functions(run, self.fit.model.campaign)
+            parts.append(self._contributions[number][run.id][:, :, None] * functions[:, None, :])
+            where.append(at)
         for distant in self._distant.values():
             parts.append(distant.columns(run, line.prediction))
             where.append(distant.where)
@@ -247,3 +260,8 @@ class Tables:
             if p.name in place:
                 total += line.jacobian[:, :, place[p.name]] * (self.fit[p.name] - p.mean)
         return total
+
+
+def _sloped(form: Form) -> bool:
+    """Whether its columns are slopes of the model about where estimation begins."""
+    return form.basis is None and not form.at and not isinstance(form.effect, Varying)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from symfive.campaign import Campaign
-from symfive.effects import EFFECTS, Effect, Form, Scan, Tone
+from symfive.effects import EFFECTS, Effect, Form, Scan, Tone, Varying
 from symfive.errors import InputError
 from symfive.model import Model
 from symfive.parameters import Parameter
 
 __all__ = [
-    "Candidates", "Name", "Term", "candidates", "name_of", "own_parameters", "starts_of", "terms_of",
+    "Candidates", "Name", "Term", "candidates", "complete", "name_of", "own_parameters", "starts_of", "terms_of",
+    "variations_of",
 ]  # fmt: skip
 
 Name = tuple[str, str | None]
@@ -28,16 +29,19 @@ UNIDENTIFIED = float(np.exp(-5.0))
 
 @dataclass(frozen=True)
 class Candidates:
-    """All that may be missing in a campaign: `forms` at known places, and `scans` for those that have to be placed."""
+    """All that may be missing in a campaign: `forms` at known places, and `scans` for those that have to be placed; `vary`:
+    whether what is found may not be the same everywhere."""
 
     forms: tuple[Form, ...]
     scans: tuple[Scan | Tone, ...]
+    vary: bool = True
 
 
 @dataclass(frozen=True)
 class Term:
     """One form that may join: its name, the log of its prior probability, `slot`: of the terms of one slot at most one can act;
-    `covers`: the channel and coordinate over which a named one may be a little off, so that no unidentified one acts there too.
+    `covers`: the channel and coordinate over which a named one may be a little off, so that no unidentified one acts there too;
+    `needs`: the key of the effect of which it is a variation, and which has to be in the subset.
     """
 
     form: Form
@@ -46,14 +50,21 @@ class Term:
     frees: frozenset[tuple[str, str]]
     covers: tuple[str, str]
     log_prior: float
+    needs: str = ""
 
     @property
     def effect(self) -> Effect:
         """Its effect."""
         return self.form.effect
 
+    def varies(self, other: Term) -> bool:
+        """Whether it is a variation of another one."""
+        return bool(self.needs) and not other.needs and self.needs == other.effect.key
+
     def excludes(self, other: Term) -> bool:
         """Whether both cannot act at once."""
+        if self.needs and other.needs:
+            return self.needs == other.needs
         if self.effect.nameless != other.effect.nameless:
             return self.covers == other.covers
         return self.slot == other.slot or bool(self.frees & other.frees)
@@ -69,7 +80,22 @@ def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
     scans = [
         replace(d, courses=cache(d.courses)) if isinstance(d, Scan) else d for d in stated if not isinstance(d, Form)
     ]
-    return Candidates(joinable(campaign, forms), tuple(scans))
+    return Candidates(joinable(campaign, forms), tuple(scans), Varying.id not in exclude)
+
+
+def variations_of(held: Sequence[Form], campaign: Campaign) -> list[Form]:
+    """The ways in which what a fit holds may not be the same everywhere, each as probable as any other."""
+    found = list[Form]()
+    for form in held:
+        ways = Varying.of_effect(form.effect, campaign)
+        found += [Form(effect=way, places=len(ways)) for way in ways]
+    return found
+
+
+def complete(terms: Iterable[Term]) -> bool:
+    """Whether a subset holds what its variations are of."""
+    chosen = list(terms)
+    return all(any(term.varies(other) for other in chosen) for term in chosen if term.needs)
 
 
 def joinable(campaign: Campaign, forms: Sequence[Form]) -> tuple[Form, ...]:
@@ -107,7 +133,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
     """The forms as terms. A name has a share of the prior by how common it is, which its forms and places share."""
     ways = Counter(name_of(form.effect) for form in forms if not form.at)
     total = sum({name_of(form.effect): form.effect.rate for form in forms}.values())
-    found = []
+    found, there = [], set[str]()
     for form in forms:
         slot: tuple[object, ...]
         effect, name = form.effect, name_of(form.effect)
@@ -118,5 +144,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
             prior = EXPECTED * effect.rate / (total * max(1, ways[name]))
             slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
         frees = frozenset(effect.frees())
-        found.append(Term(form, name, slot, frees, covers, float(np.log(prior / form.places))))
+        needs = effect.key if effect.key in there else ""  # with the key of one before: a variation of it
+        there.add(effect.key)
+        found.append(Term(form, name, slot, frees, covers, float(np.log(prior / form.places)), needs))
     return tuple(found)
