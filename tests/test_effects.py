@@ -22,7 +22,7 @@ from symfive.effects import EFFECTS, VOCABULARY, Effect, make_effect
 from symfive.errors import InputError
 from symfive.machine import machine_from_data, preset
 from symfive.model import Model, effect_to_data, effects_from_data, signature
-from symfive.motion import PreSliding, RunMotion
+from symfive.motion import PreSliding, RunMotion, approach
 from symfive.procedures import campaign_of, planar_circle
 from symfive.report.signature import plot_signature
 
@@ -628,7 +628,49 @@ def test_vocabulary_is_that_of_the_conventions() -> None:
         "scale_error", "gravity_sag", "thermal_drift", "setup_shift", "sensor_error", "lateral_play", "vibration",
         "inertial_compliance", "structural_resonance", "unknown",
     }  # fmt: skip
-    assert {case.effect for case in CASES} | {"family_shape", "force_friction"} == set(EFFECTS)  # these two below
+    others = {"family_shape", "force_friction", "varying"}  # below
+    assert {case.effect for case in CASES} | others == set(EFFECTS)
+
+
+@pytest.mark.parametrize(
+    ("over", "where"), [("C", "static"), ("t", "static"), ("B velocity sign", "static"), ("X velocity", "planar")]
+)
+def test_what_varies_is_the_effect_times_a_function_of_the_coordinate(over: str, where: str) -> None:
+    plan, inner = campaign(where), make_effect("lateral_play", component="EYX" if where == "planar" else "EZB")
+    effect = make_effect("varying", of=inner, over=over).prepare(plan)
+    plain, varied = Model(plan, [inner]), Model(plan, [effect])
+    shares = {p.name: m for p, m in zip(effect.parameters(plan)[1:], (0.4, -0.3), strict=False)}
+    size = {f"{inner.key}.width": 6.0}
+    for run in plan.runs:
+        if over == "t":
+            course = run.start_s + run.time
+        elif over.endswith("sign"):
+            course = approach(run.commands["B"])
+        else:
+            course = np.gradient(run.commands["X"], run.time) if over.endswith("velocity") else run.commands[over]
+        ends = [np.min(effect.span), np.max(effect.span)]
+        z = np.clip(2.0 * (course - ends[0]) / (ends[1] - ends[0]) - 1.0, -1.0, 1.0)
+        functions = (
+            (z, 1.5 * z**2 - 0.5) if not effect.periodic else (np.cos(np.radians(course)), np.sin(np.radians(course)))
+        )
+        share = 1.0 + sum(m * f for m, f in zip(shares.values(), functions, strict=False))
+        alone, both = (model.predict_run(run, values) - model.predict_run(run, {})
+                       for model, values in ((plain, size), (varied, size | shares)))  # fmt: skip
+        if over.endswith("velocity"):  # behind its drive the axis is not quite as fast as commanded
+            steady = np.abs(np.gradient(course)) < 1e-2 * np.abs(course).max()
+            alone, both, share = alone[steady], both[steady], share[steady]
+        scale = np.abs(alone).max()
+        assert np.allclose(both, share[:, None] * alone, atol=(2e-2 if over.endswith("velocity") else 1e-3) * scale)
+    assert_exact(varied, [p.name for p in effect.parameters(plan)])
+    again = effects_from_data(json.loads(json.dumps([effect_to_data(effect)])), "model.json")
+    assert again == (effect,)
+
+
+def test_what_acts_inside_the_position_loop_cannot_vary() -> None:
+    with pytest.raises(InputError, match="cannot vary over Y"):
+        make_effect("varying", of=make_effect("servo_mismatch", "X"), over="Y").prepare(campaign("planar"))
+    with pytest.raises(InputError, match='varies over "Q", which is unknown'):
+        make_effect("varying", of={"effect": "backlash", "axis": "X"}, over="Q").prepare(campaign("planar"))
 
 
 def test_force_friction_is_a_level_for_each_direction_where_the_baseline_has_none() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import plant
 import pytest
 from scipy.stats import multivariate_normal
 
@@ -63,6 +64,23 @@ def moments() -> Moments:
     """Of the baseline of short circles with a play."""
     campaign = bars({"X": 5.0}, angles=200)
     return moments_of(baseline(campaign), (), candidates(campaign).forms)
+
+
+def test_a_play_that_a_tilt_closes_is_no_backlash_but_unknown_over_both(tmp_path: Path) -> None:
+    """A law of the library that holds at one tilt only: its name was said with 0.999, and two more beside it."""
+    machine = plant.static_table()
+    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
+    runs = [
+        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses),
+        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
+    ]
+    play = {"effect": "preloaded_play", "axis": "C", "tilt": "B", "limit": 0.8, "width": 60.0}
+    plant.write_campaign(tmp_path, machine, runs, {"EX0B": 30.0}, None, [play], seed=5)
+    found = diagnose(read_campaign(tmp_path))
+    assert [f.name for f in found.findings] == ["unknown"]
+    assert set(found.findings[0].coordinate.split(", ")) == {"C velocity sign", "B"}
+    after, before = found.fit.chi2_dof_after, found.fit.chi2_dof_before
+    assert after - 1.0 < 0.4 * (before - 1.0)  # what is closed at once is not quite a parabola
 
 
 def test_every_effect_states_its_own_candidates() -> None:

@@ -144,7 +144,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
             prior = EXPECTED * effect.rate / (total * max(1, ways[name]))
             slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
         frees = frozenset(effect.frees())
-        needs = effect.key if effect.key in there else ""  # with the key of one before: a variation of it
+        needs = effect.key if isinstance(effect, Varying) and effect.key in there else ""
         there.add(effect.key)
         found.append(Term(form, name, slot, frees, covers, float(np.log(prior / form.places)), needs))
     return tuple(found)
