@@ -83,6 +83,23 @@ def test_a_play_that_a_tilt_closes_is_no_backlash_but_unknown_over_both(tmp_path
     assert after - 1.0 < 0.4 * (before - 1.0)  # what is closed at once is not quite a parabola
 
 
+def test_what_comes_back_over_time_is_unknown_over_time_with_its_period(tmp_path: Path) -> None:
+    """A cooler that goes on and off: no drift, and no course of few intervals follows it."""
+    machine = plant.static_table()
+    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
+    runs = [
+        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses),
+        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
+    ]
+    cooler = {"effect": "coolant_cycle", "direction": [0.6, 0.0, 0.8], "amplitude": 3.0, "period_s": 410.0, "rise": 0.3}
+    plant.write_campaign(tmp_path, machine, runs, {"EX0B": 30.0}, None, [cooler], seed=6)
+    found = diagnose(read_campaign(tmp_path))
+    assert [(f.name, f.coordinate) for f in found.findings] == [("unknown", "t")]
+    period = found.findings[0].parameters["period"]
+    assert period.value == pytest.approx(410.0, abs=3.0 * period.std) and period.std < 8.0
+    assert found.fit.chi2_dof_after < 1.3 and found.fit.chi2_dof_before > 3.0
+
+
 def test_every_effect_states_its_own_candidates() -> None:
     campaign = bars({}, angles=100)
     for effect in EFFECTS.values():

@@ -25,7 +25,7 @@ from symfive.effects._coordinates import (
     steps,
     usual_span,
 )
-from symfive.effects._form import AXIS, CARRIED, TOOL, Form, goes_round, moving
+from symfive.effects._form import AXIS, CARRIED, TOOL, Form, Scan, Tone, goes_round, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
@@ -46,6 +46,8 @@ PLACES = ("axis", "structure", "reading", "force")
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
 FASTER = "faster"
+HARMONICS, LEAST_CYCLES = 3, 2.0
+"""Of a cycle over time: its harmonics, and how often it has to come back."""
 SIDES, CLOSEST = 16, 1e-5
 """Intervals of a term over the way since a reversal, each twice as long as the last; the first is a few µm, as a play is."""
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
@@ -114,9 +116,9 @@ class Unknown(Effect):
         return ", ".join(self.over)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form]:
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration,
-        its way since it reversed, two rotary axes together, and time."""
+        its way since it reversed, two rotary axes together, and time, also as a cycle."""
         machine, axes = campaign.machine, moving(campaign)
         drafts = [cls(over=("t",))]
         for axis in axes:
@@ -140,6 +142,30 @@ class Unknown(Effect):
             except InputError:
                 continue  # the campaign does not move there
             yield effect._form(campaign)
+        yield from cls._cycles(campaign)
+
+    @classmethod
+    def _cycles(cls, campaign: Campaign) -> Iterable[Tone]:
+        """Any course that comes back over time, as of a cooler: from two cycles in all to two rows each."""
+        runs = [run for run in campaign.runs if run.has_clock]
+        if not runs:
+            return
+        first, last = (end(run.start_s + float(run.time[k]) for run in runs) for end, k in ((min, 0), (max, -1)))
+        lowest, highest = LEAST_CYCLES / max(last - first, 1e-9), 0.5 / max(run.interval for run in runs)
+        if lowest >= highest:
+            return
+
+        def form(frequency: float, resolution: float, places: int) -> Form:
+            sigma = resolution / frequency**2
+            cycle = cls(
+                over=("t",), basis="fourier", order=HARMONICS, period=1.0 / frequency, period_sigma=sigma, tag="cycle"
+            )
+            return Form(effect=cycle, places=places)
+
+        yield Tone(
+            channel=TOOL, coordinate=lambda run: run.start_s + np.asarray(run.time), lowest=lowest, highest=highest,
+            form=form, runs=tuple(run.id for run in runs),
+        )  # fmt: skip
 
     def _form(self, campaign: Campaign) -> Form:
         def basis(run: Run) -> Array:
