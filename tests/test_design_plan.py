@@ -217,7 +217,7 @@ def test_every_preset_machine_has_a_space(name: str) -> None:
         ({}, {"for_": ("EXQ",)}, "has no parameter EXQ; use names such as EX0B"),
         ({}, {"points": 1}, "points = 1 is too few; give at least 2"),
         ({}, {"minutes": 1.0}, "1 minutes are too short"),
-        ({}, {"instrument": "laser"}, "plans with laser are not designed; use r_test or ball_bar"),
+        ({}, {"instrument": "laser"}, "plans with laser are not designed; use r_test, touch_probe or ball_bar"),
         ({}, {"criterion": "Q"}, 'criterion "Q" is unknown'),
     ],
 )
