@@ -33,7 +33,6 @@ OPTIONS: dict[str, tuple[str | None, dict[str, object]]] = {
     "table_step": ("X", {"at": 20.0, "ramp": 10.0}),
     "counterbalance": ("X", {}),
     "eccentric_mass": ("C", {}),
-    "family_shape": ("X", {"of": "backlash.X", "channel": "axis", "family": "reversal", "size": 3.0}),
 }
 """Axis and options with which each effect is drawn; those not listed need none."""
 

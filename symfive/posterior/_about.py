@@ -1,0 +1,19 @@
+"""The moments of a fit with all that may join it."""
+
+from __future__ import annotations
+
+from symfive.posterior._fit import Expansion
+from symfive.posterior._moments import Moments, moments_of
+from symfive.posterior._scan import placed
+from symfive.posterior._terms import Candidates
+
+__all__ = ["moments_about"]
+
+
+def moments_about(here: Expansion, candidates: Candidates) -> Moments:
+    """With forms of other keys than the fit holds, that free no quantity which is free, and the best place of every scan."""
+    taken = {effect.key for effect in here.fit.model.effects}
+    freed = {place for effect in here.fit.model.effects for place in effect.frees()}
+    forms = [*candidates.forms, *placed(here.fit, candidates.scans, here.node)]
+    fresh = [f for f in forms if f.effect.key not in taken and not freed & set(f.effect.frees())]
+    return moments_of(here.fit, here.held, fresh)
