@@ -23,6 +23,9 @@ SAME = 2.0
 """Nats: χ² of 4, 2 σ, by which a fit must be worse to be told from another one."""
 
 
+UNNAMED: Name = ("unknown", None)
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What is said of one member (number `term`): its `names`, one or a class, the most probable first; none: unknown.
@@ -39,17 +42,45 @@ class Verdict:
     by_experience: bool
 
 
-def decide(posterior: Posterior) -> tuple[Verdict, ...]:
-    """The verdicts on what the fit holds, the most probable first."""
+def decide(posterior: Posterior, coarse: Posterior) -> tuple[Verdict, ...]:
+    """The verdicts on what the fit holds, the most probable first: that something acts, by the posterior; what it is, by the
+    `coarse` one."""
     held = frozenset(range(posterior.moments.held))
-    found = [_verdict(posterior, held, term) for term in sorted(held)]
+    found = [_verdict(posterior, coarse, held, term) for term in sorted(held)]
     return tuple(sorted((v for v in found if v is not None), key=lambda v: -v.probability))
 
 
-def _verdict(posterior: Posterior, held: frozenset[int], term: int) -> Verdict | None:
+def _verdict(posterior: Posterior, coarse: Posterior, held: frozenset[int], term: int) -> Verdict | None:
     terms = posterior.moments.terms
     own, nameless = terms[term].name, terms[term].effect.nameless
-    others = {terms[t].name for t in held} - {own}
+    nothing = _shares(posterior, held, term)[1]
+    shares, empty = _shares(coarse, held, term)
+    acts = 1.0 - nothing
+    if empty > nothing:  # what acts all the same, and no name explains alone
+        shares[UNNAMED] = shares.get(UNNAMED, 0.0) + empty - nothing
+    total = sum(shares.values())
+    shares = {name: share * acts / total for name, share in shares.items()} if total > 0.0 else {own: acts}
+    ranked = sorted(shares, key=lambda name: (-shares[name], name != own))
+    named = [name for name in ranked if name[0] != UNNAMED[0]]
+    losses, known = [(MISSED * acts, 0), (UNKNOWN * acts + WRONG * nothing, -1)], 0.0
+    for count, name in enumerate(named):
+        known += shares[name]
+        losses.append((count + WRONG * (1.0 - known), count + 1))
+    choice = min(losses)[1]
+    if choice == 0:
+        return None
+    told = tuple(named[: max(choice, 0)])
+    alias, alone = _alias(posterior, held, term)
+    first = told[0] if told else (own if nameless else UNNAMED)
+    probability = shares[first] if told else acts
+    rivals = {name: share for name, share in shares.items() if name != first}
+    return Verdict(term, told, probability, rivals, alias, alone)
+
+
+def _shares(posterior: Posterior, held: frozenset[int], term: int) -> tuple[dict[Name, float], float]:
+    """How probable each name is in a member's place, and that the place is empty."""
+    terms = posterior.moments.terms
+    own, others = terms[term].name, {terms[t].name for t in held} - {terms[term].name}
     shares: dict[Name, float] = {}
     nothing = 0.0
     for subset, weight in posterior.weights.items():
@@ -61,20 +92,7 @@ def _verdict(posterior: Posterior, held: frozenset[int], term: int) -> Verdict |
                 shares[name] = shares.get(name, 0.0) + weight / len(names - others)
         else:
             nothing += weight
-    ranked = sorted(shares, key=lambda name: (-shares[name], name != own))
-    losses, known = [(MISSED * (1.0 - nothing), 0), (UNKNOWN * (1.0 - nothing) + WRONG * nothing, -1)], 0.0
-    for count, name in enumerate(n for n in ranked if n[0] != own[0] or not nameless):
-        known += shares[name]
-        losses.append((count + WRONG * (1.0 - known), count + 1))
-    choice = min(losses)[1]
-    if choice == 0:
-        return None
-    told = tuple(n for n in ranked if n[0] != own[0] or not nameless)[: max(choice, 0)]
-    alias, alone = _alias(posterior, held, term)
-    first = told[0] if told else own
-    probability = shares[first] if told else 1.0 - nothing
-    rivals = {name: share for name, share in shares.items() if name != first}
-    return Verdict(term, told, probability, rivals, alias, alone)
+    return shares, nothing
 
 
 def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple[int, ...], bool]:

@@ -26,6 +26,7 @@ from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.model import Model
 from symfive.posterior._ask import asked
+from symfive.posterior._coarse import coarsened
 from symfive.posterior._decide import Verdict, decide
 from symfive.posterior._evidence import log_evidence
 from symfive.posterior._explore import Posterior
@@ -51,7 +52,7 @@ def diagnose(
     stated = candidates(campaign, exclude)
     before = baseline(campaign)
     posterior, here = polish(before, stated, progress)
-    return _told(posterior, here, before, decide(posterior), progress)
+    return _told(posterior, here, before, decide(posterior, coarsened(posterior)), progress)
 
 
 def _told(

@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 from symfive.posterior._moments import Columns, Moments
 
 __all__ = [
-    "WIDTHS", "Blocks", "Member", "Weighed", "discrepancies", "log_evidence", "nearest_width", "solution", "sweep",
+    "SHARE", "WIDTHS", "Blocks", "Member", "Weighed", "beside", "discrepancies", "explained", "log_evidence", "nearest_width", "solution", "sweep",
     "widths_of",
 ]  # fmt: skip
 
@@ -94,6 +94,24 @@ def _subset(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) ->
     g = moments.gram[:, where[:, None], aim] @ target[aim] * w
     q = moments.gram[:, aim[:, None], aim] @ target[aim] @ target[aim]
     return _Subset(where, w, d, h, g, q, aim, target[aim])
+
+
+def beside(
+    moments: Moments, members: Sequence[Member], columns: NDArray[np.int64], kappa2: float
+) -> tuple[Array, Array, Array]:
+    """What further `columns` (k,) find beside a subset under a noise scale: their information h (J, k, k) and slope g (J, k) once
+    the subset is eliminated, and what the subset leaves, `left` (J,)."""
+    s = _subset(moments, members)
+    h = moments.gram[:, columns[:, None], columns]
+    g = moments.gram[:, columns[:, None], s.aim] @ s.weights
+    if not len(s.d):
+        return h, g, s.q
+    cross = moments.gram[:, s.columns[:, None], columns] * s.scale[:, None]
+    solved = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), np.concatenate([cross, s.g[:, :, None]], axis=2))
+    x = solved[:, :, -1]
+    left = s.q + np.einsum("ji,jik,jk->j", x, s.h, x) - 2.0 * np.sum(x * s.g, axis=1)
+    turned = np.swapaxes(cross, 1, 2)
+    return h - turned @ solved[:, :, :-1], g - (turned @ solved[:, :, -1:])[:, :, 0], left
 
 
 def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> Weighed:
@@ -225,3 +243,16 @@ def solution(moments: Moments, members: Sequence[Member], weighed: Weighed) -> l
     x = np.linalg.solve(s.h[node] / kappa2 + np.eye(len(s.d)), s.g[node] / kappa2 - s.d) * s.scale
     ends = np.cumsum([len(moments.columns[t].where) for t, _ in members])
     return np.split(x, ends[:-1])
+
+
+def explained(moments: Moments, members: Sequence[Member], weighed: Weighed) -> list[float]:
+    """The energy of what each member adds to the readings behind set-up and geometry, in units of the noise that fits best."""
+    gram, found = moments.gram[weighed.node], list[float]()
+    for (number, _), x in zip(members, solution(moments, members, weighed), strict=True):
+        own = moments.columns[number]
+        added = np.zeros(moments.size)
+        added[own.where] = x
+        if own.exact >= 0:
+            added[own.exact] = 1.0
+        found.append(float(added @ gram @ added) / weighed.kappa2)
+    return found

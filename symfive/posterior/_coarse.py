@@ -1,0 +1,83 @@
+"""Coarse: what names are worth where the library lacks something.
+
+No law is exactly the machine's. A posterior that knows this asks how probable each subset is if the readings' distribution is only
+*near* to what the model says: within a relative entropy that is exponentially distributed with mean R per reading, the likelihood
+counts to the power (J. W. Miller & D. B. Dunson 2019, Robust Bayesian inference via coarsening)
+
+    ζ = 1/(1 + n·R),   n·R = M/2,
+
+M the energy, in units of the noise, of what stays behind the best fit though it is no noise. So a name is believed only if what it
+explains is large beside what nothing explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from symfive.posterior._evidence import SHARE, Weighed, beside, explained, log_evidence
+from symfive.posterior._explore import Posterior, Subset, explore
+from symfive.posterior._moments import Moments
+
+__all__ = ["coarsened", "misfit"]
+
+Array = NDArray[np.float64]
+SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""1σ of the coefficients of what stays, in units of the unidentified terms' usual one, half a decade apart."""
+STEPS = 3
+"""Of the fixed point for the noise's scale."""
+
+
+def coarsened(posterior: Posterior) -> Posterior:
+    """The posterior over the same terms by the coarsened likelihood; the same one where all that stays is noise."""
+    moments, best = posterior.moments, posterior.best
+    energy = misfit(moments, best)
+    zeta = 1.0 / (1.0 + 0.5 * energy)
+    if zeta > 0.99:
+        return posterior
+    weighed = log_evidence(moments, best)
+    nodes = weighed.by_node - logsumexp(weighed.by_node)
+    coarse = replace(
+        moments, gram=moments.gram * (zeta / weighed.kappa2), const=np.zeros_like(moments.const), log_prior=nodes
+    )
+    return explore(coarse, range(moments.held))
+
+
+def misfit(moments: Moments, subset: Subset) -> float:
+    """M of a subset: what its unidentified members are wrong by, and what no member explains."""
+    weighed = log_evidence(moments, subset)
+    if not subset:
+        return left_over(moments, subset, weighed)
+    open_ = [moments.terms[t].effect.nameless for t, _ in subset]
+    energies = explained(moments, subset, weighed)
+    return SHARE**2 * float(np.dot(energies, open_)) + left_over(moments, subset, weighed)
+
+
+def left_over(moments: Moments, subset: Subset, plain: Weighed) -> float:
+    """What all unidentified terms that a subset does not hold would explain together beyond what they find in noise, times the
+    probability that they do, from the evidence of each size and of none, even odds beforehand."""
+    taken = {int(column) for number, _ in subset for column in moments.columns[number].where}
+    free = [c.where for t, c in zip(moments.terms, moments.columns, strict=True) if t.effect.nameless and t.form.basis]
+    columns = np.array(sorted({int(column) for where in free for column in where} - taken), dtype=np.int64)
+    if not len(columns):
+        return 0.0
+    h, g, left = beside(moments, subset, columns, plain.kappa2)
+    power, axes = np.linalg.eigh(h)
+    power, slope = np.maximum(power, 0.0)[:, None], np.einsum("jki,jk->ji", axes, g)[:, None]
+    square, scale = np.square(SIZES)[None, :, None], np.maximum(1.0, left / moments.count)
+    kappa2 = np.repeat(scale[:, None, None], len(SIZES), axis=1)
+    for step in range(STEPS):
+        x = square * slope / (kappa2 + square * power)
+        stays = left[:, None] + np.sum(x * (power * x - 2.0 * slope), axis=2)
+        if step < STEPS - 1:
+            kappa2 = np.maximum(1.0, stays / moments.count)[:, :, None]
+    seen, log = square * power / kappa2, moments.count * np.log(kappa2[:, :, 0])
+    cost = stays / kappa2[:, :, 0] + np.sum(x * x / square + np.log1p(seen), axis=2) + log
+    without = left / scale + moments.count * np.log(scale)
+    gains = plain.by_node[:, None] - 0.5 * (cost - without[:, None])
+    energy = np.sum(power * x * x / kappa2 - (seen / (1.0 + seen)) ** 2, axis=2)
+    gain = float(logsumexp(gains) - np.log(len(SIZES))) - plain.total
+    return max(float(energy.flat[np.argmax(gains)]), 0.0) / (1.0 + float(np.exp(-gain)))
