@@ -1,9 +1,9 @@
-"""How the cost grows: identification with poses and parameters, location of a mismatch with the size of the catalogue.
+"""How the cost grows: identification with poses and parameters, location of a mismatch with the size of the library.
 
     .venv/bin/python benchmarks/growth.py [--quick]
 
 (`identify.py` has the growth with rows, each size in a process of its own for its memory.) CPU seconds, least of three. A
-smaller catalogue has every second or fourth kind of effect, in the catalogue's order.
+smaller library has every second or fourth kind of effect, in the library's order.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from rows import exponent
 from symfive import identify, preset, simulate
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import detect, locate
-from symfive.diagnose._catalogue import catalogue
 from symfive.inference import Problem
 from symfive.machine import ErrorTerm
 from symfive.model import Model
+from symfive.posterior import candidates
 from symfive.procedures import campaign_of, r_test_grid
 
 Growth = list[tuple[int, float]]
@@ -90,7 +90,7 @@ def effects(every: Sequence[int] = EVERY) -> Growth:
     """Effects in the catalogue, and seconds to locate a mismatch with them; the others are excluded."""
     campaign = read_campaign(SAG_AND_DRIFT)
     detection = detect(campaign)
-    whole = catalogue(campaign, ())
+    whole = [form.effect for form in candidates(campaign).forms if not form.effect.nameless]
     ids = list(dict.fromkeys(effect.id for effect in whole))
     found = []
     for stride in every:

@@ -34,7 +34,6 @@ OPTIONS: dict[str, tuple[str | None, dict[str, object]]] = {
     "counterbalance": ("X", {}),
     "eccentric_mass": ("C", {}),
     "varying": (None, {"of": make_effect("backlash", "C"), "over": "B"}),
-    "family_shape": ("X", {"of": "backlash.X", "channel": "axis", "family": "reversal", "size": 3.0}),
 }
 """Axis and options with which each effect is drawn; those not listed need none."""
 

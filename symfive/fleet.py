@@ -19,9 +19,8 @@ from typing import Any
 
 from symfive import __version__
 from symfive.campaign import Campaign, read_campaign
-from symfive.diagnose import Diagnosis
+from symfive.diagnose import EXPLAINED, Diagnosis
 from symfive.diagnose import diagnose as diagnose_campaign
-from symfive.diagnose._result import EXPLAINED
 from symfive.errors import InputError
 from symfive.executors import Inline, finished
 from symfive.files import one_line

@@ -13,18 +13,14 @@ from test_real_recordings import recordings
 from symfive.campaign import Campaign, read_campaign, write_campaign
 from symfive.check import check
 from symfive.convert import convert
-from symfive.diagnose import diagnose
-from symfive.diagnose._catalogue import catalogue
-from symfive.diagnose._detect import detect
-from symfive.diagnose._groups import partitions
-from symfive.diagnose._locate import locate
-from symfive.diagnose._unknown import unknowns
+from symfive.diagnose import diagnose, partitions
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.inference import Noise
 from symfive.machine import preset
 from symfive.model import Model
+from symfive.posterior import baseline, candidates, expanded, moments_about
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.report._tables import noise_table
 from symfive.simulate import simulate
@@ -71,10 +67,9 @@ def test_nothing_that_acts_over_time_is_looked_for_where_there_is_none() -> None
     timed = {"thermal_drift", "spindle_growth", "bar_temperature", "setup_shift", "vibration"}
 
     def looked_for(plan: Campaign) -> tuple[set[str], set[str]]:
-        scores = locate(detect(plan)).survey.scores
-        effects = {score.effect.id for score in scores} | {effect.id for effect in catalogue(plan)}
-        terms = [*unknowns(plan, ()), *(s.effect for s in scores if s.effect.id == "unknown")]
-        return effects & timed, {name for term in terms for name in term.over}
+        moments = moments_about(expanded(baseline(plan), (), candidates(plan))[0], candidates(plan))
+        effects = [term.effect for term in moments.terms]
+        return {e.id for e in effects} & timed, {name for e in effects if e.nameless for name in e.over}
 
     assert {"thermal_drift", "setup_shift"} <= looked_for(plan)[0] and "t" in looked_for(plan)[1]
     assert looked_for(unclocked(plan)) == (set(), looked_for(plan)[1] - {"t"})

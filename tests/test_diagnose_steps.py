@@ -1,8 +1,7 @@
-"""The five steps of a diagnosis, each by itself: detect, locate, name, amend, prove."""
+"""The steps of a diagnosis, each by itself: detect, locate, explore, polish, decide, amend, prove."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,26 +14,20 @@ from symfive.diagnose import (
     amend,
     detect,
     diagnose,
+    facts_of,
     findings_of,
     locate,
+    located,
     moved,
-    name_effects,
     next_test,
     partitions,
+    possible_tests,
     prove,
 )
-from symfive.diagnose._locate import survey
-from symfive.diagnose._next_test import possible_tests
-from symfive.diagnose._places import moves_the_same, reshapes
-from symfive.diagnose._refit import refitted, settled
-from symfive.diagnose._search import Member, Naming
-from symfive.diagnose._unknown import unknowns
-from symfive.diagnose._words import facts_of
-from symfive.effects import make_effect
-from symfive.effects.unknown import Unknown
+from symfive.effects import Form, make_effect
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset
-from symfive.model import Model
+from symfive.posterior import Posterior, baseline, candidates, decide, expanded, explore, moments_of, polish
 from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid, static_ball_bar
 from symfive.simulate import simulate
 
@@ -64,16 +57,24 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     assert (first.link, first.axis, first.coordinate) == ("structure", "B", "B") and "structure" in location.says
     assert first.intervals and {i.run for i in first.intervals} <= {"nest1", "nest2"}
     assert max(location.columns.values()) > 1.0
-    naming = name_effects(location)
-    assert {m.effect.id for m in naming.members} == {"gravity_sag", "thermal_drift"}
-    shares = {finding.name: finding.share for finding in findings_of(naming)}
-    explained = 1.0 - (naming.after.rms_um / naming.before.rms_um) ** 2
-    assert 0.9 * explained < sum(shares.values()) <= explained + 1e-9 and min(shares.values()) > 0.1
-    for finding in findings_of(naming):
+    stated, before = candidates(campaign), baseline(campaign)
+    first_look = explore(moments_of(before, (), stated.forms))
+    assert max(first_look.names(), key=lambda name: first_look.names()[name]) in {
+        ("gravity_sag", "B"),
+        ("thermal_drift", None),
+    }
+    posterior, here = polish(before, stated)
+    verdicts = decide(posterior)
+    assert {verdict.names for verdict in verdicts} == {(("gravity_sag", "B"),), (("thermal_drift", None),)}
+    findings = findings_of(posterior, here, before, verdicts, located(posterior.moments, detection))
+    shares = {finding.name: finding.share for finding in findings}
+    explained = 1.0 - (here.fit.rms_um / before.rms_um) ** 2
+    assert 0.9 * explained < sum(shares.values()) <= explained + 1e-3 and min(shares.values()) > 0.1
+    for finding in findings:
         says = finding.says
         assert says.startswith(f"{finding.title}: ") and says.count(". ") == 0 and len(says) < 180
         assert "; it had hidden in the geometry (" in says and " %; " in says and "amplitude" in says
-        facts = facts_of(finding, naming.after)
+        facts = facts_of(finding, here.fit)
         assert facts["where"].endswith("in all runs") and " ± " in facts["how large"]
     sag = make_effect("gravity_sag", "B", component="EZB", parts=("one_minus_cos",))
     amended = amend(detection.fit, sag, make_effect("thermal_drift"))
@@ -92,8 +93,11 @@ def test_shares_of_two_that_can_stand_for_each_other_add_up_to_what_both_explain
     twin = make_effect("error_motion", component="EZB", basis="polynomial", order=4)
     before = identify(campaign, effects=[make_effect("thermal_drift")])
     after = amend(before, sag, twin)
-    naming = Naming(before, after, (Member(sag, -9.0), Member(twin, -9.0)), locate(detect(before)))
-    found = findings_of(naming)
+    here, _ = expanded(after, [Form(effect=effect) for effect in after.model.added], candidates(campaign))
+    moments = moments_of(here.fit, here.held, ())
+    posterior = Posterior(moments, {tuple((number, 1.0) for number in range(moments.held)): 0.0})
+    verdicts = [v for v in decide(posterior) if moments.terms[v.term].effect.id != "thermal_drift"]
+    found = findings_of(posterior, here, before, verdicts, located(moments, detect(before)))
     explained = 1.0 - (after.rms_um / before.rms_um) ** 2
     assert explained > 0.3 and 0.9 * explained < sum(f.share for f in found) <= explained + 1e-9
 
@@ -144,13 +148,10 @@ def test_a_tone_is_found_at_its_frequency_over_runs_that_are_minutes_apart(tmp_p
     tone = {"effect": "vibration", "frequency_hz": 6.71856, "amplitude": 2.0, "direction": [0.8, 0.6, 0.0]}
     plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [tone], seed=6)
     location = locate(read_campaign(tmp_path / "c"))
-    best = max((s for s in location.survey.scores if s.effect.id != "unknown"), key=lambda s: s.drop)
-    assert best.effect.id == "vibration" and best.effect.frequency_hz == pytest.approx(6.71856, abs=1e-3)
     first = location.suspects[0]
+    assert first.effect.id == "vibration" and first.effect.frequency_hz == pytest.approx(6.71856, abs=1e-3)
     assert len(first.intervals) <= 40
-    assert sum(i.end_s - i.begin_s for i in first.intervals) > 0.5 * sum(
-        r.duration for r in location.survey.board.model.campaign.runs
-    )
+    assert sum(i.end_s - i.begin_s for i in first.intervals) > 0.5 * sum(r.duration for r in first.campaign.runs)
 
 
 def test_runs_are_parted_by_what_they_differ_in(tmp_path):
@@ -220,102 +221,6 @@ def test_where_no_single_test_parts_all_that_reads_alike_the_next_ones_come_toge
     assert test.also == ("lateral_play.EBZ from lateral_play.EXZ",) and test.also[0] in test.says
     improbable = next_test(measured, yaw, tilt, side, chances=(0.02, 0.01))
     assert len(improbable.test.runs) == 1 and not improbable.also
-
-
-def test_a_control_searches_what_a_user_does():
-    """What is taken out of the library is taken out, and nothing stands in for it that a user would not get."""
-    fit = identify(read_campaign(CAMPAIGNS / "static-none" / "fit"))
-    whole, control = survey(fit), survey(fit, ("lateral_play", "backlash", "transmission_error"))
-    gone = {s.effect.key for s in whole.scores} - {s.effect.key for s in control.scores}
-    assert {s.effect.key for s in control.scores} < {s.effect.key for s in whole.scores}
-    assert {key.split(".")[0] for key in gone} == {"lateral_play", "backlash", "transmission_error"}
-    assert {e.key for e in unknowns(fit.model.campaign, ())} >= {"unknown.B velocity sign.turned"}
-
-
-@pytest.mark.parametrize(
-    ("over", "place", "directions", "named", "whether"),
-    [
-        ("B", "structure", "y", ("error_motion", "EYB"), True),
-        ("B", "structure", "yz", ("error_motion", "EYB"), False),
-        ("B velocity sign", "structure", "y", ("error_motion", "EYB"), False),  # comes back by another way
-        ("B velocity sign", "structure", "y", ("lateral_play", "EYB"), True),
-        ("C velocity sign", "structure", "z", ("backlash", "C"), False),  # one shifts, one turns
-        ("C velocity sign", "axis", "xyz", ("backlash", "C"), True),
-        ("C velocity sign", "axis", "xyz", ("lateral_play", "EZC"), False),
-        ("C velocity sign", "axis", "xyz", ("lateral_play", "ECC"), True),
-        ("X velocity sign", "axis", "xyz", ("backlash", "X"), True),
-        ("X velocity sign", "axis", "xyz", ("backlash", "Y"), False),
-    ],
-)  # fmt: skip
-def test_a_term_without_a_name_reshapes_only_what_moves_the_same(over, place, directions, named, whether):
-    pair = (over, over.split()[0]) if " " in over else (over,)
-    term = Unknown(over=pair, basis="polynomial", order=2, place=place, directions=directions, axis=pair[-1])
-    effect, what = named
-    where = {"component": what} if len(what) == 3 else {"axis": what}
-    assert reshapes(term, make_effect(effect, **where), preset("table-bc"), {}) is whether
-
-
-def test_only_the_fit_that_a_search_ends_with_is_refined_where_a_bound_binds(monkeypatch):
-    plain = identify(read_campaign(CAMPAIGNS / "dynamic-none" / "fit"))
-    model = Model(plain.model.campaign, [make_effect("sensor_low_pass")])
-    module = sys.modules[identify.__module__]
-    solve, refined = module.solve, []
-
-    def unsettled(problem, values, **more):
-        found, _ = solve(problem, values, **more)
-        found[model.index["sensor_low_pass.time_constant_ms"]] = 0.0
-        return found, False
-
-    def refine(problem, values, loss):
-        refined.append(loss)
-        return values, True, ""
-
-    monkeypatch.setattr(module, "solve", unsettled)
-    monkeypatch.setattr(module, "solve_with_ipopt", refine)
-    on_the_way = refitted(model, {}, plain)
-    assert not on_the_way.converged and not refined
-    assert settled(on_the_way).converged and refined == ["square"]
-    assert settled(plain) is plain
-
-
-def test_a_name_holds_by_the_share_of_its_own_form():
-    found = locate(read_campaign(CAMPAIGNS / "dynamic-none" / "fit"))
-    before = found.detection.fit
-    play = make_effect("backlash", "C").prepare(before.model.campaign)
-    rest = make_effect("family_shape", "C", of=play.key, channel="axis", family="reversal", size=10.0)
-    model = Model(before.model.campaign, (play, rest.prepare(before.model.campaign)))
-    sizes = []
-    for size in (0.0, 2.0, 40.0, -40.0):  # of what grows along the axis a part is a play itself
-        values = model.vector({**before.named, "backlash.C.width": 20.0, f"{rest.key}.sign*place": size})
-        after = identify(model, fixed=model.named(values), start_noise=before.noises)
-        (finding,) = findings_of(Naming(before, after, (Member(play, -20.0),), found))
-        own = 0.999 / (1.0 + finding.shape_differs**2)
-        if finding.shape_differs > 1.0:  # then the greater part of it has no name
-            assert (finding.title, finding.rivals[0].words) == ("Unknown of axis C", "backlash of axis C")
-            assert finding.confidence > 0.5 > finding.rivals[0].confidence == pytest.approx(own)
-        else:
-            assert finding.name == "backlash" and finding.confidence == pytest.approx(own)
-        sizes.append(finding.shape_differs)
-    assert 0.0 == sizes[0] < sizes[1] < sizes[2] < 1.0 < sizes[3]
-
-
-@pytest.mark.parametrize(
-    ("one", "two", "whether"),
-    [
-        (("latency", {}), ("sensor_low_pass", {}), True),
-        (("thermal_drift", {"shape": "linear"}), ("thermal_drift", {}), True),
-        (("thermal_drift", {}), ("spindle_growth", {}), True),
-        (("friction", {"axis": "X"}), ("reversal_spike", {"axis": "X"}), True),
-        (("friction", {"axis": "X"}), ("reversal_spike", {"axis": "Y"}), False),
-        (("friction", {"axis": "X"}), ("backlash", {"axis": "X"}), False),
-        (("gravity_sag", {"axis": "B", "component": "EXB"}), ("lateral_play", {"component": "EXB"}), True),
-        (("gravity_sag", {"axis": "B", "component": "EXB"}), ("gravity_sag", {"axis": "B", "component": "EZB"}), False),
-        (("latency", {}), ("lateral_play", {"component": "EXB"}), False),
-    ],
-)  # fmt: skip
-def test_each_of_two_may_be_a_shape_of_the_other_if_they_move_one_component_or_go_by_one_word(one, two, whether):
-    first, second = (make_effect(effect, **options) for effect, options in (one, two))
-    assert moves_the_same(first, second) is moves_the_same(second, first) is whether
 
 
 def test_a_static_bar_can_be_mounted_elsewhere_in_the_same_poses():

@@ -7,6 +7,7 @@ import math
 import tempfile
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from symfive.campaign import Campaign, Run, read_campaign
-from symfive.diagnose._catalogue import catalogue
 from symfive.effects import EFFECTS, VOCABULARY, Effect, make_effect
 from symfive.errors import InputError
 from symfive.machine import machine_from_data, preset
 from symfive.model import Model, effect_to_data, effects_from_data, signature
 from symfive.motion import PreSliding, RunMotion, approach
+from symfive.posterior import candidates
 from symfive.procedures import campaign_of, planar_circle
 from symfive.report.signature import plot_signature
 
@@ -511,7 +512,7 @@ def test_where_the_control_records_everything_no_instrument_is_late(name: str) -
     runs = tuple(replace(run, instrument=("encoder",), readings={}) for run in plan.runs)
     assert not any(make_effect(name).applies(run) for run in runs)
     assert any(make_effect(name).applies(run) for run in plan.runs)
-    assert name not in {effect.id for effect in catalogue(replace(plan, runs=runs))}
+    assert name not in {form.effect.id for form in candidates(replace(plan, runs=runs)).forms}
 
 
 REFUSED = [
@@ -628,7 +629,7 @@ def test_vocabulary_is_that_of_the_conventions() -> None:
         "scale_error", "gravity_sag", "thermal_drift", "setup_shift", "sensor_error", "lateral_play", "vibration",
         "inertial_compliance", "structural_resonance", "unknown",
     }  # fmt: skip
-    others = {"family_shape", "force_friction", "varying"}  # below
+    others = {"force_friction", "varying"}  # below
     assert {case.effect for case in CASES} | others == set(EFFECTS)
 
 
@@ -763,26 +764,6 @@ def test_a_time_constant_is_as_probable_in_one_decade_as_in_another():
     assert tau.likelier(-1.0) == 1.0 == make_effect("latency").parameters(campaign("planar"))[0].likelier(5.0)
 
 
-def test_the_rest_of_a_compliance_holds_another_curve_of_softening():
-    plan = campaign("planar")
-    soft = make_effect("inertial_compliance", "X", shape="softening").prepare(plan)
-    rest = make_effect("family_shape", "X", of=soft.key, channel="tool", family="inertial", size=1.0).prepare(plan)
-    assert rest.usual == soft.usual > 0.0
-
-    def readings(effect: Effect, values: dict[str, float]) -> np.ndarray:
-        model = Model(plan, [effect])
-        moved = model.contribution(effect, model.vector(values))
-        return np.concatenate([moved[run.id][:, 0] for run in plan.runs])
-
-    def bent(knee: float) -> np.ndarray:
-        return readings(soft, {f"{soft.key}.compliance.x": 5.0, f"{soft.key}.knee": knee * soft.usual})
-
-    shapes = np.stack([readings(rest, {p.name: 1.0}) for p in rest.parameters(plan) if ".x." in p.name], axis=1)
-    another = bent(0.5) - bent(1.0)
-    left = another - shapes @ np.linalg.lstsq(shapes, another, rcond=None)[0]
-    assert np.std(another) > 0.1 * np.std(bent(1.0)) and np.std(left) < 0.1 * np.std(another)
-
-
 def test_a_step_on_its_ramp_stays_so_in_runs_that_end_before_it():
     plan = campaign("static")
     late = make_effect("table_step", "C", at=100.0, ramp=20.0, shape="late").prepare(plan)
@@ -822,19 +803,30 @@ def test_the_part_of_an_amplitude_that_is_seen_is_said_by_itself():
 
 def test_a_shape_stays_as_it_is_beyond_what_was_recorded():
     """A polynomial of order 8 would be 200 times as large at 1.4 times its span."""
-    shapes = (
-        make_effect("family_shape", of="thermal_drift", channel="tool", family="time", size=1.0, clock=(0.0, 100.0)),
-        make_effect("unknown", over=("t",), basis="polynomial", order=5, span=((0.0, 100.0),)),
-    )
-    for shape in shapes:
-        said = []
-        for start in (100.0, 140.0, 5000.0):
-            plan = campaign("planar")
-            late = replace(plan, runs=tuple(replace(run, start_s=start) for run in plan.runs[:1]))
-            effect = shape.prepare(late)
-            values = {p.name: 1.0 for p in effect.parameters(late)}
-            (readings,) = Model(late, [effect]).predict(values).values()
-            said.append(readings - next(iter(Model(late, [effect]).predict({}).values())))
-        np.testing.assert_allclose(said[1], said[0], atol=1e-12)
-        np.testing.assert_allclose(said[2], said[0], atol=1e-12)
-        assert 0.1 < np.abs(said[0]).max() < 100.0
+    shape = make_effect("unknown", over=("t",), basis="polynomial", order=5, span=((0.0, 100.0),))
+    said = []
+    for start in (100.0, 140.0, 5000.0):
+        plan = campaign("planar")
+        late = replace(plan, runs=tuple(replace(run, start_s=start) for run in plan.runs[:1]))
+        effect = shape.prepare(late)
+        values = {p.name: 1.0 for p in effect.parameters(late)}
+        (readings,) = Model(late, [effect]).predict(values).values()
+        said.append(readings - next(iter(Model(late, [effect]).predict({}).values())))
+    np.testing.assert_allclose(said[1], said[0], atol=1e-12)
+    np.testing.assert_allclose(said[2], said[0], atol=1e-12)
+    assert 0.1 < np.abs(said[0]).max() < 100.0
+
+
+def test_the_size_of_a_term_without_a_name_is_what_the_readings_determine():
+    """A direction of its amplitudes that they leave to the prior adds neither size nor doubt."""
+    clean = read_campaign(Path(__file__).parent / "data" / "campaigns" / "static-none" / "fit")
+    term = make_effect("unknown", over=("t",), order=4, directions="x").prepare(clean)
+    parameters = term.parameters(clean)
+    names, sigma = [p.name for p in parameters], np.array([p.sigma for p in parameters])
+    seen = np.eye(len(names))[0]
+    spread = np.outer(sigma, sigma) * (np.eye(len(names)) - 0.9996 * np.outer(seen, seen))
+    pairs = {(a, b): spread[i, j] for i, a in enumerate(names) for j, b in enumerate(names)}
+    exact = dict.fromkeys(names, 0.0) | {names[0]: sigma[0]}
+    vague = {n: 0.3 * s for n, s in zip(names, sigma, strict=True)} | {names[0]: sigma[0]}
+    wanted, found = (term.describe(clean, values, pairs)["rms"] for values in (exact, vague))
+    assert found.value == pytest.approx(wanted.value) and found.std == pytest.approx(0.02 * found.value)

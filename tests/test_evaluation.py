@@ -10,15 +10,13 @@ import pytest
 
 from symfive.campaign import Campaign
 from symfive.design._discriminate import discriminate
-from symfive.diagnose._evidence import evidence_of
-from symfive.diagnose._refit import tried
-from symfive.diagnose._scores import Score
 from symfive.effects import make_effect
 from symfive.errors import EvaluationError
 from symfive.identify import identify, predict
 from symfive.inference import halved
 from symfive.machine import preset
 from symfive.model import FittedModel, Model
+from symfive.posterior import baseline, fitted, nodes_of
 from symfive.procedures import campaign_of, planar_circle
 from symfive.simulate import simulate
 
@@ -106,12 +104,10 @@ def test_a_step_to_where_there_are_no_readings_is_shortened(circles: Campaign, s
 
 def test_a_trial_that_begins_where_a_drive_is_unstable_is_weighed_all_the_same(circles: Campaign) -> None:
     """The latency's spline met positions that are not finite."""
-    fit = identify(Model(circles, [make_effect("latency")]), noise="declared")
-    servo = SERVO.prepare(circles)
-    base = evidence_of(fit.problem(), fit.values)
-    trials = [tried(fit, base, Score.unscored(servo, {GAIN: step}, 1), {}) for step in (1.0, 1e4)]
-    assert all(trial is not None and trial.evidence > 100.0 for trial in trials)
-    assert trials[1].evidence == pytest.approx(trials[0].evidence, abs=0.5)
+    white, model = nodes_of(1.0)[0], model_of(circles)
+    steady, far = (fitted(model, [start], white, 1.0, baseline(circles)) for start in (TRUE, UNSTABLE))
+    assert far[GAIN] == pytest.approx(steady[GAIN], abs=0.1 * steady.uncertainty(GAIN))
+    assert far.chi2_dof == pytest.approx(steady.chi2_dof, rel=1e-3) and far.chi2_dof < 2.0
 
 
 def test_a_prediction_where_a_drive_is_unstable_is_one_sentence(circles: Campaign) -> None:

@@ -5,22 +5,34 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import plant
 import pytest
 from scipy.stats import multivariate_normal
 
+import symfive.diagnose
 import symfive.posterior
 from symfive.campaign import Campaign, read_campaign
+from symfive.diagnose import diagnose
 from symfive.effects import EFFECTS, Form, Scan, Tone
 from symfive.importers import polar_run
 from symfive.inference import whiten
 from symfive.machine import preset
 from symfive.model import Model
-from symfive.posterior import Moments, baseline, candidates, diagnose, explore, log_evidence, moments_of, sweep
-from symfive.posterior._evidence import WIDTHS
-from symfive.posterior._noise import grams, nodes_of
+from symfive.posterior import (
+    WIDTHS,
+    Moments,
+    baseline,
+    candidates,
+    explore,
+    grams,
+    log_evidence,
+    moments_of,
+    nodes_of,
+    sweep,
+)
 
 NOISE = 0.3
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -112,10 +124,18 @@ def test_every_effect_states_its_own_candidates() -> None:
     )
 
 
-def test_no_effect_is_named_in_the_package() -> None:
-    folder = Path(symfive.posterior.__file__).parent
-    text = "\n".join(path.read_text() for path in folder.glob("*.py"))
-    assert [name for name in EFFECTS if re.search(rf"[\"']{name}\b", text)] == ["unknown"]  # the word of the verdict
+def test_a_counterbalance_is_looked_for_on_a_vertical_axis_that_turns_back() -> None:
+    keys = {form.effect.key for form in candidates(read_campaign(CAMPAIGNS / "static-none" / "fit")).forms}
+    assert {key for key in keys if key.startswith("counterbalance")} == {"counterbalance.Z"}
+
+
+@pytest.mark.parametrize("package", [symfive.posterior, symfive.diagnose])
+def test_no_effect_is_named_in_the_package(package: ModuleType) -> None:
+    text = "\n".join(path.read_text() for path in Path(package.__file__).parent.glob("*.py"))
+    assert [name for name in EFFECTS if re.search(rf"[\"']{name}\b", text)] in (
+        [],
+        ["unknown"],
+    )  # the word of a verdict
 
 
 @pytest.mark.parametrize("rows", [1500, 4000])

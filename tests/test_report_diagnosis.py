@@ -20,8 +20,9 @@ from symfive.diagnose import (
     RivalName,
     Suspect,
     detect,
+    facts_of,
+    sentence_of,
 )  # fmt: skip
-from symfive.diagnose._words import facts_of, sentence_of
 from symfive.effects import Quantity, make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
@@ -54,8 +55,8 @@ def found() -> Diagnosis:
     fit = Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, 1.67, 0.44)
     classes = (("location_error.EA0Y", "location_error.EA0Z"),)
     first, last = detect(before), detect(after)
-    suspect = Suspect("structure", "B", "B", effects[0], 496.0, -200.0, (), (0.0, 0.0, 1.0))
-    location = Location(first, seen, classes, (suspect,), {"r_test: dx_um": 4.0}, None)
+    suspect = Suspect("structure", "B", "B", effects[0], 496.0, -490.0, (0.0, 0.0, 1.0), campaign, after.named)
+    location = Location(first, seen, classes, (suspect,), {"r_test: dx_um": 4.0})
     return Diagnosis(2e-106, 0.4, findings, fit, first, location, last, before, after)
 
 
@@ -100,7 +101,7 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
         )
     assert closing(found) in page.words and text.index("<ol>") < text.index("In short: ") < text.index('class="tiles"')
     for words in (
-        *found.doubts, "about 10⁻¹⁰⁶", "false-alarm rate allowed", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
+        *found.doubts, "about 10⁻¹⁰⁶", "false-alarm rate of tests without names", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
         "time constant", "the structure that axis B carries", "changing with time", "location errors of the rotary axes",
         "the fit without it had taken 82 % of it", "axis C displaced along X", "gravity_sag.B.EXB",
         "χ²/dof against the noise found", "left out of the fit in turn", "location_error.EA0Z", "Class 1:",
@@ -168,15 +169,13 @@ def test_rivals_and_the_next_test_stand_with_the_finding(found):
 
 
 def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found):
-    unsure = replace(found.findings[1], confidence=0.991, nearest=("backlash.Y", 1.3), rivals=(), shape_differs=1.08)
-    facts = facts_of(unsure, found.after)
-    assert facts["how sure"] == (
-        "confidence 99.1 %, by the odds beforehand: it cannot be distinguished from backlash.Y in this test (1.3σ) "
+    alias = ("backlash.Y", *found.findings[1].alias)
+    unsure = replace(found.findings[1], confidence=0.991, by_experience=True, rivals=(), alias=alias)
+    assert facts_of(unsure, found.after)["how sure"] == (
+        "confidence 99.1 %, by experience: it cannot be distinguished from backlash.Y in this test "
         "(its component is open: EXB reads the same)"
     )
-    assert facts["how large"].endswith("its shape differs from the library's by 108 %")
-    same = replace(unsure, nearest=("backlash.Y", 0.004))
-    assert "cannot be distinguished from backlash.Y in this test (its" in facts_of(same, found.after)["how sure"]
+    assert ", by experience" in card(1, unsure, found, "")
 
 
 def test_every_number_of_a_finding_has_its_uncertainty(found):

@@ -100,7 +100,9 @@ def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json:
 @campaign_path
 @output_path
 @also
-@click.option("--false-alarms", type=Number(1e-6, 0.5), default=0.01, help="False-alarm rate over the whole catalogue.")
+@click.option(
+    "--false-alarms", type=Number(1e-6, 0.5), default=0.01, help="False-alarm rate of the tests that need no name."
+)
 @dialects
 @overwrite
 @as_json

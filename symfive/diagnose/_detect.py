@@ -2,7 +2,7 @@
 
 Four tests of one fit, none of which needs to know an effect:
 
-* *lack of fit*, where runs repeat each other: residual against the noise that their differences show (F test);
+* *lack of fit*, where runs repeat each other: what they have in common against how they differ (F test);
 * *whiteness*: correlation of the whitened residual from row to row (G. Ljung & G. Box 1978);
 * *tension with the priors*: how far the estimates lie from what was thought possible, in the directions that were learnt;
 * *disagreement*: one parameter, given a value of its own in every group of runs (feeds, directions, places, …), as a score
@@ -19,18 +19,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
 from scipy.stats import chi2, f
 
 from symfive.campaign import Campaign
 from symfive.diagnose._groups import partitions
-from symfive.diagnose._scores import log_tail
 from symfive.identify import Identification, identify
 from symfive.inference import whiten
 from symfive.numbers import with_std
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
-__all__ = ["Detection", "Disagreement", "Test", "detect"]
+__all__ = ["Detection", "Disagreement", "Test", "detect", "log_tail"]
 
 Array = NDArray[np.float64]
 MAX_LAG = 20
@@ -115,9 +115,9 @@ def detect(
     else:
         progress("fitting the baseline")
         fit = identify(campaign, noise="repeats")
-    grams = _grams(fit)
+    grams, whitened = _grams(fit)
     found, looks = _disagreements(fit, grams)
-    tests = [*_lack_of_fit(fit), _whiteness(fit), *_tensions(fit, grams), *_agreement(found, looks)]
+    tests = [*_lack_of_fit(fit, whitened), _whiteness(whitened), *_tensions(fit), *_agreement(found, looks)]
     limit = np.log(level)
     return Detection(fit, level, tuple(tests), tuple(d for d in found if d.log_p < limit))
 
@@ -130,24 +130,28 @@ class _Gram:
     matrix: Array
 
 
-def _grams(fit: Identification) -> dict[str, _Gram]:
+def _grams(fit: Identification) -> tuple[dict[str, _Gram], dict[str, Array]]:
+    """Of every run, and its whitened residual (N, fitted columns), outliers at 0."""
     problem = fit.problem()
     blocks = problem.blocks(fit.values)
     size = len(fit.parameters)
-    grams = {}
+    grams, residuals = {}, {}
     for run in fit.model.campaign.runs:
         whole = np.zeros((size + 1, size + 1))
         used: set[int] = {size}
+        parts = []
         for name, _ in problem.parts(run):
             block = blocks[run.id, name]
             white, _ = whiten(block.stacked(), fit.noises[run.id, name], block.interval)
+            parts.append(white[:, :, -1])
             flat = white.reshape(-1, white.shape[2])
             where = np.append(block.columns, size)
             whole[np.ix_(where, where)] += flat.T @ flat
             used |= set(where.tolist())
         kept = np.array(sorted(used), dtype=np.int64)
         grams[run.id] = _Gram(kept, whole[np.ix_(kept, kept)])
-    return grams
+        residuals[run.id] = np.concatenate(parts, axis=1)
+    return grams, residuals
 
 
 def _total(grams: Sequence[_Gram], size: int) -> Array:
@@ -157,26 +161,35 @@ def _total(grams: Sequence[_Gram], size: int) -> Array:
     return total
 
 
-def _lack_of_fit(fit: Identification) -> list[Test]:
+def _lack_of_fit(fit: Identification, whitened: Mapping[str, Array]) -> list[Test]:
+    """What all runs have in common beyond noise, against how far runs that repeat each other differ (R. A. Fisher 1922)."""
     groups = fit.model.campaign.repeats
-    pure = sum((len(g) - 1) * fit.model.campaign.run(g[0]).rows * len(fit.model.columns(g[0])) for g in groups)
-    if not pure:
+    pure, square = 0.0, 0.0
+    for group in groups:
+        each = np.stack([whitened[run] for run in group])
+        square += float(np.sum((each - each.mean(axis=0)) ** 2))
+        pure += (len(group) - 1) * (each[0].size - sum(_learnt(fit, run) for run in group) / len(group))
+    rest = fit.dof - pure
+    if pure < 1.0 or rest < 1.0 or square <= 0.0:
         return []
-    ratio = fit.chi2_dof_whitened
-    p = float(f.sf(ratio, fit.dof, pure))
+    whole = sum(float(np.sum(table**2)) for table in whitened.values())
+    ratio = max(whole - square, 0.0) / rest / (square / pure)
     says = (
         f"What is left is {np.sqrt(ratio):.3g} times the noise of {sum(map(len, groups))} runs that repeat each other."
     )
-    return [Test("lack of fit", ratio, fit.dof, p, says)]
+    return [Test("lack of fit", ratio, rest, float(f.sf(ratio, rest, pure)), says)]
 
 
-def _whiteness(fit: Identification) -> Test:
+def _learnt(fit: Identification, run: str) -> float:
+    """How many set-up parameters of a run its readings determine."""
+    own = [i for i, p in enumerate(fit.parameters) if p.run == run]
+    return float(np.sum(1.0 - np.diag(fit.covariance)[own] / fit.model.prior_sigma[own] ** 2))
+
+
+def _whiteness(whitened: Mapping[str, Array]) -> Test:
     """Ljung–Box over all recordings together, each column on its own."""
-    problem = fit.problem()
     statistic, dof = 0.0, 0
-    for key, block in problem.blocks(fit.values).items():
-        noise = fit.noises[key]
-        white, _ = whiten(np.where(block.left_out, 0.0, block.residual), noise, block.interval)
+    for white in whitened.values():
         n = len(white)
         lags = min(MAX_LAG, n // 5)
         for column in (white - white.mean(axis=0)).T:
@@ -192,7 +205,7 @@ def _whiteness(fit: Identification) -> Test:
     )
 
 
-def _tensions(fit: Identification, grams: Mapping[str, _Gram]) -> list[Test]:
+def _tensions(fit: Identification) -> list[Test]:
     """The estimates' distance from the prior means, in units of what was expected of it, machine and set-up apart.
 
     Before the data, an estimate is spread about the prior mean with covariance P - C (prior less posterior).
@@ -286,3 +299,12 @@ def _one(
             pick[size + k - 1] = 1.0
         values[label] = (float(fit.values[i] + pick @ step), float(np.sqrt(pick @ covariance @ pick)))
     return log_tail(drop, dof), values
+
+
+def log_tail(drop: float, dof: float) -> float:
+    """log P(χ² > drop); far out by its leading term (M. Abramowitz & I. Stegun 1964, 26.4.12), where it is below the least
+    number that is not 0."""
+    exact = float(chi2.logsf(drop, dof))
+    if np.isfinite(exact):
+        return exact
+    return float((0.5 * dof - 1.0) * np.log(0.5 * drop) - 0.5 * drop - gammaln(0.5 * dof))

@@ -1,20 +1,20 @@
-"""`diagnose`: detect, locate, name, model and prove, from a campaign with readings to an expert's letter."""
+"""`diagnose`: what may be missing, weighed by one posterior, decided, put into words and proved."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import detect
-from symfive.diagnose._findings import doubted, findings_of, withdrawn
-from symfive.diagnose._locate import locate
-from symfive.diagnose._prove import prove, with_next_test
+from symfive.diagnose._findings import doubted, findings_of
+from symfive.diagnose._locate import located
+from symfive.diagnose._prove import prove
 from symfive.diagnose._result import Diagnosis
-from symfive.diagnose._search import name_effects
 from symfive.given import campaign_given
+from symfive.posterior import EXPECTED, Posterior, baseline, candidates, coarsened, decide, fitted, polish
 from symfive.threads import one_thread
 
 __all__ = ["diagnose"]
@@ -25,37 +25,48 @@ def diagnose(
     campaign: Campaign | Path | str,
     *,
     false_alarms: float = 0.01,
-    exclude: Sequence[str] = (),
+    exclude: Collection[str] = (),
     progress: Callable[[str], None] = lambda message: None,
 ) -> Diagnosis:
     """Find, name and model the physics that the baseline leaves out.
 
-    `campaign` with readings, or the path of its folder;
-    `false_alarms` is the rate at which a clean campaign may raise any finding, over the whole catalogue and the tests that
-    need no name; `exclude` takes effects (by id) out of the catalogue, as a control. Raises `InputError` for a campaign
-    without readings.
+    `campaign` with readings, or the path of its folder; `false_alarms` is the rate at which the tests that need no name may fail
+    a clean campaign (names follow from probabilities and stated losses instead: `symfive.posterior.decide`); `exclude` takes
+    effects (by id) out of the library, as a control. Raises `InputError` for a campaign without readings.
 
-    The steps are usable alone: `detect`, `locate`, `name_effects`, `findings_of`, `prove`.
+    The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened` and `decide` of
+    `symfive.posterior`; `findings_of`, `prove`.
     """
     campaign = campaign_given(campaign)
-    level = 0.5 * false_alarms  # one half for what has a name or a coordinate, one for disagreement without one
-    detection = detect(campaign, level=level, progress=progress)
-    location = locate(detection, exclude=exclude, progress=progress)
-    naming = name_effects(location, level=level, exclude=exclude, progress=progress)
+    stated = candidates(campaign, exclude)
+    progress("fitting the baseline")
+    before = baseline(campaign)
+    posterior, here = polish(before, stated, progress)
+    verdicts, after = decide(posterior, coarsened(posterior)), here.fit
+    remaining = detect(after, level=false_alarms)
+    detection = remaining
+    if after.model.added:  # the baseline under the noise of the final fit
+        detection = detect(fitted(before.model, [before.named], here.node, here.kappa2, after), level=false_alarms)
+    location = located(posterior.moments, detection)
     progress("looking for the next test")
-    findings = tuple(with_next_test(naming, finding) for finding in findings_of(naming))
-    remaining = detect(naming.after, level=level) if naming.members else detection
+    findings = findings_of(posterior, here, before, verdicts, location)
     progress("leaving out runs in turn")
     return Diagnosis(
-        p_value=min([1.0, *(float(np.exp(max(m.log_p, -690.0))) for m in naming.members), location.p_value]),
-        noise_um=float(np.sqrt(np.mean([n.white**2 for n in naming.after.noises.values()]))),
+        p_value=_p_value(posterior),
+        noise_um=float(np.sqrt(np.mean([n.white**2 for n in after.noises.values()]))),
         findings=findings,
-        fit=prove(naming.before, naming.after),
+        fit=prove(before, after),
         detection=detection,
         location=location,
         remaining=remaining,
-        before=naming.before,
-        after=doubted(naming),
+        before=before,
+        after=doubted(posterior, after),
         false_alarms=false_alarms,
-        withdrawn=withdrawn(naming),
     )
+
+
+def _p_value(posterior: Posterior) -> float:
+    """Bound of the p-value of a clean campaign: the posterior odds of nothing over its prior odds. Where nothing is missing an
+    evidence ratio exceeds r with a probability of 1/r at most (V. Vovk & R. Wang 2021)."""
+    nothing = posterior.weights.get(frozenset(), 0.0)
+    return float(np.clip(EXPECTED * nothing / max(1.0 - nothing, 1e-300), 1e-300, 1.0))

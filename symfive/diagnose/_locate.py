@@ -1,52 +1,54 @@
 """Locate: which link of the chain, which axis, over which coordinate, where along it, in which direction of space.
 
-From score tests of the whole catalogue, without a refit. Before any verdict stands the observability table: what share of
-each effect the campaign can see at all, and which effects it cannot tell apart.
+From the moments of one fit, without a refit. Before any verdict stands the observability table: what share of each effect the
+campaign can see at all, and which effects it cannot distinguish.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose._catalogue import catalogue
-from symfive.diagnose._channels import probes
 from symfive.diagnose._detect import Detection, detect
-from symfive.diagnose._places import Interval, axis_of, coordinate_of, direction_of, intervals_of, link_of
-from symfive.diagnose._refit import start_of
-from symfive.diagnose._remainder import remainder
-from symfive.diagnose._scan import scan
-from symfive.diagnose._scores import Board, Score, Secant, score_catalogue
-from symfive.diagnose._unknown import unknowns
-from symfive.effects import Effect
-from symfive.errors import EvaluationError
+from symfive.diagnose._places import Interval, direction_of, intervals_of
+from symfive.effects import Effect, Form
 from symfive.identify import Identification
-from symfive.inference import halved, whiten
+from symfive.inference import whiten
 from symfive.model import Model
+from symfive.posterior import (
+    WIDTHS,
+    Moments,
+    Subset,
+    candidates,
+    expanded,
+    foretold,
+    log_evidence,
+    moments_about,
+    nearest_width,
+    sweep,
+    widths_of,
+)  # fmt: skip
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["Location", "Observability", "Survey", "Suspect", "locate", "observability_words", "survey"]
+__all__ = ["Location", "Observability", "Suspect", "locate", "located", "observability_words"]
 
 Array = NDArray[np.float64]
-ALIAS = 0.999
-CLEAR = float(np.log(1e-3))
-UNUSUAL = (10.0, 100.0)
-"""How many times its usual size an effect may be, beside its usual one: the rarer, the more."""
-DULL = 0.5
-"""Effective degrees of freedom up to which the readings say nothing of an effect."""
-SEEN = 3.0
-"""σ by which an effect of usual size must stand out to be told apart from anything."""
+ALIKE = 0.999
+"""Cosine of two visible shapes from which on they are one class: at 22 σ of size they would differ by 1 σ."""
+CLEAR = 3.0
+"""σ by which an effect of usual size must stand out to be compared with others."""
 
 
 @dataclass(frozen=True)
 class Observability:
-    """What the campaign can see of one effect: `visible` share of its energy that the fit leaves, `sigmas` by which an
-    effect of usual size would stand out."""
+    """What the campaign can see of one effect: `visible` share (0…1) of its energy that geometry and set-up leave, `sigmas` by
+    which an effect of usual size would stand out."""
 
     effect: str
     axis: str | None
@@ -56,37 +58,36 @@ class Observability:
 
 
 @dataclass(frozen=True)
-class Survey:
-    """Scores of all that could join a fit, the most significant first; `looks` independent ones among them, for a joint
-    false-alarm rate; the `board` of the plain catalogue."""
-
-    board: Board = field(repr=False)
-    scores: tuple[Score, ...]
-    looks: int
-
-
-@dataclass(frozen=True)
 class Suspect:
     """A place where the fit may lack something, with the effect that would best explain it there.
 
-    `drop` of the cost that it promises, `log_p` natural log of its p-value, corrected for the whole catalogue; `intervals` in
-    which it would act most, `direction` of space in the machine frame.
+    `nats` that it adds to the log evidence by itself, `log_p` natural log of the p-value, corrected for all that was looked at:
+    P(evidence ratio > exp(nats)) ≤ exp(-nats) where nothing is missing (A. Markov; V. Vovk & R. Wang 2021). `values` of all
+    parameters with it, by name; `direction` of space in the machine frame.
     """
 
     link: str
     axis: str | None
     coordinate: str
     effect: Effect
-    drop: float
+    nats: float
     log_p: float
-    intervals: tuple[Interval, ...]
     direction: tuple[float, float, float] | None
+    campaign: Campaign = field(repr=False)
+    values: Mapping[str, float] = field(repr=False)
+
+    @cached_property
+    def intervals(self) -> tuple[Interval, ...]:
+        """Stretches of the runs in which it would act most."""
+        model = Model(self.campaign, [self.effect])
+        at = model.vector({name: value for name, value in self.values.items() if name in model.index})
+        return intervals_of(self.campaign, model.contribution(self.effect, at))
 
     @property
     def says(self) -> str:
         """The place in words."""
         axis = f", axis {self.axis}" if self.axis else ""
-        return f"{self.link}{axis}, over {self.coordinate} (as {self.effect.key} it would take {self.drop:.3g} off χ²)"
+        return f"{self.link}{axis}, over {self.coordinate} (as {self.effect.key}: log evidence {self.nats:+.3g})"
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,7 +100,6 @@ class Location(OnScreen):
     classes: tuple[tuple[str, ...], ...]
     suspects: tuple[Suspect, ...]
     columns: Mapping[str, float]
-    survey: Survey = field(repr=False)
 
     @property
     def significant(self) -> tuple[Suspect, ...]:
@@ -108,7 +108,7 @@ class Location(OnScreen):
 
     @property
     def p_value(self) -> float:
-        """The smallest p-value of the whole catalogue, corrected for its size."""
+        """The smallest p-value of all that was looked at, corrected for their number."""
         return float(np.exp(max(min((s.log_p for s in self.suspects), default=0.0), -690.0)))
 
     @property
@@ -123,7 +123,7 @@ class Location(OnScreen):
 
     def __str__(self) -> str:
         suspects = [
-            f"  {s.link:<22} {s.axis or '':<3} {s.coordinate:<22} {s.drop:10.4g}  {s.effect.key}" for s in self.suspects
+            f"  {s.link:<22} {s.axis or '':<3} {s.coordinate:<22} {s.nats:10.4g}  {s.effect.key}" for s in self.suspects
         ]
         seen = observability_words(self.observability, self.classes).split("\n")
         return "\n".join([self.says, *listed(suspects, "location.suspects"), *listed(seen, "location.observability")])
@@ -133,111 +133,70 @@ class Location(OnScreen):
 def locate(
     found: Detection | Identification | Campaign,
     *,
-    exclude: Sequence[str] = (),
+    exclude: Collection[str] = (),
     progress: Callable[[str], None] = lambda message: None,
 ) -> Location:
-    """Score the whole catalogue against what a fit leaves. `exclude` takes effects (by id) out of it, as a control."""
+    """Weigh every effect of the library against what a fit leaves, each by itself. `exclude` takes effects (by id) out."""
     detection = found if isinstance(found, Detection) else detect(found, progress=progress)
-    progress("scoring the catalogue")
-    seen = survey(detection.fit, exclude)
+    progress("weighing every effect by itself")
+    fit, stated = detection.fit, candidates(detection.fit.model.campaign, exclude)
+    here, _ = expanded(fit, [Form(effect=effect) for effect in fit.model.added], stated)
+    moments = moments_about(here, stated)
+    beside = tuple((t, nearest_width(moments.terms[t].effect.spread)) for t in range(moments.held))
+    return located(moments, detection, beside)
+
+
+def located(moments: Moments, detection: Detection, beside: Subset = ()) -> Location:
+    """What moments say of every term, each `beside` a subset of them."""
+    node = log_evidence(moments, beside).node
     return Location(
-        detection, _observability(seen.board), _classes(seen.board), _suspects(detection.fit, seen),
-        _columns(detection.fit), seen,
+        detection, _observability(moments, node), _classes(moments, node), _suspects(moments, beside),
+        _columns(detection.fit),
     )  # fmt: skip
 
 
-def survey(result: Identification, exclude: Sequence[str] = (), *, scanning: bool = True) -> Survey:
-    """Scores of the plain catalogue, of the peaks of the scans, and of terms without a name, against a fit."""
-    campaign = result.model.campaign
-    held = result.model.effects
-    shapes = remainder(result.model, result.values, result.model.added)
-    plain = [e for e in catalogue(campaign, held) if e.id not in exclude]
-    board = score_catalogue(result, plain, shapes, probes(campaign))
-    sizes = [_sizes(board, e) for e in plain]
-    scores, unusual = [usual for usual, *_ in sizes], [score for _, *larger in sizes for score in larger]
-    taken = {e.key for e in held}
-    scanned = scan(board) if scanning else []
-    found = [f for f in scanned if f.effect.id not in exclude and f.effect.key not in taken]
-    unique = {f.effect.key: f for f in reversed(found)}
-    nameless = list(unknowns(campaign, held))
-    secants = _secants(result, scores)
-    second = score_catalogue(result, [*(f.effect for f in unique.values()), *nameless], shapes, secants=secants)
-    for f in unique.values():
-        score = second.score(f.effect)
-        scores.append(replace(score, log_p=score.log_p + float(np.log(f.looks)), looks=f.looks))
-    # of two shapes or sizes of one effect the better
-    ranked = sorted((s for s in (*scores, *unusual) if s.dof > DULL), key=lambda s: -s.log_p)
-    scores = list({s.effect.key: s for s in ranked}.values())
-    scores += [second.score(effect) for effect in nameless]
-    for secant in secants:
-        finite = second.score_secant(secant)
-        scores = [finite if s.effect.key == finite.effect.key and s.drop < finite.drop else s for s in scores]
-    seen = sorted((s for s in scores if s.dof > DULL), key=lambda s: s.log_p)
-    return Survey(board, tuple(seen), max(1, int(np.ceil(len(seen) * (1.0 + sum(1.0 / times for times in UNUSUAL))))))
-
-
-def _sizes(board: Board, effect: Effect) -> list[Score]:
-    """The scores of an effect at its usual size and, where it goes with the pose, which is what geometry hides, at unusual ones:
-    their share of the rate of false alarms is so much less."""
-    times = (1.0,) if coordinate_of(effect) == "time" else (1.0, *UNUSUAL)
-    found = zip(board.scores(effect, times), times, strict=True)
-    return [replace(score, log_p=score.log_p + float(np.log(wide))) for score, wide in found]
-
-
-def _secants(result: Identification, scores: Sequence[Score]) -> list[Secant]:
-    """Effects at sizes that their slopes at zero do not foretell, where something over the same coordinate stands out."""
-    fitted = result.model
-    values = result.named
-    clear = {coordinate_of(s.effect) for s in scores if s.log_p < CLEAR}
-    found = []
-    for effect in (s.effect for s in scores if coordinate_of(s.effect) in clear):
-        for levels in effect.levels(fitted.campaign):
-            model = Model(fitted.campaign, (*fitted.added, effect))
-            at = model.vector({**values, **levels})
-            try:
-                adds = {
-                    r.id: model.predict_run(r, at) - fitted.predict_run(r, result.values) for r in fitted.campaign.runs
-                }
-            except EvaluationError:
-                continue
-            found.append(Secant(effect, levels, adds))
+def _named(moments: Moments) -> dict[str, int]:
+    """The number of each named effect, by key: of one that is looked at in several sizes the first."""
+    found: dict[str, int] = {}
+    for number, term in enumerate(moments.terms):
+        if not term.effect.nameless:
+            found.setdefault(term.effect.key, number)
     return found
 
 
-def _observability(board: Board) -> tuple[Observability, ...]:
-    rows = []
-    for effect in board.effects:
-        score = board.score(effect)
-        seen = min(score.visible, 1.0)
-        rows.append(Observability(effect.vocabulary, axis_of(effect), effect.key, seen, score.size))
-    return tuple(rows)
+def _observability(moments: Moments, node: int) -> tuple[Observability, ...]:
+    """σ under the noise of a node, the share under white noise."""
+    found = []
+    for key, number in _named(moments).items():
+        effect, columns = moments.terms[number].effect, moments.columns[number]
+        at = columns.where[columns.amplitude]
+        left, white, full = (
+            float(np.trace(g[np.ix_(at, at)])) for g in (moments.gram[node], moments.gram[0], moments.raw)
+        )
+        visible = min(max(white, 0.0) / full, 1.0) if full > 0.0 else 0.0
+        found.append(Observability(effect.vocabulary, effect.belongs_to, key, visible, max(left, 0.0) ** 0.5))
+    return tuple(found)
 
 
-def observability_words(table: Sequence[Observability], classes: Sequence[Sequence[str]], limit: int = 25) -> str:
-    """The observability table as text, what stands out most first."""
-    lines = ["What these recordings can see at all (share of an effect that the fit leaves, σ of one of usual size):"]
-    shown = sorted(table, key=lambda o: -o.sigmas)
-    lines += [f"  {o.form:<34} {100 * o.visible:6.2f} %  {o.sigmas:8.1f} σ" for o in shown[:limit]]
-    if len(shown) > limit:
-        lines.append(f"  … and {len(shown) - limit} more")
-    return "\n".join([*lines, *(f"  cannot be told apart here: {', '.join(c)}" for c in classes)])
-
-
-def _classes(board: Board) -> tuple[tuple[str, ...], ...]:
-    """Effects, or single parameters of effects that have several, whose visible shapes agree after the fit has taken its
-    part: no amount of such recordings tells them apart."""
-    names, vectors, sizes = _directions(board)
-    if not names:
+def _classes(moments: Moments, node: int) -> tuple[tuple[str, ...], ...]:
+    """Parameters of named effects whose visible shapes agree: no amount of such readings distinguishes them."""
+    names, at = list[str](), list[int]()
+    for key, number in _named(moments).items():
+        columns = moments.columns[number]
+        parameters = moments.terms[number].effect.parameters(moments.fit.model.campaign)
+        own = len(parameters)  # the states in which it begins come behind
+        for p, where, size in zip(parameters, columns.where[:own], columns.amplitude[:own], strict=True):
+            if size and moments.gram[node, where, where] > CLEAR**2:
+                names.append(p.name if np.sum(columns.amplitude[:own]) > 1 else key)
+                at.append(int(where))
+    if not at:
         return ()
-    columns, weights = np.concatenate([c for c, _ in vectors]), np.concatenate([w for _, w in vectors])
-    owner = np.repeat(np.arange(len(vectors)), [len(c) for c, _ in vectors])
-    spread = np.zeros((len(columns), len(vectors)))
-    spread[np.arange(len(columns)), owner] = weights
-    h = spread.T @ board.reduced(columns)[0] @ spread
-    cosines = np.abs(h) / np.outer(sizes, sizes)
+    h = moments.gram[node][np.ix_(at, at)]
+    size = np.sqrt(np.diag(h))
+    cosine = np.abs(h) / np.outer(size, size)
     groups: list[list[int]] = []
     for i in range(len(names)):
-        home = next((g for g in groups if cosines[g[0], i] > ALIAS), None)
+        home = next((g for g in groups if cosine[g[0], i] > ALIKE), None)
         if home is None:
             groups.append([i])
         else:
@@ -245,56 +204,35 @@ def _classes(board: Board) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names[i] for i in g) for g in groups if len(g) > 1)
 
 
-def _directions(board: Board) -> tuple[list[str], list[tuple[NDArray[np.int64], Array]], Array]:
-    """Directions that a campaign can see by SEEN σ: each parameter of an effect, or all together where none by itself.
-
-    Names, (columns, weights in units of the prior) and sizes in σ.
-    """
-    names, vectors, sizes = [], [], []
-    for effect in board.effects:
-        parameters, columns = effect.parameters(board.model.campaign), board.columns_of(effect)
-        sigma = np.array([p.sigma for p in parameters])
-        h = board.reduced(columns)[0] * np.outer(sigma, sigma)
-        found: list[tuple[str, Array]] = [
-            (p.name, row)
-            for p, row, power in zip(parameters, np.eye(len(sigma)), np.diag(h), strict=True)
-            if power > SEEN**2
-        ]
-        if len(sigma) == 1 or not found:
-            found = [(effect.key, np.linalg.eigh(h)[1][:, -1])]
-        for name, direction in found:
-            size = float(max(float(direction @ h @ direction), 0.0) ** 0.5)
-            if size > SEEN:
-                names.append(name)
-                vectors.append((columns, sigma * direction))
-                sizes.append(size)
-    return names, vectors, np.array(sizes)
-
-
-def _suspects(fit: Identification, seen: Survey) -> tuple[Suspect, ...]:
-    """The best score of every link and axis (terms without a name, which have no link, only where nothing else is there)."""
-    best: dict[tuple[str, str | None], Score] = {}
-    for score in seen.scores:
-        place = (link_of(score.effect), axis_of(score.effect))
-        if score.effect.id != "unknown" and (place not in best or score.log_p < best[place].log_p):
-            best[place] = score
-    ordered = sorted(best.items(), key=lambda item: item[1].log_p)
-    return tuple(_suspect(fit, link, axis, score, seen.looks) for (link, axis), score in ordered)
-
-
-def _suspect(fit: Identification, link: str, axis: str | None, score: Score, looks: int) -> Suspect:
-    log_p = min(0.0, score.log_p + float(np.log(looks)))
-    effect = score.effect
-    where: tuple[Interval, ...] = ()
-    if log_p < -1.0:
-        model = Model(fit.model.campaign, [*fit.model.added, effect])
-        fitted = fit.named
-        stepped = model.vector(fitted | start_of(model, score))
-        _, there = halved(model.predict, stepped, model.vector(fitted))
-        acts = {r.id: there[r.id] - fit.model.predict_run(r, fit.values) for r in model.campaign.runs}
-        where = intervals_of(model.campaign, acts)
-    direction = direction_of(fit.model.machine, effect, score.step)
-    return Suspect(link, axis, coordinate_of(effect), effect, score.drop, log_p, where, direction)
+def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
+    """The term of every link and axis that adds most evidence, those without a name left out, which belong to no link."""
+    held = {t for t, _ in beside}
+    free = [t for t, term in enumerate(moments.terms) if t not in held and not term.effect.nameless]
+    if not free:
+        return ()
+    nothing = log_evidence(moments, beside).total
+    usual = [WIDTHS[0]] * len(free)
+    first, sizes = sweep(moments, beside, free, usual)
+    widths = [nearest_width(size, widths_of(moments, t)) for t, size in zip(free, sizes, strict=True)]
+    second, _ = sweep(moments, beside, free, widths)
+    looks = float(np.log(2 * len(free)))
+    best: dict[tuple[str, str | None], tuple[float, int, float]] = {}
+    for t, plain, wide, width in zip(free, first, second, widths, strict=True):
+        effect = moments.terms[t].effect
+        nats, at = max((float(plain), WIDTHS[0]), (float(wide), width))
+        place = (effect.link, effect.belongs_to)
+        if place not in best or nats > best[place][0]:
+            best[place] = (nats, t, at)
+    found = []
+    for (link, axis), (total, t, width) in sorted(best.items(), key=lambda item: -item[1][0]):
+        nats = total - nothing
+        together = (*beside, (t, width))
+        effects, values = foretold(moments, together, log_evidence(moments, together))
+        effect = effects[-1]
+        log_p, direction = min(0.0, looks - nats), direction_of(moments.fit.model.machine, effect, values)
+        coordinate, campaign = effect.coordinate.format(axis=axis), moments.fit.model.campaign
+        found.append(Suspect(link, axis, coordinate, effect, nats, log_p, direction, campaign, values))
+    return tuple(found)
 
 
 def _columns(fit: Identification) -> dict[str, float]:
@@ -309,3 +247,13 @@ def _columns(fit: Identification) -> dict[str, float]:
             for column, power in zip(fit.model.columns(run)[part], np.mean(white**2, axis=0), strict=True):
                 squares.setdefault(f"{instrument}: {column.name}", []).append(float(power))
     return {name: float(np.mean(powers)) for name, powers in squares.items()}
+
+
+def observability_words(table: Sequence[Observability], classes: Sequence[Sequence[str]], limit: int = 25) -> str:
+    """The observability table as text, what stands out most first."""
+    lines = ["What these recordings can see at all (share of an effect that the fit leaves, σ of one of usual size):"]
+    shown = sorted(table, key=lambda o: -o.sigmas)
+    lines += [f"  {o.form:<34} {100 * o.visible:6.2f} %  {o.sigmas:8.1f} σ" for o in shown[:limit]]
+    if len(shown) > limit:
+        lines.append(f"  … and {len(shown) - limit} more")
+    return "\n".join([*lines, *(f"  cannot be distinguished here: {', '.join(c)}" for c in classes)])

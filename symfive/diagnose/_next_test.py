@@ -10,8 +10,7 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run, Vector
 from symfive.design import APART, PAUSE_S, Candidate, Discrimination, discriminate, in_addition, in_common
-from symfive.diagnose._catalogue import moving_axes
-from symfive.effects import Effect
+from symfive.effects import Effect, moving
 from symfive.errors import InputError
 from symfive.model import Model
 from symfive.motion import programme_of
@@ -93,7 +92,7 @@ def possible_tests(campaign: Campaign) -> Iterator[Run]:
     another place, height or radius, other nests."""
     seen: set[tuple[str, ...]] = set()
     for run in campaign.runs:
-        kind = (*run.instrument, *(n for n in moving_axes(replace(campaign, runs=(run,)))), run.sampling)
+        kind = (*run.instrument, *(n for n in moving(replace(campaign, runs=(run,)))), run.sampling)
         if kind in seen:
             continue
         seen.add(kind)
@@ -161,12 +160,12 @@ def _planes(campaign: Campaign, run: Run) -> Iterator[Run]:
     """Circles of linear axes in other planes about the same ball at the same feed: whole ones in XY, else the half above the
     centre. Two axes together show only in what they differ; with a third one each is seen by itself."""
     linear = {c: run.commands[n] for n, a in campaign.machine.axes.items() for c in _along(a.direction)}
-    moving = {c for c, way in linear.items() if np.ptp(way) > 0.0}
+    moved = {c for c, way in linear.items() if np.ptp(way) > 0.0}
     if _synchronous(campaign, run):
-        moving.add("a rotary axis")
+        moved.add("a rotary axis")
     radius = run.length if run.length is not None else 0.5 * max(float(np.ptp(way)) for way in linear.values())
     for plane, start, sweep in (("XY", 0.0, 360.0), ("YZ", RUN_UP_DEG, HALF_DEG), ("ZX", RUN_UP_DEG - 90.0, HALF_DEG)):
-        if moving == {c.lower() for c in plane}:
+        if moved == {c.lower() for c in plane}:
             continue
         try:
             arcs = planar_circle(
@@ -183,15 +182,15 @@ def _planes(campaign: Campaign, run: Run) -> Iterator[Run]:
 
 def _synchronous(campaign: Campaign, run: Run) -> bool:
     """One linear and one rotary axis make a circle together."""
-    kinds = [campaign.machine.axes[n].rotary for n in moving_axes(replace(campaign, runs=(run,)))]
+    kinds = [campaign.machine.axes[n].rotary for n in moving(replace(campaign, runs=(run,)))]
     return run.length is not None and sorted(kinds) == [False, True]
 
 
 def _feed(campaign: Campaign, run: Run) -> float:
     """Usual speed of the tool over the table, mm/min; a rotary axis turns at the distance of the linear one that moves."""
-    moving = {n: campaign.machine.axes[n] for n in moving_axes(replace(campaign, runs=(run,)))}
-    reach = max((np.abs(run.commands[n]) for n, a in moving.items() if not a.rotary), key=np.ptp)
-    steps = [np.diff(run.commands[n] * a.to_internal) * (reach[1:] if a.rotary else 1.0) for n, a in moving.items()]
+    driven = {n: campaign.machine.axes[n] for n in moving(replace(campaign, runs=(run,)))}
+    reach = max((np.abs(run.commands[n]) for n, a in driven.items() if not a.rotary), key=np.ptp)
+    steps = [np.diff(run.commands[n] * a.to_internal) * (reach[1:] if a.rotary else 1.0) for n, a in driven.items()]
     return 60.0 * float(np.median(np.linalg.norm(steps, axis=0) / np.diff(run.time)))
 
 
@@ -228,8 +227,8 @@ def _places(campaign: Campaign, run: Run) -> Iterator[Run]:
     if run.length is not None:
         centre = {axes[c]: 0.0 for c in axes}
         for name in centre:
-            moving = run.commands[name]
-            centre[name] = 0.5 * float(moving.max() + moving.min()) if np.ptp(moving) > 0 else float(moving[0])
+            way = run.commands[name]
+            centre[name] = 0.5 * float(way.max() + way.min()) if np.ptp(way) > 0 else float(way[0])
         commands = {n: centre[n] + (v - centre[n]) / FACTOR if n in centre else v for n, v in run.commands.items()}
         yield _named(run, "half-radius", replace(run, commands=commands, length=run.length / FACTOR))
 

@@ -1,4 +1,4 @@
-"""Prove: prediction of readings that were left out, before and after; and the next test where rivals stay."""
+"""Prove: prediction of readings that were left out, before and after."""
 
 from __future__ import annotations
 
@@ -8,25 +8,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.design import APART
 from symfive.diagnose._groups import way
-from symfive.diagnose._next_test import next_test
-from symfive.diagnose._places import axis_of
-from symfive.diagnose._result import Finding, Fit
-from symfive.diagnose._search import Naming
+from symfive.diagnose._result import Fit
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.inference import gauss_newton
 from symfive.model import Model
 from symfive.threads import one_thread
 
-__all__ = ["prove", "with_next_test"]
+__all__ = ["prove"]
 
 Array = NDArray[np.float64]
 FOLDS = 4
-OPEN, CONSIDERED = 0.05, 0.01
-"""A name less probable than 1 - OPEN asks for a test against every rival more probable than CONSIDERED."""
-RIVALS = 3
 
 
 @one_thread
@@ -100,41 +93,3 @@ def _part(
     named = model.named(values)
     units = {(run.id, name): problem.unit_of(run, columns) for run in part.runs for name, columns in problem.parts(run)}
     return named, [block.residual for key, block in blocks.items() if units[key] == result.file_unit]
-
-
-def with_next_test(found: Naming, finding: Finding) -> Finding:
-    """The finding with the test that parts it from what still could stand in its place."""
-    member = next(m for m in found.members if m.effect.key == finding.effect.key)
-    unsure = finding.confidence < 1.0 - OPEN
-    names = {(r.effect, r.axis) for r in finding.rivals if unsure and r.confidence > CONSIDERED}
-    open_ = [
-        t
-        for t in member.trials
-        if t.effect.key != finding.effect.key
-        and t.effect.id != "unknown"
-        and (t.effect.key in finding.alias or (t.effect.vocabulary, axis_of(t.effect)) in names)
-    ][:RIVALS]
-    if not open_:
-        return finding
-    held = tuple(e for e in found.after.model.added if finding.effect.key not in (e.key, getattr(e, "of", "")))
-    shared = {p.name for p in found.after.parameters if p.run is None}
-    values = {n: v for n, v in zip(found.after.model.index, found.after.values.tolist(), strict=True) if n in shared}
-    chances = {(r.effect, r.axis): r.confidence for r in finding.rivals} | {
-        (finding.name, finding.axis): finding.confidence
-    }
-    others = [{n: v for n, v in t.values.items() if not n.startswith("setup.")} for t in open_]
-    test = next_test(
-        found.after.model.campaign,
-        finding.effect,
-        *(t.effect for t in open_),
-        held=held,
-        values=values,
-        rival_values=others,
-        chances=[chances.get((t.effect.vocabulary, axis_of(t.effect)), 0.0) for t in open_],
-    )
-    if test is None:
-        return finding
-    apart = next((rival for rival, sigmas in test.each if sigmas >= APART), open_[0].effect.key)
-    folder = f"plans/separate-{finding.effect.key}-from-{apart}" if test.useful else None
-    extra = f" To tell it from {' and '.join(t.effect.key for t in open_)}: {test.says}."
-    return replace(finding, test=test, next_test=folder, says=finding.says + extra)

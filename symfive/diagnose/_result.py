@@ -66,9 +66,10 @@ class Finding(OnScreen):
 
     `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
     `contribution` run → (N, ny) its readings, `moved` the machine's parameters that changed most when it joined: name →
-    (before, after), file units. `nearest` an effect of another name that fits the readings as well, with the σ by which
-    it fits worse; `sigmas` by which all its amplitudes together differ from nothing. `test` is what to record next where
-    a rival stays, `next_test` the folder of its plan.
+    (before, after), file units. `log_p` natural log of the probability that nothing acts there, `by_experience` whether only
+    how common it is puts its name before those of `alias`, effects that the readings do not distinguish from it; `sigmas` by
+    which all its amplitudes together differ from nothing. `test` is what to record next where a rival stays, `next_test` the
+    folder of its plan.
     """
 
     effect: Effect
@@ -88,8 +89,7 @@ class Finding(OnScreen):
     moved: Mapping[str, tuple[float, float]]
     contribution: Mapping[str, Array]
     alias: tuple[str, ...] = ()
-    shape_differs: float = 0.0
-    nearest: tuple[str, float] | None = None
+    by_experience: bool = False
     sigmas: float = 0.0
     next_test: str | None = None
     test: Discrimination | None = None
@@ -132,7 +132,7 @@ class Finding(OnScreen):
             "alias": list(self.alias),
             "share": self.share,
             "visible": self.visible,
-            "shape_differs": self.shape_differs,
+            "by_experience": self.by_experience,
             "size_sigmas": self.sigmas,
             "log10_p": self.log_p / float(np.log(10.0)),
             "geometry_moved": {name: {"before": b, "after": a} for name, (b, a) in self.moved.items()},
@@ -207,8 +207,9 @@ class Fit:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(OnScreen):
-    """Result of `diagnose`. `before` and `after` are the identifications without and with the findings, `detection` and
-    `location` what was seen before any name, `remaining` the same tests on what is left."""
+    """Result of `diagnose`. `p_value` bounds how often a clean campaign looks as far from clean; `before` and `after` are the
+    identifications without and with the findings, `detection` and `location` what was seen before any name, `remaining` the
+    same tests on what is left."""
 
     p_value: float
     noise_um: float
@@ -220,18 +221,15 @@ class Diagnosis(OnScreen):
     before: Identification
     after: Identification
     false_alarms: float = 0.01
-    withdrawn: tuple[str, ...] = ()
 
     @property
     def unnamed(self) -> tuple[str, ...]:
-        """What is left and has no name: what the tests that need none say of the fit with all findings, and names `withdrawn`
-        again, for which there is evidence but no size."""
-        tests = (
+        """What is left and has no name: what the tests that need none say of the fit with all findings."""
+        return tuple(
             t.says
             for t in self.remaining.tests
             if t.name in ("lack of fit", "agreement of groups") and 2.0 * t.p_value < self.remaining.level
         )
-        return (*tests, *self.withdrawn)
 
     @property
     def mismatch(self) -> bool:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from symfive.diagnose._places import in_the_drive
 from symfive.identify import Identification
 from symfive.machine import Machine
-from symfive.numbers import in_words, name_words, percent, percent_or_more, plain_number, rounded, with_std
+from symfive.numbers import in_words, name_words, percent, plain_number, rounded, with_std
 
 if TYPE_CHECKING:
     from symfive.diagnose._result import Finding
@@ -17,8 +16,6 @@ __all__ = ["facts_of", "place_words", "sentence_of"]
 SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
 SHOWN_RIVAL = 0.01
 """A less probable rival is not named in words."""
-NOT_AT_ALL = 0.1
-"""σ by which readings tell two names apart, below which one says that they do not."""
 HUGE = 30.0
 """What is so many times its usual size is hardly that: its unit or its cause is another one."""
 _QUANTITIES = {
@@ -35,8 +32,6 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     machine = after.model.machine
     words, numbers, vectors = _sizes(finding)
     sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors, f"{percent(finding.share)} of the deviation's mean square"]
-    if finding.shape_differs:
-        sizes.append(f"its shape differs from the library's by {percent_or_more(finding.shape_differs)}")
     if (usual := _times_usual(finding, after)) > HUGE:
         sizes.append(f"{plain_number(usual)} times its usual size: look for a slip of units or for another cause")
     hidden = [f"the fit without it had taken {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
@@ -65,8 +60,6 @@ def sentence_of(finding: Finding, after: Identification) -> str:
     """One sentence: name, axis, the two main values, how sure, what had hidden it."""
     words, numbers, _ = _sizes(finding)
     text = ", ".join([*words, *numbers[:2], _sure(finding)])
-    if finding.shape_differs:
-        text += f"; its shape differs from the library's by {percent_or_more(finding.shape_differs)}"
     if (usual := _times_usual(finding, after)) > HUGE:
         text += f"; it would be {plain_number(usual)} times its usual size, so look for a slip of units or for another cause"
     if finding.moved:
@@ -78,19 +71,17 @@ def sentence_of(finding: Finding, after: Identification) -> str:
 
 def _deed(finding: Finding) -> str:
     """What its effect does; of a finding without a name the nearest one's."""
-    nearest = finding.nameless and finding.effect.id != "unknown"
+    nearest = finding.nameless and not finding.effect.nameless
     return (
         f"nothing of the library has its shape; the nearest: {finding.effect.says}" if nearest else finding.effect.says
     )
 
 
 def _sure(finding: Finding) -> str:
-    """How probable the name is; where another one fits the readings as well, that the odds beforehand decide."""
+    """How probable the name is; where another one fits the readings as well, that only experience puts it first."""
     said = f"confidence {percent(finding.confidence)}"
-    if finding.nearest is not None:
-        other, sigmas = finding.nearest
-        apart = f" ({plain_number(sigmas, 'σ')}σ)" if sigmas >= NOT_AT_ALL else ""
-        said += f", by the odds beforehand: it cannot be distinguished from {other} in this test{apart}"
+    if finding.by_experience:
+        said += f", by experience: it cannot be distinguished from {finding.alias[0]} in this test"
     return said
 
 
@@ -139,7 +130,7 @@ def _moves(finding: Finding, after: Identification) -> list[str]:
 def place_words(finding: Finding, machine: Machine) -> str:
     """The link of the chain that a finding accuses, from the stage at which its effect enters and its axis."""
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
-    if in_the_drive(finding.effect):
+    if finding.effect.in_the_drive:
         return f"the drive of {axis}" if axis else "all drives alike"
     if stage in ("reading", "recording"):
         return "the instrument's reading" if stage == "reading" else "the recorder"

@@ -7,8 +7,8 @@ from dataclasses import MISSING, fields
 from functools import cache
 from typing import TYPE_CHECKING, Any, get_type_hints
 
-from symfive.effects._base import STAGES, Effect
-from symfive.effects._form import AXIS, BALL, CARRIED, TOOL, Form, Scan, Tone
+from symfive.effects._base import LINKS, STAGES, Effect
+from symfive.effects._form import AXIS, BALL, CARRIED, TOOL, Form, Scan, Tone, moving
 from symfive.effects._options import fits
 from symfive.effects._quantity import Quantity
 from symfive.effects.backlash import Backlash
@@ -16,7 +16,6 @@ from symfive.effects.bar_temperature import BarTemperature
 from symfive.effects.counterbalance import Counterbalance
 from symfive.effects.eccentric_mass import EccentricMass
 from symfive.effects.error_motion import ErrorMotion
-from symfive.effects.family_shape import FamilyShape
 from symfive.effects.force_friction import ForceFriction
 from symfive.effects.friction import Friction
 from symfive.effects.gravity_sag import GravitySag
@@ -45,8 +44,8 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
 
 __all__ = [
-    "AXIS", "BALL", "CARRIED", "EFFECTS", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form", "Quantity", "Scan", "Tone",
-    "Varying", "baseline_effects", "make_effect",
+    "AXIS", "BALL", "CARRIED", "EFFECTS", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form", "Quantity", "Scan",
+    "Tone", "Varying", "baseline_effects", "make_effect", "moving",
 ]  # fmt: skip
 
 _TABLE: tuple[type[Effect], ...] = (
@@ -77,7 +76,6 @@ _TABLE: tuple[type[Effect], ...] = (
     TableStep,
     Counterbalance,
     EccentricMass,
-    FamilyShape,
     Varying,
 )
 EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _TABLE}

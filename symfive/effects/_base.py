@@ -22,12 +22,15 @@ if TYPE_CHECKING:
     from symfive.model._row import Row
     from symfive.motion import Signal
 
-__all__ = ["STAGES", "Effect"]
+__all__ = ["LINKS", "STAGES", "Effect"]
 
 Array = NDArray[np.float64]
 STAGES = ("drive", "axis", "structure", "reading", "recording")
 """In which order effects enter: inside the position loop, behind the drive, in the structure, in the
 instrument's reading of a row, in what its recorder makes of all rows together."""
+LINKS = DRIVE, BEHIND, STRUCTURE, INSTRUMENT = ("drive", "behind the drive", "structure", "instrument and set-up")
+"""The links of the chain from the command to the reading (P. Andolfatto, S. Lavernhe & J. Mayer 2011)."""
+_LINKS = dict(zip(STAGES, (*LINKS, INSTRUMENT), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +75,16 @@ class Effect:
         """The axis it is about: its own, or that of its component."""
         symbol = getattr(self, "component", None)
         return symbol[2:].lstrip("0") if self.axis is None and isinstance(symbol, str) else self.axis
+
+    @property
+    def link(self) -> str:
+        """The link of the chain that is to blame, one of `LINKS`: that of its stage."""
+        return _LINKS[self.stage]
+
+    @property
+    def in_the_drive(self) -> bool:
+        """Whether it acts in the position loops, or shows in the force of a drive."""
+        return DRIVE in (self.stage, self.link)
 
     @property
     def rate(self) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 
-from symfive.effects._base import Effect
+from symfive.effects._base import DRIVE, Effect
 from symfive.effects._form import Form, Scan, Tone
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
@@ -41,6 +41,11 @@ class ForceFriction(Effect):
     dynamic_only = True
     cut_off_hz: float = 0.0
     rest: float = 0.0
+
+    @property
+    def link(self) -> str:
+        """The drive is to blame."""
+        return DRIVE
 
     def prepare(self, campaign: Campaign) -> Self:
         prepared = super().prepare(campaign)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from symfive.effects._base import Effect
+from symfive.effects._base import INSTRUMENT, Effect
 from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
@@ -28,6 +28,11 @@ class Latency(Effect):
     hidden_by = "a servo mismatch of all axes alike; with one direction of travel only, the set-up"
     coordinate = "time"
     dynamic_only = True
+
+    @property
+    def link(self) -> str:
+        """The instrument is to blame."""
+        return INSTRUMENT
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and has_clock_of_its_own(run)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Effect
+from symfive.effects._base import INSTRUMENT, Effect
 from symfive.effects._form import BALL, Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
@@ -51,6 +51,11 @@ class SetupShift(Effect):
         """`setup_shift.RUN`."""
         return self._key(self.run)
 
+    @property
+    def link(self) -> str:
+        """The instrument is to blame."""
+        return INSTRUMENT
+
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("artefact", ARTEFACTS)
         self.choose("shape", SHAPES)
@@ -70,7 +75,7 @@ class SetupShift(Effect):
         for run in campaign.runs:
             margin = max(3, run.rows // 50)  # nearer to an end it could not be told from the set-up
             rows = np.arange(margin, run.rows - margin, max(1, run.rows // MOST_PLACES))
-            if run.rows < 4 * margin or not run.measured:
+            if run.rows < 4 * margin or not (run.measured and run.has_clock):
                 continue
 
             def form(k: int, run: Run = run, rows: Any = rows) -> Form:

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.effects._base import Effect
+from symfive.effects._base import DRIVE, Effect
 from symfive.effects._coordinates import (
     ACCELERATION,
     FINEST,
@@ -109,6 +109,11 @@ class Unknown(Effect):
     def stage(self) -> str:  # type: ignore[override]
         """Where it enters."""
         return "reading" if self.place == "force" else self.place
+
+    @property
+    def link(self) -> str:
+        """Of a force the drive."""
+        return DRIVE if self.place == "force" else super().link
 
     @property
     def coordinate(self) -> str:  # type: ignore[override]

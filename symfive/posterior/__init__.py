@@ -1,22 +1,26 @@
-"""One posterior over what may be missing in a model: the diagnosis, designed anew.
+"""The engine of a diagnosis: one posterior over what may be missing in a model.
 
 terms     = candidates(campaign)          every effect states its own forms, places and how common it is
 moments   = moments_of(fit, held, fresh)  whitened Gram matrices, all that the search sees
 posterior = explore(moments)              subsets of terms: birth, death, swap, width
 posterior = polish(before, candidates)    exact refits of the best few, relinearised, until nothing moves
-verdicts  = decide(posterior)             one rule from stated losses: name, class, unknown, nothing
+coarse    = coarsened(posterior)          the same, less sure the more stays that no name explains
+verdicts  = decide(posterior, coarse)     one rule from stated losses: name, class, unknown, nothing
 """
 
-from symfive.posterior._decide import Verdict, decide
-from symfive.posterior._diagnose import diagnose
-from symfive.posterior._evidence import log_evidence, sweep
-from symfive.posterior._explore import Posterior, explore
-from symfive.posterior._fit import Expansion, baseline, fitted
+from symfive.posterior._about import moments_about
+from symfive.posterior._coarse import coarsened, misfit
+from symfive.posterior._decide import SAME, Verdict, decide
+from symfive.posterior._evidence import WIDTHS, log_evidence, nearest_width, sweep, widths_of
+from symfive.posterior._explore import Posterior, Subset, explore
+from symfive.posterior._fit import Expansion, baseline, fitted, foretold, refitted
 from symfive.posterior._moments import Moments, moments_of
-from symfive.posterior._polish import polish
-from symfive.posterior._terms import Candidates, Term, candidates
+from symfive.posterior._noise import grams, nodes_of
+from symfive.posterior._polish import expanded, polish
+from symfive.posterior._terms import EXPECTED, Candidates, Name, Term, candidates, name_of
 
 __all__ = [
-    "Candidates", "Expansion", "Moments", "Posterior", "Term", "Verdict", "baseline", "candidates", "decide", "diagnose",
-    "explore", "fitted", "log_evidence", "moments_of", "polish", "sweep",
+    "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Term", "Verdict",
+    "baseline", "candidates", "coarsened", "decide", "expanded", "explore", "fitted", "foretold", "grams", "log_evidence",
+    "misfit", "moments_about", "moments_of", "name_of", "nearest_width", "nodes_of", "polish", "refitted", "sweep", "widths_of",
 ]  # fmt: skip

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import html
 
-from symfive.diagnose import Diagnosis, Finding, RivalName
-from symfive.diagnose._words import facts_of
+from symfive.diagnose import Diagnosis, Finding, RivalName, facts_of
 from symfive.effects import Quantity
 from symfive.machine import Machine
-from symfive.numbers import in_words, percent, percent_or_more
+from symfive.numbers import in_words, percent
 from symfive.report._chain import chain_picture, guilty
 from symfive.report._geometry import moved_table
 from symfive.report._style import plain_number, rounded, unit_words
@@ -47,14 +46,12 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> s
 
 def _tiles(finding: Finding) -> str:
     share = f'<span class="bar" title="{percent(finding.share)}"><span style="width: {100 * finding.share:.1f}%"></span></span>'
-    plausible = ", by the odds beforehand" if finding.nearest else ""
+    plausible = ", by experience" if finding.by_experience else ""
     tiles = [
         ("share of the deviation's mean square", percent(finding.share) + share),
         (f"confidence in the name{plausible}", percent(finding.confidence)),
         ("visible before it was named", percent(finding.visible)),
     ]
-    if finding.shape_differs > 0.0:
-        tiles.append(("its shape differs from the library's", percent_or_more(finding.shape_differs)))
     return '<dl class="tiles">' + "".join(f"<div><dt>{k}</dt><dd>{v}</dd></div>" for k, v in tiles) + "</dl>"
 
 

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from symfive.diagnose import Finding
-from symfive.diagnose._places import in_the_drive
-from symfive.diagnose._words import place_words
+from symfive.diagnose import Finding, place_words
 from symfive.machine import Machine
 
 __all__ = ["chain_picture", "guilty"]
@@ -37,7 +35,7 @@ class _Place:
 def guilty(finding: Finding, machine: Machine) -> _Place:
     """The link that a finding accuses, from the stage at which its effect enters and its axis."""
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
-    if in_the_drive(finding.effect):
+    if finding.effect.in_the_drive:
         part = "drive"
     elif stage in ("reading", "recording"):
         part, axis = "instrument", None

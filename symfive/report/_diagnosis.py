@@ -11,9 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from symfive.diagnose import Diagnosis, Finding
-from symfive.diagnose._result import SHOWN_SHARE
-from symfive.diagnose._words import facts_of
+from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of
 from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten
@@ -92,7 +90,7 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list
         ("noise found (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
         ("χ²/dof", f"{plain_number(diagnosis.fit.chi2_dof_after)} ({expected_ratio(diagnosis.after.dof)})"),
         ("p-value of “nothing is missing”", power_of_ten(diagnosis.p_value)),
-        ("false-alarm rate allowed", percent(diagnosis.false_alarms)),
+        ("false-alarm rate of tests without names", percent(diagnosis.false_alarms)),
         ("effects looked for", str(len(diagnosis.observability))),
     ]
     if diagnosis.geometry_share > SHOWN_SHARE:

@@ -65,14 +65,14 @@ def tests_table(diagnosis: Diagnosis) -> str:
 
 
 def suspects_table(diagnosis: Diagnosis) -> str:
-    """Where the mismatch may sit, from score tests of the whole catalogue; "" where no place stands out."""
+    """Where the mismatch may sit, every effect weighed by itself."""
     found = diagnosis.location.significant
     if not found:
         return "<p>No place of the chain stands out of the noise.</p>"
     rows: list[list[str | Cell]] = [
-        [s.link, s.axis or "–", s.coordinate, Cell(plain_number(s.drop), s.drop), s.effect.key] for s in found
+        [s.link, s.axis or "–", s.coordinate, Cell(plain_number(s.nats), s.nats), s.effect.key] for s in found
     ]
-    heads = ["link", "axis", "over", "χ² it would explain", "best explained there by"]
+    heads = ["link", "axis", "over", "log evidence it adds", "best explained there by"]
     return table("Where: every link and axis by itself, before any of them was fitted", heads, rows)
 
 

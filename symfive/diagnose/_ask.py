@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from symfive.design import Discrimination
-from symfive.diagnose import next_test
+from symfive.design import APART, Discrimination
+from symfive.diagnose._next_test import next_test
 from symfive.effects import Effect
 from symfive.model import Model
-from symfive.posterior._decide import Verdict
-from symfive.posterior._evidence import log_evidence
-from symfive.posterior._explore import Posterior, Subset
-from symfive.posterior._fit import Expansion, foretold
-from symfive.posterior._terms import Name
+from symfive.posterior import Expansion, Name, Posterior, Subset, Verdict, foretold, log_evidence
 
-__all__ = ["asked"]
+__all__ = ["asked", "folder_of"]
 
 OPEN = 0.05
 """A test is asked for from this probability on that the first name is wrong (1 in 20, as tests are judged)."""
@@ -38,6 +34,12 @@ def asked(posterior: Posterior, here: Expansion, verdict: Verdict) -> Discrimina
         campaign, own, *(effect for effect, _, _ in rivals), held=held, values=values,
         rival_values=[there for _, there, _ in rivals], chances=[chance for _, _, chance in rivals],
     )  # fmt: skip
+
+
+def folder_of(key: str, test: Discrimination) -> str:
+    """Where the plan of a test is written that separates the effect of this key from its likeliest rival that it separates."""
+    apart = next((rival for rival, sigmas in test.each if sigmas >= APART), test.each[0][0])
+    return f"plans/separate-{key}-from-{apart}"
 
 
 def _rivals(posterior: Posterior, verdict: Verdict) -> list[tuple[Effect, Mapping[str, float], float]]:
