@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 __all__ = [
-    "change", "expected_ratio", "in_words", "name_words", "percent", "percent_or_more", "plain_number", "power_of_ten",
+    "change", "expected_ratio", "in_words", "name_words", "percent", "plain_number", "power_of_ten",
     "rounded", "unit_words", "with_std",
 ]  # fmt: skip
 
@@ -88,11 +88,6 @@ def percent(share: float) -> str:
     if share < 1e-3:
         return "0 %" if share <= 0.0 else "below 0.1 %"
     return f"{100.0 * share:.3g} %"
-
-
-def percent_or_more(ratio: float) -> str:
-    """A ratio in percent that may be above 100 %, as a difference over a size."""
-    return percent(ratio) if ratio < 0.999 else f"{float(f'{100.0 * ratio:.3g}'):.0f} %"
 
 
 def unit_words(unit: str) -> str:

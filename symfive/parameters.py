@@ -14,7 +14,6 @@ UNIT_SCALE = {
 }  # fmt: skip
 """Internal value (mm, rad, s) = scale × value in the file unit; units not listed are the same inside."""
 
-DECADE, TINY = 10.0, 1e-300
 LEARNT = 2.0**-0.5
 """A parameter counts as learnt from the data where its 1σ fell below this share of its prior 1σ."""
 
@@ -24,8 +23,7 @@ class Parameter:
     """One unknown. `sigma` and `mean` describe its Gaussian prior in `unit`; `lower` and `upper` are hard bounds.
 
     `kind` is `location_error`, `error_motion`, `setup`, `drive`, `instrument` or `effect`; `run` the run it belongs to
-    (None: the whole campaign); `start` where estimation begins if not at the prior mean. `per_decade`: beforehand it is as
-    probable in every decade from `lower` to ten times the mean; the Gaussian stands for that in a fit.
+    (None: the whole campaign); `start` where estimation begins if not at the prior mean.
     """
 
     name: str
@@ -37,7 +35,6 @@ class Parameter:
     kind: str = "effect"
     run: str | None = None
     start: float | None = None
-    per_decade: bool = False
 
     @property
     def scale(self) -> float:
@@ -53,10 +50,3 @@ class Parameter:
     def bounded(self) -> bool:
         """Whether it has a hard bound."""
         return math.isfinite(self.lower) or math.isfinite(self.upper)
-
-    def likelier(self, value: float) -> float:
-        """How many times as probable a value is beforehand as its Gaussian prior says: 1 unless it is so `per_decade`."""
-        if not self.per_decade or value <= 0.0:
-            return 1.0
-        gaussian = math.exp(-0.5 * ((value - self.mean) / self.sigma) ** 2) / (self.sigma * math.sqrt(2.0 * math.pi))
-        return 1.0 / (value * math.log(DECADE * self.mean / self.lower) * max(gaussian, TINY))

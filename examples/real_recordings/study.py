@@ -117,8 +117,8 @@ def _settled(fit: Identification) -> Identification:
 
 
 def lacking(fit: Identification, effect: Effect) -> Identification:
-    """The same fit without an effect and the rest of its family; its values are a start only."""
-    kept = tuple(e for e in fit.model.added if effect.key not in (e.key, getattr(e, "of", "")))
+    """The same fit without an effect; its values are a start only."""
+    kept = tuple(e for e in fit.model.added if e.key != effect.key)
     model = Model(fit.model.campaign, kept)
     start = {n: v for n, v in fit.named.items() if n in model.index}
     return replace(fit, model=model, values=model.vector(start))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -139,10 +139,6 @@ class Effect:
         """Parameters at which it is of usual size: 1σ of the prior of each amplitude, the prior mean of each shape."""
         return {p.name: p.sigma if p.mean == 0.0 else p.mean for p in self.parameters(campaign)}
 
-    def levels(self, campaign: Campaign) -> tuple[dict[str, float], ...]:
-        """Parameters at which a diagnosis looks at it beside its slope at zero, where that slope does not foretell it."""
-        return ()
-
     def starts(self, run: Run) -> tuple[Parameter, ...]:
         """What is not known of the state in which the recording of a run begins, as parameters of its set-up."""
         return ()
@@ -184,14 +180,6 @@ class Effect:
             p.name.removeprefix(self.key + "."): own_quantity(p, values, covariance) for p in self.parameters(campaign)
         }
 
-    def extent(self, campaign: Campaign, value: Callable[[str], float]) -> float:
-        """How large it is where it acts, µm or µrad, from its amplitudes; 0 where these have another unit.
-
-        `value` gives a parameter's value by its name.
-        """
-        amplitudes = [p.name for p in self.parameters(campaign) if p.unit in ("um", "urad") and p.mean == 0.0]
-        return max((abs(value(name)) for name in amplitudes), default=0.0)
-
     def amplitudes(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """Those of its parameters that say how large it is, of any unit."""
         return tuple(p for p in self.parameters(campaign) if self.departs or p.mean == 0.0)
@@ -204,15 +192,6 @@ class Effect:
         """The same in units of the 1σ that its prior has unless it is widened."""
         return replace(self, spread=1.0).in_sigmas(campaign, values)
 
-    def chance(self, campaign: Campaign, values: Values) -> float:
-        """How probable the signs of its amplitudes are beforehand."""
-        return 0.5
-
-    def places(self, campaign: Campaign, looks: int) -> float:
-        """Among how many places it was equally probable beforehand, of so many `looks` at it: those that the prior of one of its
-        own parameters weighs are one."""
-        return looks
-
     def parameter(self, row: Row, name: str) -> Any:
         """Its own parameter `name` in internal units."""
         return row.parameter(f"{self.key}.{name}")
@@ -224,7 +203,7 @@ class Effect:
 
     def time_constant(self, tau: float, name: str = "time_constant_s") -> Parameter:
         """A parameter for a time constant, s, that usually is about `tau`."""
-        return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau, per_decade=True)
+        return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau)
 
     @property
     def started(self) -> str:

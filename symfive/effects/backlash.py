@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Scan, Tone, reversing
-from symfive.effects._quantity import Values
 from symfive.motion import Direction, Play, Position, PreSliding
 from symfive.parameters import Parameter
 
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
     from symfive.motion import Signal
 
 SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")
-AHEAD = 0.1
-"""How often the axis is ahead instead: where the control compensates for more than there is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,9 +65,6 @@ class Backlash(Effect):
         if self.shape == "wind_up":
             found.append(self.own("slope", "urad/deg", 1.0) if rotary else self.own("slope", "um/mm", 0.05))
         return tuple(found)
-
-    def chance(self, campaign: Campaign, values: Values) -> float:
-        return AHEAD if values[f"{self.key}.width"] < 0.0 else 1.0 - AHEAD
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
         return self.start_of_contact(run, str(self.axis), memory=self.shape != "step")

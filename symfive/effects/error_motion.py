@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -116,10 +116,6 @@ class ErrorMotion(Effect):
             self.own(name, component.unit, self.sigma or usual * self._reach(name, campaign))
             for name in self._functions(campaign.machine)[1]
         )
-
-    def extent(self, campaign: Campaign, value: Callable[[str], float]) -> float:
-        names = self._functions(campaign.machine)[1]
-        return max(abs(value(f"{self.key}.{n}")) / self._reach(n, campaign) for n in names)
 
     def _reach(self, function: str, campaign: Campaign) -> float:
         """By how much a Legendre polynomial over the whole travel must be larger to have its size over the part in use."""

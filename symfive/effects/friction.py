@@ -80,10 +80,6 @@ class Friction(Effect):
             )
         return tuple(found)
 
-    def levels(self, campaign: Campaign) -> tuple[dict[str, float], ...]:
-        """The longer the axis stands, the less the readings have the shape of little friction."""
-        return tuple({p.name: LARGE * p.sigma} for p in self.parameters(campaign)[:1])
-
     def frees(self) -> Mapping[tuple[str, str], str]:
         names = FRICTION[: 1 if self.shape == "coulomb" else 3 if self.shape == "stribeck" else 4]
         return {(str(self.axis), name): f"{self.key}.{name}" for name in names}

@@ -98,9 +98,6 @@ class SetupShift(Effect):
             found.append(self.own("t_s", "s", 0.25 * (end - begin), mean=self.t_s, lower=begin, upper=end))
         return tuple(found)
 
-    def places(self, campaign: Campaign, looks: int) -> float:
-        return looks if self.shape == "step" else sum(run.measured for run in campaign.runs)
-
     def apply(self, row: Row) -> None:
         if self.shape == "creep":
             late = ca.fmax(row.time - self.parameter(row, "t_s"), 0.0)

@@ -64,9 +64,6 @@ class ThermalDrift(Effect):
     def _usual_onset(self, campaign: Campaign) -> float:
         return 0.25 * self.clock_span(campaign)
 
-    def places(self, campaign: Campaign, looks: int) -> float:
-        return self._usual_onset(campaign) / self.onset_sigma_s if self.shape == "delayed" else looks
-
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         yield Form(effect=cls(), shapes=(cls(shape="mixture"),))
@@ -94,7 +91,7 @@ class ThermalDrift(Effect):
         found.append(self.time_constant(tau))
         if self.shape == "mixture":
             found += [self.own(f"slow.{c}", "um", 20.0) for c in "xyz"]
-            slow = self.own("slow_time_constant_s", "s", 5.0 * tau, mean=5.0 * tau, lower=tau, per_decade=True)
+            slow = self.own("slow_time_constant_s", "s", 5.0 * tau, mean=5.0 * tau, lower=tau)
             found.append(slow)
         if self.shape == "delayed":
             found.append(self.own("onset_s", "s", self.onset_sigma_s, mean=self.onset_s, lower=0.0))

@@ -29,7 +29,6 @@ from symfive.effects._form import AXIS, CARRIED, TOOL, Form, Scan, Tone, goes_ro
 from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
-from symfive.instruments import instruments_of
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import Basis
 from symfive.machine import Axis, ErrorTerm, Machine
@@ -42,10 +41,9 @@ if TYPE_CHECKING:
     from symfive.motion import Signal
 
 Array = NDArray[np.float64]
-PLACES = ("axis", "structure", "reading", "force")
+PLACES = ("axis", "structure", "force")
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
-FASTER = "faster"
 HARMONICS, LEAST_CYCLES = 3, 2.0
 """Of a cycle over time: its harmonics, and how often it has to come back."""
 SIDES, CLOSEST = 16, 1e-5
@@ -55,25 +53,20 @@ _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown(Effect):
-    """Σ coefficient·function over the coordinates `over`: a shift of the tool, of each reading column, or of a drive's force.
+    """Σ coefficient·function over the coordinates `over`: a shift of the tool, of an axis, or of a drive's force.
 
     A coordinate is an axis (`B`), its velocity (`B velocity`) or acceleration (`B acceleration`), the side from which it came
     (`B velocity sign`), its way since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
     logarithm down to `finest` of the longest) or `t` (the campaign's clock, s).
-    With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known
-    and fixed) it is the phase in a cycle that counts, and `basis` is fourier. Functions as in the
-    machine file: `basis` and `order` one per coordinate (a single one holds for all), products for several; `bspline` of order
-    n has n intervals. They have no constant part, which zeros and set-ups hold. `faster` is +1 while the first of two velocities
-    is the greater one, else -1.
+    Functions as in the machine file: `basis` and `order` one per coordinate (a single one holds for all), products for
+    several; `bspline` of order n has n intervals. They have no constant part, which zeros and set-ups hold.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
     covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
     machine frame (where an axis is named as `carrier`, what it carries, as its error motions do: along `xyz` or about
-    `abc`), `reading` each column, `force` the
-    recorded force of the drive whose axis the coordinates speak of; there `less` takes from each function what offset,
-    direction and speed of the motion hold of it, so that friction keeps its own values beside it. With
-    `only_within` it acts within the span alone. Prior 1σ of a coefficient: `sigma_um` (for a rotary axis as many µm
-    at 100 mm), of a force `sigma_force` (N or Nm; by default a twentieth of the recorded force's rms), less for the higher
-    ones of a series, since slopes are bounded.
+    `abc`), `force` the recorded force of the drive whose axis the coordinates speak of; there `less` takes from each function
+    what offset, direction and speed of the motion hold of it, so that friction keeps its own values beside it. Prior 1σ of a
+    coefficient: `sigma_um` (for a rotary axis as many µm at 100 mm), of a force `sigma_force` (N or Nm; by default a twentieth
+    of the recorded force's rms), less for the higher ones of a series, since slopes are bounded.
     """
 
     id = "unknown"
@@ -88,9 +81,6 @@ class Unknown(Effect):
     directions: str = "xyz"
     carrier: str = ""
     sigma_um: float = 5.0
-    only_within: bool = False
-    period: float = 0.0
-    period_sigma: float = 0.0
     less: tuple[tuple[float, ...], ...] = ()
     sigma_force: float = 0.0
     finest: float = FINEST
@@ -220,15 +210,6 @@ class Unknown(Effect):
                 f"{self.key} needs coordinates and directions",
                 remedy='write over = ["B"], directions = "xyz"',
             )
-        if self.period and not (self.basis == "fourier" and self.over in {("t",), *((name,) for name in machine.axes)}):
-            raise InputError(
-                f"{self.key}: only an axis or time has a cycle", remedy='write over = ["t"], basis = "fourier"'
-            )
-        if self.basis == FASTER and not self._of_two_velocities(machine):
-            raise InputError(
-                f"{self.key}: only of two linear axes that move one can be the faster",
-                remedy='write over = ["X velocity", "Y velocity"]',
-            )
         spans, runs = self.span, [run for run in campaign.runs if run.has_clock or not self.over_time]
         if not spans:
             if not runs:
@@ -245,10 +226,6 @@ class Unknown(Effect):
             return prepared  # what was prepared for a campaign stays so for some of its runs
         less = replace(prepared, less=())._held_by_the_drive(campaign)
         return replace(prepared, less=less, sigma_force=self.sigma_force or prepared._usual_force(campaign))
-
-    def _of_two_velocities(self, machine: Machine) -> bool:
-        names = [name.removesuffix(VELOCITY) for name in self.over if name.endswith(VELOCITY)]
-        return len(names) == len(self.over) == len(set(names)) == 2 and not any(machine.axes[n].rotary for n in names)
 
     @property
     def _turns(self) -> bool:
@@ -286,29 +263,17 @@ class Unknown(Effect):
         return super().applies(run) and (run.dynamic or not rates)
 
     def _basis(self, machine: Machine) -> Basis:
-        if self.basis == FASTER:
-            return _basis_over((FASTER,), ("linear",), ((-1.0, 1.0),), ("polynomial",), (1,))
         kinds = tuple(machine.axes[name].kind if name in machine.axes else "linear" for name in self.over)
-        if self.period:
-            kinds = ("rotary",)
         travels = tuple(
             (-1.0, 1.0) if n.endswith((SINCE, SIGN)) else s for n, s in zip(self.over, self.span, strict=True)
         )
         order = (self.order,) * len(self.over) if isinstance(self.order, int) else self.order
         return _basis_over(self.over, kinds, travels, self._bases, order)
 
-    def _channels(self, campaign: Campaign) -> dict[str, float]:
-        """Directions or columns it moves, with µm (or µrad) per unit of the column."""
-        if self.place in ("axis", "force"):
-            return {self.place: 1.0}
-        if self.place == "structure":
-            return dict.fromkeys(self.directions, 1.0)
-        found: dict[str, float] = {}
-        for run in filter(self.applies, campaign.runs):
-            for instrument in instruments_of(run):
-                if not instrument.on_control:
-                    found |= {c.name: 1e-3 / c.scale for c in instrument.columns(run, campaign.machine)}
-        return found
+    @property
+    def _channels(self) -> str | tuple[str]:
+        """The directions it moves, or what else."""
+        return self.directions if self.place == "structure" else (self.place,)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         names = self._basis(campaign.machine).names
@@ -316,16 +281,7 @@ class Unknown(Effect):
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
         if self.place == "force":
             unit, sigma = "Nm" if rotary else "N", self.sigma_force
-        found = [
-            self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels(campaign) for name in names
-        ]
-        if self.period_sigma:
-            own = self._period_unit(campaign.machine)
-            found.append(self.own("period", own, self.period_sigma, mean=self.period, lower=0.5 * self.period))
-        return tuple(found)
-
-    def _period_unit(self, machine: Machine) -> str:
-        return machine.axes[self.over[0]].unit if self.over[0] in machine.axes else "s"
+        return tuple(self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels for name in names)
 
     def signals(self) -> tuple[Signal, ...]:
         over = (
@@ -343,15 +299,14 @@ class Unknown(Effect):
 
     def apply(self, row: Row) -> None:
         basis = self._basis(row.machine)
-        functions = ca.vertcat(*basis.values(*self._coordinates(row)))
+        functions = ca.vertcat(*basis.values(*(self._held(row, number) for number in range(len(self.over)))))
         if self.less:
             motion = [1.0, *(self._coordinate(row, f"{self.axis}{what}") for what in (SIGN, VELOCITY))]
             functions -= ca.DM(self.less) @ ca.vertcat(*motion)
-        within = self._within(row) if self.only_within else 1.0
 
         def term(channel: str) -> Any:
             amplitudes = ca.vertcat(*(self.parameter(row, f"{channel}.{name}") for name in basis.names))
-            return within * ca.dot(amplitudes, functions)
+            return ca.dot(amplitudes, functions)
 
         if self.place == "axis":
             row.axis[str(self.axis)] += term("axis")
@@ -361,53 +316,25 @@ class Unknown(Effect):
                     row.add_motion(f"E{c.upper()}{self.carrier}", term(c))
                 else:
                     row.shift["xyz".index(c)] += term(c)
-        elif self.place == "force":
+        else:
             for i in (i for i, source in enumerate(row.sources) if source == DriveForce.name):
                 row.readings[i] += term("force")
-        else:
-            for i in row.sensed:
-                row.readings[i] += term(row.columns[i].name)
-
-    def _coordinates(self, row: Row) -> list[Any]:
-        """What the functions are of."""
-        if self.basis == FASTER:
-            first, second = (ca.fabs(self._coordinate(row, name)) for name in self.over)
-            return [ca.sign(first - second)]
-        return [self._held(row, number) for number in range(len(self.over))]
 
     def _held(self, row: Row, number: int) -> Any:
         """A coordinate; for polynomials, which would run away, no further than the span."""
         q = self._coordinate(row, self.over[number])
         if self._bases[number] != "polynomial":
             return q
-        low, high = self._limits(row, number)
-        return ca.fmin(ca.fmax(q, low), high)
+        name, (low, high) = self.over[number], self.span[number]
+        unit = row.machine.axes[name].to_internal if name in row.machine.axes else 1.0
+        return ca.fmin(ca.fmax(q, low * unit), high * unit)
 
     @property
     def _bases(self) -> tuple[str, ...]:
         """One per coordinate."""
         return (self.basis,) * len(self.over) if isinstance(self.basis, str) else self.basis
 
-    def _limits(self, row: Row, number: int) -> tuple[float, float]:
-        """The span of a coordinate in the row's units."""
-        name, (low, high) = self.over[number], self.span[number]
-        unit = row.machine.axes[name].to_internal if name in row.machine.axes else 1.0
-        return low * unit, high * unit
-
-    def _within(self, row: Row) -> Any:
-        inside = ca.SX(1)
-        for number, name in enumerate(self.over):
-            low, high = self._limits(row, number)
-            q = self._coordinate(row, name)
-            inside *= ca.if_else(ca.logic_and(q >= low, q <= high), 1.0, 0.0)
-        return inside
-
     def _coordinate(self, row: Row, name: str) -> Any:
-        if self.period:
-            unit, along = 1.0, row.clock
-            if name != "t":
-                unit, along = row.machine.axes[name].to_internal, row.signal(Position(name))
-            return 2.0 * np.pi * along / (self.parameter(row, "period") if self.period_sigma else self.period * unit)
         if name == "t":
             return row.clock
         if name.endswith(SINCE):
@@ -422,19 +349,12 @@ class Unknown(Effect):
             return row.signal(of(axis)) / row.machine.axes[axis].to_internal
         return row.signal(Position(name))
 
-    def _table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
+    def _table(self, machine: Machine, runs: Sequence[Run]) -> Array:
         """The functions in all rows of some runs (N, number of functions)."""
-        if self.basis == FASTER:
-            first, second = (
-                np.abs(np.concatenate([coordinate_values(n, run, machine) for run in runs])) for n in self.over
-            )
-            return np.asarray(self._basis(machine).matrix(np.sign(first - second)))
         points = []
         for number, (name, (low, high)) in enumerate(zip(self.over, self.span, strict=True)):
             there = np.concatenate([coordinate_values(name, run, machine) for run in runs])
             unit = machine.axes[name].to_internal if name in machine.axes else 1.0
-            if period:
-                unit = 2.0 * np.pi / period
             there = unit * (np.clip(there, low, high) if self._bases[number] == "polynomial" else there)
             points.append(
                 np.sign(there) * steps(np.abs(there) / high, np, self.finest) if name.endswith(SINCE) else there
@@ -447,11 +367,7 @@ class Unknown(Effect):
         the `carrier` in whose frame it is."""
         machine, basis = campaign.machine, self._basis(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
-        period = self.period
-        if self.period_sigma:
-            period = values[f"{self.key}.period"]
-        matrix = self._table(machine, runs, period)
-        amplitudes = self.parameters(campaign)[: -1 if self.period_sigma else None]
+        matrix, amplitudes = self._table(machine, runs), self.parameters(campaign)
         names = [p.name for p in amplitudes]
 
         def shape(p: Array) -> Array:
@@ -461,12 +377,8 @@ class Unknown(Effect):
             return [float(np.sqrt(np.mean(np.sum(shape(p) ** 2, axis=1))))]
 
         (value,), (std,) = propagate(rms, names, *known_part(amplitudes, values, covariance))
-        size = Quantity(float(value), float(std), self.parameters(campaign)[0].unit)
+        size = Quantity(float(value), float(std), amplitudes[0].unit)
         found = {"over": Quantity(self.over), "rms": size}
-        if self.period:
-            at = f"{self.key}.period"
-            std = covariance[at, at] ** 0.5 if self.period_sigma else None
-            found["period"] = Quantity(period, std, self._period_unit(machine))
         if self.carrier:
             found["carrier"] = Quantity(self.carrier)
         if self.place == "structure":

@@ -90,7 +90,7 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list
         ("noise found (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
         ("χ²/dof", f"{plain_number(diagnosis.fit.chi2_dof_after)} ({expected_ratio(diagnosis.after.dof)})"),
         ("p-value of “nothing is missing”", power_of_ten(diagnosis.p_value)),
-        ("false-alarm rate of tests without names", percent(diagnosis.false_alarms)),
+        ("false-alarm rate, nothing named", percent(diagnosis.false_alarms)),
         ("effects looked for", str(len(diagnosis.observability))),
     ]
     if diagnosis.geometry_share > SHOWN_SHARE:
