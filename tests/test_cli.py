@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -343,11 +344,13 @@ def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_pat
     assert json.loads((tmp_path / "d" / "diagnosis.json").read_text())["findings"] == []
 
 
-@pytest.mark.parametrize("verb", ["identify", "diagnose"])
-def test_a_fit_that_did_not_converge_is_told_on_the_terminal(symfive, tmp_path, monkeypatch, verb):
-    module = sys.modules["symfive.identify._identify"]
-    solve = module.solve
-    monkeypatch.setattr(module, "solve", lambda *words, **options: (solve(*words, **options)[0], False))
+@pytest.mark.parametrize(("verb", "module", "solver"), [
+    ("identify", "symfive.identify._identify", "solve"), ("diagnose", "symfive.posterior._fit", "gauss_newton"),
+])  # fmt: skip
+def test_a_fit_that_did_not_converge_is_told_on_the_terminal(symfive, tmp_path, monkeypatch, verb, module, solver):
+    found = importlib.import_module(module)
+    solve = getattr(found, solver)
+    monkeypatch.setattr(found, solver, lambda *words, **options: (solve(*words, **options)[0], False))
     answer = symfive(verb, BAR, "-o", tmp_path / "out", *(["--no-figures"] if verb == "identify" else []))
     assert answer.code == 0 and "note: the fit did not converge" in answer.err
     assert answer.out.startswith("The fit did not converge: ")

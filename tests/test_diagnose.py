@@ -187,7 +187,7 @@ def test_findings_that_do_not_hold_at_another_place_are_doubted_though_they_help
     assert "foretold to 1.2 µm" in said and "leaves 0.5 µm" in said and "beyond the places recorded" in said
 
 
-@pytest.mark.xfail(strict=True, reason="no term without a name acts on a drive's force yet (issue 30)")
+@pytest.mark.xfail(strict=True, reason="issue 30: the curve is fitted to 1.5 times the noise only")
 def test_a_curve_of_the_drives_force_is_found_beside_friction_that_keeps_its_values():
     """The library knows two levels of friction; what bends over the speed is named as unknown, over the speed, in the drive."""
     plain = preset("three-axis")

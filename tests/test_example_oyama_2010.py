@@ -17,6 +17,7 @@ from claim_checks import assert_refuted, assert_reproduced  # noqa: E402
 
 from examples import claims as table  # noqa: E402
 from examples.oyama_2010 import claims, equations, figures, machine, steps, story  # noqa: E402
+from symfive.diagnose import facts_of  # noqa: E402
 
 REPRODUCED = {
     "P2-1", "P2-2", "P2-3c", "P2-3d", "P2-3e", "P2-3f", "P2-3g", "P2-4a", "P2-4b", "P2-5a", "P2-5b", "P2-6a", "P2-6b",
@@ -137,7 +138,8 @@ def test_a_sag_is_believed_to_be_geometry_and_the_diagnosis_says_what_it_is(sag)
     assert (first.name, first.axis, first.effect.component) == ("gravity_sag", "B", "EZB")
     assert first.parameters["amplitude"].value == pytest.approx(steps.SAG_UM, abs=0.3)
     assert abs(sag.after["EZ0B"]) < 4.0 * sag.after.uncertainty("EZ0B")
-    assert "gravity_sag.B.EXB" in first.says  # the alias that the gauge makes
+    assert "gravity_sag.B.EXB" in first.alias  # the gauge makes it
+    assert "its component is open: EXB reads the same" in facts_of(first, sag.after)["how sure"]
 
 
 def test_how_much_of_the_sag_the_baselines_swallow():

@@ -5,15 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import plant
 import pytest
 from scipy.stats import multivariate_normal
 
-import symfive.diagnose
-import symfive.posterior
+import symfive
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import diagnose
 from symfive.effects import EFFECTS, Form, Scan, Tone
@@ -129,13 +127,12 @@ def test_a_counterbalance_is_looked_for_on_a_vertical_axis_that_turns_back() -> 
     assert {key for key in keys if key.startswith("counterbalance")} == {"counterbalance.Z"}
 
 
-@pytest.mark.parametrize("package", [symfive.posterior, symfive.diagnose])
-def test_no_effect_is_named_in_the_package(package: ModuleType) -> None:
-    text = "\n".join(path.read_text() for path in Path(package.__file__).parent.glob("*.py"))
-    assert [name for name in EFFECTS if re.search(rf"[\"']{name}\b", text)] in (
-        [],
-        ["unknown"],
-    )  # the word of a verdict
+@pytest.mark.parametrize(("package", "others"), [
+    ("posterior", set()), ("diagnose", {"unknown", "location_error", "error_motion"}),  # a verdict, two kinds of parameters
+])  # fmt: skip
+def test_no_effect_is_named_in_the_package(package: str, others: set[str]) -> None:
+    text = "\n".join(path.read_text() for path in (Path(symfive.__file__).parent / package).glob("*.py"))
+    assert {name for name in EFFECTS if re.search(rf"[\"']{name}\b", text)} == others
 
 
 @pytest.mark.parametrize("rows", [1500, 4000])

@@ -17,7 +17,18 @@ from symfive.diagnose._words import sentence_of
 from symfive.effects import Effect
 from symfive.identify import Identification, identify
 from symfive.model import Model
-from symfive.posterior import SAME, Expansion, Name, Posterior, Subset, Verdict, fitted, refitted
+from symfive.posterior import (
+    SAME,
+    Expansion,
+    Name,
+    Posterior,
+    Subset,
+    Verdict,
+    fitted,
+    log_evidence,
+    refitted,
+    solution,
+)
 from symfive.threads import one_thread
 
 __all__ = ["amend", "doubted", "findings_of", "moved"]
@@ -124,11 +135,12 @@ def _finding(
     terms, effect = moments.terms, moments.terms[verdict.term].effect
     contribution = after.model.contribution(effect, after.values)
     square = {run: float(np.mean((c - c.mean(axis=0)) ** 2)) for run, c in contribution.items()}
-    name, axis = verdict.names[0] if verdict.names else ("unknown", None)
+    first = verdict.names[0] if verdict.names else ("unknown", None)
+    name, axis = first[0], effect.belongs_to if effect.nameless else first[1]
     rivals = [
         RivalName(*who, chance, _component(posterior, who))
         for who, chance in verdict.rivals.items()
-        if chance > LISTED and who != (name, axis)
+        if chance > LISTED and who != first
     ]
     alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *_other_forms(posterior, verdict.term)))
     draft = Finding(
@@ -162,11 +174,21 @@ def _log_nothing(posterior: Posterior, term: int) -> float:
 
 
 def _other_forms(posterior: Posterior, term: int) -> list[int]:
-    """Forms of the same name, as other components, that take a term's place at hardly less evidence."""
-    held = _most_probable(posterior, frozenset(range(posterior.moments.held)))
-    name, least = posterior.moments.terms[term].name, posterior.mass[held] - SAME
-    found = posterior.in_place_of(term)
-    return [t for subset, t in found if posterior.moments.terms[t].name == name and posterior.mass[subset] > least]
+    """Forms of the same name, as other components, that give what the readings see of a term but for χ² of 4."""
+    moments, terms = posterior.moments, posterior.moments.terms
+    held = _most_probable(posterior, frozenset(range(moments.held)))
+    weighed = log_evidence(moments, held)
+    gram, own = moments.gram[weighed.node] / weighed.kappa2, moments.columns[term]
+    at, x = own.where[own.amplitude], solution(moments, held, weighed)[term][own.amplitude]
+    found = []
+    for number, (other, columns) in enumerate(zip(terms, moments.columns, strict=True)):
+        if other.name == terms[term].name and other.slot != terms[term].slot:
+            there = columns.where[columns.amplitude]
+            seen = gram[np.ix_(there, at)] @ x
+            given = seen @ np.linalg.lstsq(gram[np.ix_(there, there)], seen, rcond=None)[0]
+            if x @ gram[np.ix_(at, at)] @ x - given < 2.0 * SAME:
+                found.append(number)
+    return found
 
 
 def _component(posterior: Posterior, name: Name) -> str | None:

@@ -80,7 +80,7 @@ def _deed(finding: Finding) -> str:
 def _sure(finding: Finding) -> str:
     """How probable the name is; where another one fits the readings as well, that only experience puts it first."""
     said = f"confidence {percent(finding.confidence)}"
-    if finding.by_experience:
+    if finding.by_experience and not finding.nameless:
         said += f", by experience: it cannot be distinguished from {finding.alias[0]} in this test"
     return said
 

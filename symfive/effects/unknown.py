@@ -113,7 +113,8 @@ class Unknown(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration,
-        its way since it reversed, two rotary axes together, and time, also as a cycle."""
+        its way since it reversed, two rotary axes together, and time, also as a cycle; the force of a drive over velocity and
+        place."""
         machine, axes = campaign.machine, moving(campaign)
         drafts = [cls(over=("t",))]
         for axis in axes:
@@ -131,6 +132,9 @@ class Unknown(Effect):
             basis, order = tuple("fourier" if r else "polynomial" for r in round_), tuple(3 if r else 4 for r in round_)
             pose = cls(over=pair, basis=basis, order=order)
             drafts += [pose, *(replace(pose, carrier=axis, tag=f"carried-{axis}") for axis in pair)]
+        driven = sorted({name for run in campaign.runs if (name := driven_axis(run)) is not None})
+        drafts += [cls(over=(f"{axis}{what}",), order=SIDES, place="force", tag="force")
+                   for axis in driven for what in (VELOCITY, "")]  # fmt: skip
         for draft in drafts:
             try:
                 effect = draft.prepare(campaign)
@@ -163,6 +167,9 @@ class Unknown(Effect):
         )  # fmt: skip
 
     def _form(self, campaign: Campaign) -> Form:
+        if self.place == "force":
+            return Form(effect=self)
+
         def basis(run: Run) -> Array:
             shares = np.array([share_of(name) for name in self._basis(campaign.machine).names])
             return (

@@ -85,8 +85,6 @@ def identify(
         progress("refining with IPOPT")
         values, converged, note = solve_with_ipopt(problem, values, loss)
         notes += [note] if note else []
-    if not converged:
-        notes.append("the fit did not converge; the values are the best found and their uncertainties may be wrong")
     result = summarise(problem, values, converged, tuple(notes))
     held = [f"run {run} was held in memory as a whole: its rows depend on rows far away" for run in problem.held_whole]
     return replace(result, notes=(*result.notes, *held))
@@ -118,6 +116,8 @@ def summarise(
     spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
     declared, rms, rms_kept = _squares(problem, residuals)
     dof = max(information.count - spent, 1.0)
+    if not converged:
+        notes = (*notes, "the fit did not converge; the values are the best found and their uncertainties may be wrong")
     if information.count <= spent:
         notes = (*notes, "there are no more readings than parameters: the fit cannot be judged")
     if dof > FEW and declared / dof < QUIET**2:

@@ -11,7 +11,7 @@ verdicts  = decide(posterior, coarse)     one rule from stated losses: name, cla
 from symfive.posterior._about import moments_about
 from symfive.posterior._coarse import coarsened, misfit
 from symfive.posterior._decide import SAME, Verdict, decide
-from symfive.posterior._evidence import WIDTHS, log_evidence, nearest_width, sweep, widths_of
+from symfive.posterior._evidence import WIDTHS, log_evidence, nearest_width, solution, sweep, widths_of
 from symfive.posterior._explore import Posterior, Subset, explore
 from symfive.posterior._fit import Expansion, baseline, fitted, foretold, refitted
 from symfive.posterior._moments import Moments, moments_of
@@ -22,5 +22,6 @@ from symfive.posterior._terms import EXPECTED, Candidates, Name, Term, candidate
 __all__ = [
     "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Term", "Verdict",
     "baseline", "candidates", "coarsened", "decide", "expanded", "explore", "fitted", "foretold", "grams", "log_evidence",
-    "misfit", "moments_about", "moments_of", "name_of", "nearest_width", "nodes_of", "polish", "refitted", "sweep", "widths_of",
+    "misfit", "moments_about", "moments_of", "name_of", "nearest_width", "nodes_of", "polish", "refitted", "solution", "sweep",
+    "widths_of",
 ]  # fmt: skip
