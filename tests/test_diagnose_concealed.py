@@ -415,7 +415,7 @@ def test_a_small_cycle_is_not_taken_for_slow_noise(tmp_path):
 
 @wrong("other names")
 @pytest.mark.slow
-def test_a_cycle_over_time_is_foretold_though_it_has_no_name(tmp_path):
+def test_a_cycle_over_time_is_predicted_though_it_has_no_name(tmp_path):
     machine = plant.static_table()
     cycle = {
         "effect": "coolant_cycle", "period_s": 610.0, "rise": 0.35, "phase": 0.2, "direction": [0.3, -0.9, 0.3], "amplitude": 4.0,

@@ -275,7 +275,7 @@ def test_what_reads_alike_is_a_rival_and_gets_a_test() -> None:
 
 
 @pytest.mark.slow
-def test_readings_left_out_are_foretold_better_with_the_finding() -> None:
+def test_readings_left_out_are_predicted_better_with_the_finding() -> None:
     result = diagnose(bars({"X": 5.0, "Y": 11.0}))
     before, after = result.fit.heldout_rms_before_um, result.fit.heldout_rms_after_um
     assert before is not None and after is not None

@@ -135,7 +135,7 @@ def test_what_is_printed_is_verdict_list_and_next_step(found):
     assert " ".join(lines[-2:]) == last and "thermal drift. Next: use model.json, but do not rely" in last
     assert any(re.match(r"chi²/dof .* \(noise alone gives 1 ± 0\.\d+\)$", line) for line in lines)
     worse = replace(found, fit=replace(found.fit, heldout_rms_after_um=1.9))
-    assert "foretold worse with them (1.67 → 1.9 µm rms): take them" in str(worse)
+    assert "predicted worse with them (1.67 → 1.9 µm rms): take them" in str(worse)
     clean = diagnosis_text(replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=1.0))).splitlines()
     assert clean[0].startswith("The model explains") and "nothing found. Next: " in clean[-1]
 

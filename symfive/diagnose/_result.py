@@ -29,7 +29,7 @@ __all__ = [
 SCHEMA = "symfive.diagnosis/1"
 Array = NDArray[np.float64]
 WORSE, BEYOND = 0.01, 1.5
-"""Left-out readings foretold worse by this share are spoken of (less may be chance), and so many times worse than fitted ones."""
+"""Held-out readings predicted worse by this share are told (less may be chance), and so many times worse than fitted ones."""
 EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
 SHOWN_SHARE = 0.01
@@ -181,8 +181,8 @@ class Fit:
     heldout_by: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def doubts(self, unit: str) -> tuple[str, ...]:
-        """What speaks against the findings: readings that were left out and are foretold worse with them, or far worse than those
-        that were fitted."""
+        """What speaks against the findings: held-out readings that are predicted worse with them, or far worse than those that
+        were fitted."""
         runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
         said = []
         for what, (before, after) in {"run": runs, **self.heldout_by}.items():
@@ -191,11 +191,11 @@ class Fit:
             one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"
             if after > (1.0 + WORSE) * before:
                 advice = "take them as a hint, not as proven" if what == "run" else beyond
-                said.append(f"{one} is foretold worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
+                said.append(f"{one} is predicted worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
             elif after > BEYOND * self.rms_after_um:
                 sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
                 said.append(
-                    f"{one} is foretold to {sizes[0]} {unit} rms only, where the fit leaves {sizes[1]} {unit}: "
+                    f"{one} is predicted to {sizes[0]} {unit} rms only, where the fit leaves {sizes[1]} {unit}: "
                     + (
                         "the others do not determine what it needs, or something changes from run to run."
                         if what == "run"
