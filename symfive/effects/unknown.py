@@ -58,8 +58,9 @@ class Unknown(Effect):
     A coordinate is an axis (`B`), its velocity (`B velocity`) or acceleration (`B acceleration`), the side from which it came
     (`B velocity sign`), its way since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
     logarithm down to `finest` of the longest) or `t` (the campaign's clock, s).
-    Functions as in the machine file: `basis` and `order` one per coordinate (a single one holds for all), products for
-    several; `bspline` of order n has n intervals. They have no constant part, which zeros and set-ups hold.
+    With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known and fixed) it is the phase in a cycle that
+    counts, and `basis` is fourier. Functions as in the machine file: `basis` and `order` one per coordinate (a single one holds
+    for all), products for several; `bspline` of order n has n intervals. They have no constant part: zeros and set-ups hold it.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
     covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
     machine frame (where an axis is named as `carrier`, what it carries, as its error motions do: along `xyz` or about
@@ -81,6 +82,8 @@ class Unknown(Effect):
     directions: str = "xyz"
     carrier: str = ""
     sigma_um: float = 5.0
+    period: float = 0.0
+    period_sigma: float = 0.0
     less: tuple[tuple[float, ...], ...] = ()
     sigma_force: float = 0.0
     finest: float = FINEST
@@ -217,6 +220,10 @@ class Unknown(Effect):
                 f"{self.key} needs coordinates and directions",
                 remedy='write over = ["B"], directions = "xyz"',
             )
+        if self.period and not (self.basis == "fourier" and self.over in {("t",), *((name,) for name in machine.axes)}):
+            raise InputError(
+                f"{self.key}: only an axis or time has a cycle", remedy='write over = ["t"], basis = "fourier"'
+            )
         spans, runs = self.span, [run for run in campaign.runs if run.has_clock or not self.over_time]
         if not spans:
             if not runs:
@@ -271,6 +278,8 @@ class Unknown(Effect):
 
     def _basis(self, machine: Machine) -> Basis:
         kinds = tuple(machine.axes[name].kind if name in machine.axes else "linear" for name in self.over)
+        if self.period:
+            kinds = ("rotary",)
         travels = tuple(
             (-1.0, 1.0) if n.endswith((SINCE, SIGN)) else s for n, s in zip(self.over, self.span, strict=True)
         )
@@ -288,7 +297,14 @@ class Unknown(Effect):
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
         if self.place == "force":
             unit, sigma = "Nm" if rotary else "N", self.sigma_force
-        return tuple(self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels for name in names)
+        found = [self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels for name in names]
+        if self.period_sigma:
+            own = self._period_unit(campaign.machine)
+            found.append(self.own("period", own, self.period_sigma, mean=self.period, lower=0.5 * self.period))
+        return tuple(found)
+
+    def _period_unit(self, machine: Machine) -> str:
+        return machine.axes[self.over[0]].unit if self.over[0] in machine.axes else "s"
 
     def signals(self) -> tuple[Signal, ...]:
         over = (
@@ -342,6 +358,11 @@ class Unknown(Effect):
         return (self.basis,) * len(self.over) if isinstance(self.basis, str) else self.basis
 
     def _coordinate(self, row: Row, name: str) -> Any:
+        if self.period:
+            unit, along = 1.0, row.clock
+            if name != "t":
+                unit, along = row.machine.axes[name].to_internal, row.signal(Position(name))
+            return 2.0 * np.pi * along / (self.parameter(row, "period") if self.period_sigma else self.period * unit)
         if name == "t":
             return row.clock
         if name.endswith(SINCE):
@@ -356,12 +377,14 @@ class Unknown(Effect):
             return row.signal(of(axis)) / row.machine.axes[axis].to_internal
         return row.signal(Position(name))
 
-    def _table(self, machine: Machine, runs: Sequence[Run]) -> Array:
+    def _table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
         """The functions in all rows of some runs (N, number of functions)."""
         points = []
         for number, (name, (low, high)) in enumerate(zip(self.over, self.span, strict=True)):
             there = np.concatenate([coordinate_values(name, run, machine) for run in runs])
             unit = machine.axes[name].to_internal if name in machine.axes else 1.0
+            if period:
+                unit = 2.0 * np.pi / period
             there = unit * (np.clip(there, low, high) if self._bases[number] == "polynomial" else there)
             points.append(
                 np.sign(there) * steps(np.abs(there) / high, np, self.finest) if name.endswith(SINCE) else there
@@ -374,7 +397,9 @@ class Unknown(Effect):
         the `carrier` in whose frame it is."""
         machine, basis = campaign.machine, self._basis(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
-        matrix, amplitudes = self._table(machine, runs), self.parameters(campaign)
+        period = values[f"{self.key}.period"] if self.period_sigma else self.period
+        matrix = self._table(machine, runs, period)
+        amplitudes = self.parameters(campaign)[: -1 if self.period_sigma else None]
         names = [p.name for p in amplitudes]
 
         def shape(p: Array) -> Array:
@@ -386,6 +411,10 @@ class Unknown(Effect):
         (value,), (std,) = propagate(rms, names, *known_part(amplitudes, values, covariance))
         size = Quantity(float(value), float(std), amplitudes[0].unit)
         found = {"over": Quantity(self.over), "rms": size}
+        if self.period:
+            at = f"{self.key}.period"
+            std = covariance[at, at] ** 0.5 if self.period_sigma else None
+            found["period"] = Quantity(period, std, self._period_unit(machine))
         if self.carrier:
             found["carrier"] = Quantity(self.carrier)
         if self.place == "structure":

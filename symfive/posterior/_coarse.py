@@ -1,17 +1,17 @@
 """Coarse: what names are worth where the library lacks something.
 
-No law is exactly the machine's. A posterior that knows this asks how probable each subset is if the readings' distribution is only
-*near* to what the model says: within a relative entropy that is exponentially distributed with mean R per reading, the likelihood
-counts to the power (J. W. Miller & D. B. Dunson 2019, Robust Bayesian inference via coarsening)
+No law is exactly the machine's. If the readings' distribution is only near to what the model says, within a relative entropy that
+is exponentially distributed with mean R a reading, the likelihood counts to the power (J. W. Miller & D. B. Dunson 2019)
 
     ζ = 1/(1 + n·R),   n·R = M/2,
 
-M the energy, in units of the noise, of what stays behind the best fit though it is no noise. So a name is believed only if what it
-explains is large beside what nothing explains.
+M the energy, in units of the noise, of what stays behind the best fit though it is no noise. So a name is believed only if what
+it explains is large beside what nothing explains.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,29 +21,65 @@ from scipy.special import logsumexp
 from symfive.posterior._evidence import SHARE, Weighed, beside, explained, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore
 from symfive.posterior._moments import Moments
+from symfive.posterior._noise import Node
+from symfive.posterior._terms import UNIDENTIFIED
 
 __all__ = ["coarsened", "misfit"]
 
 Array = NDArray[np.float64]
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """1σ of the coefficients of what stays, in units of the unidentified terms' usual one, half a decade apart."""
+NEGLIGIBLE = 0.02
+"""Energy that changes no evidence: a hundredth of it."""
 STEPS = 3
 """Of the fixed point for the noise's scale."""
 
 
 def coarsened(posterior: Posterior) -> Posterior:
-    """The posterior over the same terms by the coarsened likelihood; the same one where all that stays is noise."""
-    moments, best = posterior.moments, posterior.best
-    energy = misfit(moments, best)
-    zeta = 1.0 / (1.0 + 0.5 * energy)
-    if zeta > 0.99:
-        return posterior
-    weighed = log_evidence(moments, best)
+    """The posterior over the same terms by the coarsened likelihood; the same one where all that stays is noise.
+
+    Slow noise of a size that instruments hardly have may be no noise: then it belongs to what stays.
+    """
+    moments, weighed = posterior.moments, log_evidence(posterior.moments, posterior.best)
+    energy, node = misfit(moments, posterior.best), moments.nodes[weighed.node]
     nodes = weighed.by_node - logsumexp(weighed.by_node)
-    coarse = replace(
-        moments, gram=moments.gram * (zeta / weighed.kappa2), const=np.zeros_like(moments.const), log_prior=nodes
-    )
+    usual = _tempered(posterior, energy, nodes, weighed.kappa2)
+    doubt = _no_noise(moments, node)
+    if doubt == 0.0:
+        return usual
+    white = np.where(np.arange(len(moments.nodes)) == 0, 0.0, -np.inf)
+    slow = moments.count * weighed.kappa2 * node.size**2
+    other = _tempered(posterior, energy + slow, white, weighed.kappa2)
+    return replace(posterior, mass=_mixed([(usual, 1.0 - doubt), (other, doubt)]))
+
+
+def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) -> Posterior:
+    """The posterior by the likelihood to the power 1/(1 + `energy`/2), under noise whose nodes are so probable (log)."""
+    moments, power = posterior.moments, 1.0 / (1.0 + 0.5 * energy)
+    if energy < NEGLIGIBLE:
+        return posterior
+    coarse = replace(moments, gram=moments.gram * (power / kappa2), const=np.zeros_like(moments.const), log_prior=nodes)
     return explore(coarse, range(moments.held))
+
+
+def _no_noise(moments: Moments, node: Node) -> float:
+    """How probable it is that what a node holds is no noise of an instrument: an unidentified effect may have any size."""
+    if node.size == 0.0:
+        return 0.0
+    same = [each.log_prior for each in moments.nodes if each.size == node.size]
+    sizes = {each.size for each in moments.nodes if each.size > 0.0}
+    odds = UNIDENTIFIED / len(sizes) / float(np.sum(np.exp(same)))
+    return odds / (1.0 + odds)
+
+
+def _mixed(parts: Sequence[tuple[Posterior, float]]) -> dict[Subset, float]:
+    """Log mass of every subset in a mixture of posteriors."""
+    found: dict[Subset, float] = {}
+    for part, share in parts:
+        total = float(logsumexp(list(part.mass.values())))
+        for subset, mass in part.mass.items():
+            found[subset] = float(np.logaddexp(found.get(subset, -np.inf), mass - total + np.log(share)))
+    return found
 
 
 def misfit(moments: Moments, subset: Subset) -> float:

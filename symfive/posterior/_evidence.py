@@ -22,8 +22,8 @@ from scipy.special import logsumexp
 from symfive.posterior._moments import Columns, Moments
 
 __all__ = [
-    "SHARE", "WIDTHS", "Blocks", "Member", "Weighed", "beside", "discrepancies", "explained", "log_evidence", "nearest_width", "solution", "sweep",
-    "widths_of",
+    "SHARE", "WIDTHS", "Blocks", "Member", "Weighed", "beside", "discrepancies", "explained", "log_evidence",
+    "nearest_width", "solution", "sweep", "widths_of",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]

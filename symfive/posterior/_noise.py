@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 SIZES, SHARES = (0.3, 1.0, 3.0), (0.003, 0.03, 0.3)
 """Coloured noise: 1σ in units of the declared noise, correlation time as a share of the longest run; half a decade and a decade
 apart, so that no noise is further from a node than what its size and time are known to from one campaign."""
+USUAL = 0.4
+"""Mean size of the slow noise of instruments: 0.09 to 1.3 of the white noise, 0.38 on average, in the seven series of
+docs/recordings.md that were recorded at rest and neither hum nor drift."""
 EXACT_ROWS = 1000
 """Rows below which whitening by the filter costs less than the bands."""
 SINGLE, RATIO = 8, 1.35
@@ -54,9 +57,9 @@ class Node:
 
 
 def nodes_of(longest: float) -> tuple[Node, ...]:
-    """White noise with a prior of ½, and coloured ones that share the rest, larger ones less: exp(-size), E. T. Jaynes 1957."""
+    """White noise with a prior of ½; coloured ones share the rest, larger ones less: exp(-size/`USUAL`), E. T. Jaynes 1957."""
     pairs = [(size, share * max(longest, 1e-9)) for size in SIZES for share in SHARES]
-    weight = np.exp(-np.array([size for size, _ in pairs]))
+    weight = np.exp(-np.array([size for size, _ in pairs]) / USUAL)
     logs = np.log(0.5 * weight / weight.sum())
     return (
         Node(0.0, 0.0, float(np.log(0.5))),

@@ -16,7 +16,7 @@ from symfive.model import Model
 from symfive.parameters import Parameter
 
 __all__ = [
-    "Candidates", "Name", "Term", "candidates", "complete", "name_of", "own_parameters", "starts_of", "terms_of",
+    "UNIDENTIFIED", "Candidates", "Name", "Term", "candidates", "complete", "name_of", "own_parameters", "starts_of", "terms_of",
     "variations_of",
 ]  # fmt: skip
 
