@@ -96,7 +96,7 @@ def test_shares_of_two_that_can_stand_for_each_other_add_up_to_what_both_explain
     here, _ = expanded(after, [Form(effect=effect) for effect in after.model.added], candidates(campaign))
     moments = moments_of(here.fit, here.held, ())
     posterior = Posterior(moments, {tuple((number, 1.0) for number in range(moments.held)): 0.0})
-    verdicts = [v for v in decide(posterior) if moments.terms[v.term].effect.id != "thermal_drift"]
+    verdicts = [v for v in decide(posterior, posterior) if moments.terms[v.term].effect.id != "thermal_drift"]
     found = findings_of(posterior, here, before, verdicts, located(moments, detect(before)))
     explained = 1.0 - (after.rms_um / before.rms_um) ** 2
     assert explained > 0.3 and 0.9 * explained < sum(f.share for f in found) <= explained + 1e-9

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AXIS", "BALL", "CARRIED", "EFFECTS", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form", "Quantity", "Scan",
-    "Tone", "Varying", "baseline_effects", "make_effect", "moving",
+    "Tone", "Unknown", "Varying", "baseline_effects", "make_effect", "moving",
 ]  # fmt: skip
 
 _TABLE: tuple[type[Effect], ...] = (

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 FINER = (6, 12)
 """Orders of finer forms of the same name."""
+DISTINCT = 1e-12
+"""Of the Gram matrix of polynomials over a part of the travel: below this reciprocal condition number its double precision no
+longer separates them."""
 SMALLEST_SHARE = 0.05
 """Less of a travel than this says nothing about a polynomial over all of it."""
 
@@ -103,10 +106,12 @@ class ErrorMotion(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         for axis in moving(campaign):
-            basis, order = ("fourier", 3) if goes_round(campaign, axis) else ("polynomial", 3)
+            round_ = goes_round(campaign, axis)
+            basis, order = ("fourier", 3) if round_ else ("polynomial", 3)
+            share = 1.0 if round_ else _share_in_use(campaign, axis)
             for letter in "XYZABC":
                 symbol = f"E{letter}{axis}"
-                finer = tuple(cls(component=symbol, basis=basis, order=n) for n in FINER)
+                finer = tuple(cls(component=symbol, basis=basis, order=n) for n in FINER if share ** (2 * n) > DISTINCT)
                 yield Form(effect=cls(component=symbol, basis=basis, order=order), shapes=finer)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
@@ -123,11 +128,7 @@ class ErrorMotion(Effect):
         for part in function.split("*"):
             order, axis = re.match(r"P(\d+)(?:\((\w+)\))?$", part), self._term.over[0]
             if order:
-                axis = order[2] or axis
-                low, high = campaign.machine.axes[axis].travel
-                used = np.concatenate([run.commands[axis] for run in campaign.runs])
-                share = float(np.ptp(used)) / (high - low)
-                factor *= max(min(share, 1.0), SMALLEST_SHARE) ** -int(order[1])
+                factor *= max(_share_in_use(campaign, order[2] or axis), SMALLEST_SHARE) ** -int(order[1])
         return factor
 
     def apply(self, row: Row) -> None:
@@ -155,3 +156,10 @@ class ErrorMotion(Effect):
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`component`, and each function's coefficient by its name (`cos2`: the harmonic 2 of cos)."""
         return {"component": Quantity(self.component), **super().describe(campaign, values, covariance)}
+
+
+def _share_in_use(campaign: Campaign, axis: str) -> float:
+    """The share (0…1) of an axis' travel over which a campaign moves it."""
+    low, high = campaign.machine.axes[axis].travel
+    used = np.concatenate([run.commands[axis] for run in campaign.runs])
+    return min(float(np.ptp(used)) / (high - low), 1.0)

@@ -11,11 +11,12 @@ __all__ = ["moments_about"]
 
 
 def moments_about(here: Expansion, candidates: Candidates) -> Moments:
-    """With forms of other keys than the fit holds, that free no quantity which is free, the best place of every scan, and the
-    variations of what it holds."""
+    """With forms of other keys than the fit holds, that free no quantity which is free, and the best place of every scan; once
+    the laws have settled (`vary`) also of unidentified ones, and with the variations of what it holds."""
     taken = {effect.key for effect in here.fit.model.effects}
     freed = {place for effect in here.fit.model.effects for place in effect.frees()}
-    forms = [*candidates.forms, *placed(here.fit, candidates.scans, here.node)]
+    scanned = [f for f in placed(here.fit, candidates.scans, here.node) if candidates.vary or not f.effect.nameless]
+    forms = [*candidates.forms, *scanned]
     fresh = [f for f in forms if f.effect.key not in taken and not freed & set(f.effect.frees())]
     varied = variations_of(here.held, here.fit.model.campaign) if candidates.vary else []
     return moments_of(here.fit, here.held, [*fresh, *varied])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from symfive.effects import Unknown
 from symfive.posterior._explore import Posterior
 from symfive.posterior._terms import Name
 
@@ -23,7 +24,7 @@ SAME = 2.0
 """Nats: χ² of 4, 2 σ, by which a fit must be worse to be told from another one."""
 
 
-UNNAMED: Name = ("unknown", None)
+UNNAMED: Name = (Unknown.id, None)
 
 
 @dataclass(frozen=True)

@@ -180,7 +180,9 @@ class _Base:
     def of(cls, s: _Subset) -> _Base:
         power, axes = np.linalg.eigh(s.h)
         power = np.maximum(power, 0.0)
-        return cls(power, np.einsum("jki,jk->ji", axes, s.g), np.einsum("jki,k->ji", axes, s.d), axes)
+        most = np.sqrt(power * np.maximum(s.q, 0.0)[:, None])  # Cauchy and Schwarz; beyond it is rounding
+        g = np.clip(np.einsum("jki,jk->ji", axes, s.g), -most, most)
+        return cls(power, g, np.einsum("jki,k->ji", axes, s.d), axes)
 
 
 def _joined(

@@ -16,7 +16,7 @@ from symfive.posterior._evidence import Member, log_evidence, nearest_width
 from symfive.posterior._explore import Posterior, Subset, explore, log_prior, weighed
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._moments import moments_of
-from symfive.posterior._terms import Candidates, variations_of
+from symfive.posterior._terms import Candidates
 
 __all__ = ["Expansion", "expanded", "polish"]
 
@@ -48,10 +48,11 @@ def polish(
 ) -> tuple[Posterior, Expansion]:
     """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset.
 
-    First the laws of the library; where nothing better is found among them, whether those that are held are the same everywhere.
+    First the laws of the library; where nothing better is found among them, whether those that are held are the same everywhere
+    and whether something unidentified comes and goes: its place is known only once the laws have theirs.
     """
     now = _settled(Expansion(before, (), WHITE, 1.0), replace(candidates, vary=False), progress)
-    if candidates.vary and variations_of(now.here.held, before.model.campaign):
+    if candidates.vary:
         now = _settled(now.here, candidates, progress, now)
     return _corrected(now.posterior, now.exactly), settled(now.here)
 
