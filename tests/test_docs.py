@@ -155,9 +155,9 @@ def test_the_campaign_of_the_conventions_is_read():
 
 
 def test_the_conventions_name_every_option_instrument_and_effect():
-    from symfive.campaign._options import OPTIONS
     from symfive.effects import VOCABULARY
     from symfive.instruments import INSTRUMENTS as TABLE
+    from symfive.runs import OPTIONS
 
     text = (ROOT / "docs/conventions.md").read_text(encoding="utf-8")
     for name in (*OPTIONS, *TABLE, *VOCABULARY):

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from symfive import __version__
 from symfive.files import shown
 from symfive.separated import LARGEST, SMALLEST
+from symfive.version import __version__
 
 if TYPE_CHECKING:
     from symfive.campaign import Campaign

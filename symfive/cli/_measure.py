@@ -229,8 +229,8 @@ def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
     """Values and effects of a truth file: `truth.json`, `model.json` or `identification.json`."""
     from symfive.errors import InputError
     from symfive.files import shown
-    from symfive.machine._checks import is_number
     from symfive.model import effects_from_data, read_json
+    from symfive.validation import is_number
 
     if path is None:
         return {}, ()

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Campaign, Run
-from symfive.campaign._disk import let_go, new_table
+from symfive.design._assessment_data import assessment_data
 from symfive.design._information import inverse
 from symfive.design._space import Space, make_space
+from symfive.disk import new_table, release
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import campaign_given
@@ -62,8 +63,6 @@ class Assessment(OnScreen):
 
     def to_data(self) -> dict[str, Any]:
         """The assessment as nested mappings (`assessment.json`)."""
-        from symfive.design._write import assessment_data
-
         return {"schema": "symfive.assessment/1", **assessment_data(self)}
 
     def __str__(self) -> str:
@@ -226,7 +225,7 @@ def _worth(
         turned, inner = rows.transpose(0, 2, 1), np.ix_(columns, columns)
         lost = _log_det_minus(rows @ of_other[inner] @ turned) - _log_det_minus(rows @ covariance[inner] @ turned)
         found[place] = np.maximum(lost, 0.0) / max(len(chosen), 1)
-        let_go(found)
+        release(found)
     return found
 
 

@@ -19,8 +19,7 @@ from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, upright_axis, which_point
 from symfive.numbers import plain_number, unit_words
-from symfive.procedures import Nominal
-from symfive.procedures._setting import PAUSE_S
+from symfive.procedures import PAUSE_S, Nominal
 
 __all__ = ["Sheet", "setup_sheet"]
 

@@ -16,7 +16,7 @@ from symfive.instruments.drive_force import driven_axis
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.model._row import Row
+    from symfive.row import Row
 
 __all__ = ["AxisOffset", "MotionOffset", "ToolShift", "catalogue", "moving_axes", "reversing_axes"]
 

@@ -13,9 +13,9 @@ from symfive.motion import Direction, Play, Position, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")
 AHEAD = 0.1

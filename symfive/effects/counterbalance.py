@@ -13,9 +13,9 @@ from symfive.motion import Direction, Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 UPRIGHT = 0.7
 """Cosine to the vertical from which an axis carries its weight."""

@@ -19,8 +19,8 @@ from symfive.kinematics import axis_pose
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,9 +20,9 @@ from symfive.machine import ErrorTerm
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
     from symfive.machine import Machine
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 
 FINER = (6, 12)

@@ -18,9 +18,9 @@ from symfive.motion import Acceleration, Direction, Position, ReversalDistance, 
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 FAMILIES = ("reversal", "friction", "smooth", "hysteresis", "servo", "inertial", "periodic", "time")
 WAVES, BENDS = 8, 4

@@ -11,7 +11,7 @@ from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
+    from symfive.runs import Campaign, Run
 
 
 @dataclass(frozen=True, kw_only=True)

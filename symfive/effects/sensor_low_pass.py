@@ -15,7 +15,7 @@ from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
+    from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 NEGLIGIBLE = 1e-18

@@ -18,8 +18,8 @@ from symfive.motion import Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 SHAPES = ("step", "dent", "late", "early", "gradual")
 NEAREST = 1e-6

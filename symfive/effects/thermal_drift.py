@@ -18,8 +18,8 @@ from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 SHAPES = ("exponential", "mixture", "linear", "delayed")

@@ -37,9 +37,9 @@ from symfive.motion import Acceleration, Direction, Position, ReversalDistance, 
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "reading", "force")

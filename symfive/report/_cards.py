@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import html
 
-from symfive.diagnose import Diagnosis, Finding, RivalName
-from symfive.diagnose._words import facts_of
+from symfive.diagnose import Diagnosis, Finding, RivalName, facts_of
 from symfive.effects import Quantity
 from symfive.machine import Machine
 from symfive.numbers import in_words, percent, percent_or_more

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from symfive.diagnose import Finding
-from symfive.diagnose._places import in_the_drive
-from symfive.diagnose._words import place_words
+from symfive.diagnose import Finding, in_the_drive, place_words
 from symfive.machine import Machine
 
 __all__ = ["chain_picture", "guilty"]

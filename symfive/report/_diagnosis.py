@@ -11,9 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from symfive.diagnose import Diagnosis, Finding
-from symfive.diagnose._result import SHOWN_SHARE
-from symfive.diagnose._words import facts_of
+from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of
 from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from symfive.diagnose import Diagnosis
-from symfive.diagnose._result import EXPLAINED, named, wrapped
+from symfive.diagnose import EXPLAINED, Diagnosis, named, wrapped
 
 __all__ = ["FAINT_SIGMAS", "closing", "diagnosis_text"]
 

@@ -13,11 +13,11 @@ from string import Template
 
 from matplotlib.figure import Figure
 
-from symfive import __version__
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAGE_STYLE, PAPER
 from symfive.drawing import SCRIPT as POSES
 from symfive.outputs import write_text
 from symfive.report._style import Tips, rendered
+from symfive.version import __version__
 
 __all__ = ["embedded", "sentences", "write_page"]
 

@@ -11,8 +11,8 @@ from matplotlib.ticker import MaxNLocator
 from scipy.fft import next_fast_len
 from scipy.special import gammainccinv
 
-from symfive.campaign._disk import let_go
 from symfive.circles import CircleFinder
+from symfive.disk import release
 from symfive.drawing import INK, SERIES
 from symfive.errors import InputError
 from symfive.identify import Identification
@@ -109,10 +109,10 @@ def _frequencies(traces: list[Trace]) -> tuple[Array, Array, float]:
     square = np.zeros(padded // 2 + 1)
     for first in firsts.tolist():
         time = np.array(run.time[first : first + rows])
-        let_go(run.time)
+        release(run.time)
         for trace in traces:
             residual, good = np.array(trace.residual[first : first + rows]), ~trace.outlier[first : first + rows]
-            let_go(trace.residual)
+            release(trace.residual)
             even = np.interp(time[0] + interval * np.arange(count), time[good], residual[good])
             square += np.abs(np.fft.rfft((even - even.mean()) * window, padded)) ** 2
     square *= 4.0 / window.sum() ** 2 / len(firsts)
