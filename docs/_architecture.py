@@ -1,4 +1,4 @@
-"""The packages of symfive from the ground up, and what their files say about who imports whom."""
+"""The packages of symfive from the ground up, and their imports. `python docs/_architecture.py` draws `architecture.svg`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "separated", "toml_files", "validation",
     ),
     "plain data": ("machine", "runs"),
-    "one row of the model": ("kinematics", "motion", "row", "instruments", "effects"),
+    "physics": ("kinematics", "motion", "row", "instruments", "effects"),
     "campaigns": ("campaign", "plausible", "circles", "convert", "procedures", "importers"),
     "model": ("model", "given", "check", "simulate"),
     "verbs": ("inference", "identify", "nc", "drawing", "design", "codegen", "standards", "worth", "diagnose", "posterior"),
@@ -75,3 +75,57 @@ def imports() -> Iterator[Import]:
 
 def _is_typing(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
+WIDTH, LABEL, BOX, GAP = 860, 190, 30, 8
+
+
+def picture() -> str:
+    """The layers as bands, the ground at the bottom, a box a package: SVG."""
+    rows = {layer: list(_lines(names)) for layer, names in LAYERS.items()}
+    heights = {layer: len(lines) * (BOX + GAP) + GAP for layer, lines in rows.items()}
+    total = sum(heights.values()) + GAP * (len(rows) + 1)
+    parts, y = [], GAP
+    for layer in reversed(LAYERS):
+        parts.append(f'<rect x="30" y="{y}" width="{WIDTH - 40}" height="{heights[layer]}" rx="6" fill="#f2f4f7"/>')
+        parts.append(f'<text x="42" y="{y + heights[layer] / 2 + 5:g}" font-weight="bold">{layer}</text>')
+        for number, line in enumerate(rows[layer]):
+            x, top = LABEL, y + GAP + number * (BOX + GAP)
+            for name in line:
+                wide = _wide(name)
+                parts.append(
+                    f'<rect x="{x}" y="{top}" width="{wide}" height="{BOX}" rx="4" fill="#fff" stroke="#8a94a6"/>'
+                )
+                parts.append(f'<text x="{x + wide / 2:g}" y="{top + 20}" text-anchor="middle">{name}</text>')
+                x += wide + GAP
+        y += heights[layer] + GAP
+    arrow = (
+        f'<path d="M15 {GAP} V{total - 18}" stroke="#444" stroke-width="2"/>'
+        f'<path d="M9 {total - 20} h12 l-6 12 z" fill="#444"/>'
+        f'<text transform="translate(11 {total / 2}) rotate(-90)" text-anchor="middle" font-size="12">imports</text>'
+    )
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {total}" width="{WIDTH}" height="{total}" '
+        'font-family="sans-serif" font-size="13" fill="#1d2430">'
+    )
+    paper = f'<rect width="{WIDTH}" height="{total}" fill="#fff"/>'
+    return "\n".join([head, "<title>The packages of symfive in layers</title>", paper, arrow, *parts, "</svg>"]) + "\n"
+
+
+def _wide(name: str) -> int:
+    return 20 + 8 * len(name)
+
+
+def _lines(names: tuple[str, ...]) -> Iterator[list[str]]:
+    """The packages of a layer, as many on a line as fit."""
+    line: list[str] = []
+    for name in names:
+        if LABEL + sum(_wide(other) + GAP for other in [*line, name]) > WIDTH - 18:
+            yield line
+            line = []
+        line.append(name)
+    yield line
+
+
+if __name__ == "__main__":
+    (ROOT / "docs" / "architecture.svg").write_text(picture(), encoding="utf-8")

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "docs"))
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "docs"))
 
-from _architecture import LAYERS, imports, modules, package
+from _architecture import LAYERS, imports, modules, package, picture  # noqa: E402
 
 ORDER = [name for layer in LAYERS.values() for name in layer]
 IMPORTS = list(imports())
@@ -38,3 +39,8 @@ def test_the_files_of_a_package_load_without_a_circle(name: str):
         if package(i.by) == package(i.of) == name and i.by != i.of and not i.typing:
             needs.setdefault(i.by, set()).add(i.of)
     list(TopologicalSorter(needs).static_order())  # raises CycleError, which names the circle
+
+
+def test_the_picture_shows_the_table():
+    drawn = (ROOT / "docs" / "architecture.svg").read_text(encoding="utf-8")
+    assert drawn == picture(), "run: python docs/_architecture.py"
