@@ -118,7 +118,7 @@ def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",
             post = cleared(campaign.machine, campaign.runs, {}, post)
         except InputError as error:
             nc, notes = (), [f"No program: {error.problem}"]
-    sheet = Sheet(campaign=campaign, post=post or Post(), worth=f"What it is for: {test.says}", notes=notes)
+    sheet = Sheet(campaign=campaign, post=post or Post(), worth=f"Purpose: {test.says}", notes=notes)
     _write_files(sheet, folder, nc)
 
 

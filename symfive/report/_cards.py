@@ -25,9 +25,7 @@ _ALONG = 0.985
 def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> str:
     """One finding as an HTML article; `picture` is its embedded figure."""
     machine = diagnosis.after.model.machine
-    chain = chain_picture(
-        machine, [(number, finding)], f"The machine's chain; guilty: {guilty(finding, machine).words}"
-    )
+    chain = chain_picture(machine, [(number, finding)], f"Affected link: {guilty(finding, machine).words}")
     parts = [
         f'<article class="card" id="finding-{number}">',
         f'<h3><span class="number">{number}</span> {html.escape(finding.title)}</h3>',
@@ -46,14 +44,14 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> s
 
 def _tiles(finding: Finding) -> str:
     share = f'<span class="bar" title="{percent(finding.share)}"><span style="width: {100 * finding.share:.1f}%"></span></span>'
-    plausible = ", by the odds beforehand" if finding.nearest else ""
+    plausible = ", by prior odds" if finding.nearest else ""
     tiles = [
-        ("share of the deviation's mean square", percent(finding.share) + share),
+        ("share of the deviation (mean square)", percent(finding.share) + share),
         (f"confidence in the name{plausible}", percent(finding.confidence)),
-        ("visible before it was named", percent(finding.visible)),
+        ("visible share (the rest is absorbed)", percent(finding.visible)),
     ]
     if finding.shape_differs > 0.0:
-        tiles.append(("its shape differs from the library's", percent_or_more(finding.shape_differs)))
+        tiles.append(("deviation from the library's shape", percent_or_more(finding.shape_differs)))
     return '<dl class="tiles">' + "".join(f"<div><dt>{k}</dt><dd>{v}</dd></div>" for k, v in tiles) + "</dl>"
 
 
@@ -63,7 +61,7 @@ def _parameters(finding: Finding) -> str:
         value, std, unit = _words(quantity)
         said = name.removesuffix("_s") if quantity.unit == "s" else name
         rows.append([said.replace("_", " "), value, std, unit])
-    return table("Its parameters", ["parameter", "value", "± 1σ", "unit"], rows) if rows else ""
+    return table("Parameters", ["parameter", "value", "± 1σ", "unit"], rows) if rows else ""
 
 
 def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
@@ -116,21 +114,21 @@ def _intervals(finding: Finding) -> str:
         [i.run, Cell(f"{i.begin_s:.2f}", i.begin_s), Cell(f"{i.end_s:.2f}", i.end_s)]
         for i in finding.intervals[:MOST_INTERVALS]
     ]
-    said = table("Where it exceeds half of its largest deviation", ["run", "from / s", "to / s"], rows)
-    return f"<details><summary>{len(rows)} stretches of the runs in which it acts most</summary>{said}</details>"
+    said = table("Sections with more than half of its largest deviation", ["run", "from / s", "to / s"], rows)
+    return f"<details><summary>{len(rows)} sections of the runs in which it acts most</summary>{said}</details>"
 
 
 def _rivals(finding: Finding) -> str:
     rivals = [r for r in finding.rivals if r.confidence >= LEAST_RIVAL][:MOST_RIVALS]
     rest = len(finding.rivals) - len(rivals)
     if not rivals:
-        said = f"All {rest} names that were compared are below 0.01 %." if rest else "No other effect came near."
-        return f"<p><strong>Rivals.</strong> {said}</p>"
+        said = f"All {rest} alternatives are below 0.01 %." if rest else "No alternative comes close."
+        return f"<p><strong>Alternatives.</strong> {said}</p>"
     rows: list[list[str | Cell]] = [
         [r.effect.replace("_", " "), r.axis or "–", r.component or "–", Cell(_small(r), r.confidence)] for r in rivals
     ]
     more = f" ({rest} more below 0.01 %)" if rest else ""
-    return table(f"Rivals{more}", ["effect", "axis", "component", "confidence"], rows)
+    return table(f"Alternatives{more}", ["effect", "axis", "component", "confidence"], rows)
 
 
 def _small(rival: RivalName) -> str:
@@ -145,10 +143,10 @@ def _next(finding: Finding) -> str:
     said = f"{html.escape(test.says[:1].upper() + test.says[1:])}." if test is not None else ""
     if finding.next_test:
         folder = html.escape(finding.next_test)
-        said += f' Its plan: <a href="{folder}">{folder}</a>.'
+        said += f' Plan: <a href="{folder}">{folder}</a>.'
     if test is not None and len(test.table) > 1:
         rows: list[list[str | Cell]] = [[s.name, Cell(f"{s.sigmas:.1f}", s.sigmas)] for s in test.table[:MOST_TESTS]]
-        nearest = " from the nearest rival that it parts" if len(test.each) > 1 else ""
-        tests = table("Tests that could be recorded", ["test", f"expected separation{nearest} / σ"], rows)
-        said += f"<details><summary>What other tests would tell</summary>{tests}</details>"
+        nearest = " from the nearest alternative" if len(test.each) > 1 else ""
+        tests = table("Possible next tests", ["test", f"expected separation{nearest} / σ"], rows)
+        said += f"<details><summary>Other tests considered</summary>{tests}</details>"
     return f'<div class="next"><strong>Next test.</strong> {said}</div>'

@@ -49,10 +49,9 @@ IN_SHORT = ("where", "how large", "how sure")
 Array = NDArray[np.float64]
 Drawn = Callable[[], tuple[Figure, Tips]]
 _READING = (
-    "Height: the residual, in the unit at the side; across: the coordinate named below. Left: the dots follow the line, which "
-    "is this effect; where there are other findings, the residual as it was "
-    "is grey and what they explain is taken off the coloured dots. Right: with all findings in the model only noise "
-    "may be left, evenly around zero within the grey band."
+    "Residual over the coordinate named below. Left, before: the line is this effect, and the coloured dots should follow it "
+    "(grey: the residual before the other findings are subtracted). Right, after: with all findings in the model, only noise "
+    "should remain, evenly around zero within the grey band."
 )
 
 
@@ -87,21 +86,21 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list
         ("residual RMS before → after", f"{before} → {after} {unit}")
         if findings
         else ("residual RMS", f"{after} {unit}"),
-        ("noise found (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
+        ("estimated noise (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
         ("χ²/dof", f"{plain_number(diagnosis.fit.chi2_dof_after)} ({expected_ratio(diagnosis.after.dof)})"),
-        ("p-value of “nothing is missing”", power_of_ten(diagnosis.p_value)),
+        ("p-value of “the model is complete”", power_of_ten(diagnosis.p_value)),
         ("false-alarm rate allowed", percent(diagnosis.false_alarms)),
-        ("effects looked for", str(len(diagnosis.observability))),
+        ("effects tested", str(len(diagnosis.observability))),
     ]
     if diagnosis.geometry_share > SHOWN_SHARE:
         part = percent(diagnosis.geometry_share)
-        tiles.insert(1, ("share of the deviation that geometry and set-up explain, identified anew", part))
+        tiles.insert(1, ("explained by geometry and set-up (refitted)", part))
     links = [("findings", "Findings")] if findings else []
-    proof = "Before and after" if findings else "What is left"
-    links += [("proof", proof), ("sight", "Where, and what these tests can see"), ("quality", "Data quality"),
+    proof = "Before and after" if findings else "Residuals"
+    links += [("proof", proof), ("sight", "Sensitivity of these tests"), ("quality", "Data quality"),
               ("noise", "Noise"), ("setup", "Set-up")]  # fmt: skip
     facts = f"Campaign {campaign.name}; structure {machine.structure.code}; {len(campaign.runs)} runs, {campaign.rows} rows."
-    chain = chain_picture(machine, list(enumerate(findings, start=1)), "The machine's chain with every finding's place")
+    chain = chain_picture(machine, list(enumerate(findings, start=1)), "Machine chain with the place of each finding")
     return [
         f"<h1>{html.escape(title)}</h1>",
         f'<p class="facts">{html.escape(facts)}</p>',
@@ -118,7 +117,11 @@ def _verdict(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
     listed = ""
     for number, finding in enumerate(findings, start=1):
         facts = facts_of(finding, diagnosis.after)
-        alike = [f"{facts['reads the same']} would read the same here"] if "reads the same" in facts else []
+        alike = (
+            [f"cannot be distinguished from {facts['reads the same']} in this test"]
+            if "reads the same" in facts
+            else []
+        )
         said = "; ".join([*(facts[question] for question in IN_SHORT), *alike])
         listed += f'<li><a href="#finding-{number}">{html.escape(finding.title)}</a>: {html.escape(said)}</li>'
     against = "".join(f"<li>{html.escape(said)}</li>" for said in (*diagnosis.doubts, *diagnosis.excluded))
@@ -150,23 +153,21 @@ def _others(parts: Sequence[Mapping[str, Array]], mine: int) -> dict[str, Array]
 
 
 def _proof(diagnosis: Diagnosis, figures: Path) -> Iterator[str]:
-    yield f'<h2 id="proof">{"Before and after" if diagnosis.findings else "What is left"}</h2>'
+    yield f'<h2 id="proof">{"Before and after" if diagnosis.findings else "Residuals"}</h2>'
     yield fit_table(diagnosis)
     before, after = diagnosis.before, diagnosis.after
     if diagnosis.findings:
-        said = "A bar that moved by more than its length: the geometry had taken up what belongs to a finding."
+        said = "Where a value moved by more than its bar, the geometry had absorbed part of a finding."
         yield _figure("geometry", "Geometry before and after", said, lambda: geometry_chart(before, after), figures)
         shown = geometry_table(diagnosis)
-        yield f"<details><summary>All of the geometry in numbers</summary>{shown}</details>"
-    said = "Measured, with the model dashed, and what is left, magnified further. Both senses of travel overlaid."
+        yield f"<details><summary>Table of all geometry errors</summary>{shown}</details>"
+    said = "Measured (dashed: model) and residual, magnified further. Both directions overlaid."
     if diagnosis.findings:
         yield _figure("polar-before", "Circular tests before", f"Before: without the findings. {said}",
                       lambda: (polar_trace(before), {}), figures)  # fmt: skip
     words = "After: with all findings. " if diagnosis.findings else ""
     yield _figure("polar-after", "Circular tests", words + said, lambda: (polar_trace(after), {}), figures)
-    said = (
-        "The error over the travel that was used, with its uncertainty. Where the band contains zero, none is proven."
-    )
+    said = "Error over the travel used, with its uncertainty. Where the band contains zero, no error is proven."
     yield _figure("error-motions", "Error motions", said, lambda: (error_motion_bands(after), {}), figures)
 
 
@@ -182,14 +183,14 @@ def _figure(name: str, title: str, reading: str, draw: Drawn, figures: Path) -> 
 
 def _sight(diagnosis: Diagnosis) -> list[str]:
     return [
-        '<h2 id="sight">Is anything left, and where</h2>',
-        "<p>Tests that need no name of an effect, on the fit before any finding, and the places of the chain at which the "
-        "readings differ most from the model.</p>",
+        '<h2 id="sight">Is anything missing, and where</h2>',
+        "<p>Tests of the fit before any finding: is the model complete, and if not, which link of the chain "
+        "explains most of the mismatch?</p>",
         tests_table(diagnosis),
         suspects_table(diagnosis),
-        "<h2>What these tests can see at all</h2>",
-        "<p>For each effect: the share of its energy that the fit cannot take up as geometry or set-up, and by how many "
-        "σ one of usual size would stand out. An effect with a small share could be there and stay unseen.</p>",
+        "<h2>What this campaign could detect</h2>",
+        "<p>For each effect: the share that geometry and set-up cannot absorb, and how many σ an effect of usual size "
+        "would reach. An effect with a small share could be present and undetected.</p>",
         classes_list(diagnosis),
         observability_table(diagnosis),
     ]
@@ -203,13 +204,11 @@ def _quality(diagnosis: Diagnosis, figures: Path) -> list[str]:
         '<h2 id="quality">Data quality</h2>',
         outlier_table(after) if after.outliers else "<p>No reading is excluded as an outlier.</p>",
         gaps or "<p>No rows are missing in the recordings.</p>",
+        _figure("residuals-over-time", "Residuals over time", OVER_TIME, lambda: residuals_with_tips(after), figures),
         _figure(
-            "residuals-over-time", "What is left, over time", OVER_TIME, lambda: residuals_with_tips(after), figures
+            "residual-spectrum", "Spectrum of the residuals", SPECTRUM, lambda: (residual_spectrum(after), {}), figures
         ),
-        _figure(
-            "residual-spectrum", "Spectrum of what is left", SPECTRUM, lambda: (residual_spectrum(after), {}), figures
-        ),
-        '<h2 id="noise">Noise found and declared</h2>',
+        '<h2 id="noise">Noise, estimated and declared</h2>',
         noise_table(after),
         '<h2 id="setup">Set-up</h2>',
         setup_table(after) if has_setup else "<p>No set-up parameter was estimated.</p>",

@@ -22,7 +22,7 @@ NAME = "identification.html"
 HEADLINES = {
     "yes": "The model fits.",
     "better": "The model fits.",
-    "nearly": "The model fits almost.",
+    "nearly": "The model almost fits.",
     "no": "The residuals are larger than the declared noise.",
     "unknown": "The fit cannot be judged.",
 }
@@ -56,7 +56,7 @@ def _head(identification: Identification, title: str) -> str:
         f"structure {machine.structure.code}",
         f"{len(campaign.runs)} runs, {campaign.rows} rows",
         f"{shared} parameters of the machine and its effects, {len(identification.parameters) - shared} of set-up",
-        f"rank {identification.rank}: so many combinations of them do the data determine",
+        f"the readings determine {identification.rank} of {len(identification.parameters)} parameters",
         f"method {identification.method}",
         *([f"effects in the model: {effects}"] if effects else []),
     ]
@@ -64,7 +64,7 @@ def _head(identification: Identification, title: str) -> str:
     headline = HEADLINES[state] if converged else "The fit did not converge."
     known = {unit: value for unit, value in identification.rms.items() if unit != "mixed"}
     rms = ", ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known.items())
-    links = (("told-apart", "Not told apart"), ("values", "Parameters"), ("noise", "Noise"), ("outliers", "Outliers"),
+    links = (("told-apart", "Not separable"), ("values", "Parameters"), ("noise", "Noise"), ("outliers", "Outliers"),
              ("setup", "Set-up"), ("figures", "Figures"))  # fmt: skip
     return "\n".join([
         f"<h1>{html.escape(title)}</h1>",
@@ -73,7 +73,7 @@ def _head(identification: Identification, title: str) -> str:
         f"<p>{html.escape(verdict(identification))}</p></div>",
         f'<p class="facts">Residual RMS {html.escape(rms or "not available")}; '
         f"χ²/dof {identification.chi2_dof:.4g} against the declared noise, "
-        f"{identification.chi2_dof_whitened:.4g} against the noise found; {identification.dof:.0f} "
+        f"{identification.chi2_dof_whitened:.4g} against the estimated noise; {identification.dof:.0f} "
         f"degrees of freedom: {html.escape(expected_ratio(identification.dof))}.</p>",
         "<nav>" + "".join(f'<a href="#{key}">{words}</a>' for key, words in links) + "</nav>",
     ])  # fmt: skip
@@ -81,10 +81,10 @@ def _head(identification: Identification, title: str) -> str:
 
 def _sections(identification: Identification, target: Path | None) -> list[str]:
     machine, setup = confounded_machine(identification), confounded_setup(identification)
-    said = sentences(machine) if machine else "<p>Every parameter of the machine is told apart from all others.</p>"
+    said = sentences(machine) if machine else "<p>Every parameter of the machine is determined on its own.</p>"
     if setup:
         said += (
-            f"<details><summary>{len(setup)} combinations of set-up alone, which do not touch the machine's parameters"
+            f"<details><summary>{len(setup)} combinations of set-up parameters alone (no effect on the machine's parameters)"
             f"</summary>{sentences(setup, 200)}</details>"
         )
     notes = (*identification.notes, *identification.model.campaign.notes)
@@ -92,12 +92,12 @@ def _sections(identification: Identification, target: Path | None) -> list[str]:
     has_shared = any(p.run is None for p in identification.parameters)
     return [
         *(f"<p>Note: {html.escape(note)}.</p>" for note in notes),
-        '<h2 id="told-apart">What these data cannot tell apart</h2>', said,
+        '<h2 id="told-apart">What these readings cannot separate</h2>', said,
         '<h2 id="values">Parameters</h2>',
-        parameter_table(identification) if has_shared else "<p>The model has none but set-up.</p>",
+        parameter_table(identification) if has_shared else "<p>None: the model has set-up parameters only.</p>",
         *worth_section(identification),
         *standards_section(identification),
-        '<h2 id="noise">Noise found and declared</h2>', noise_table(identification),
+        '<h2 id="noise">Noise, estimated and declared</h2>', noise_table(identification),
         '<h2 id="outliers">Outliers</h2>',
         outlier_table(identification) if identification.outliers else "<p>None.</p>",
         '<h2 id="setup">Set-up</h2>',

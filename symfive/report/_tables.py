@@ -61,12 +61,12 @@ def parameter_table(identification: Identification) -> str:
         low, high = identification.interval(p.name)
         known = learnt(identification, p)
         prior = f"{plain_number(p.mean, p.unit)} ± {plain_number(p.sigma)}"
-        state = "held fixed" if std == 0.0 else "known better than before" if known else "no better than before"
+        state = "held fixed" if std == 0.0 else "improved on the prior" if known else "no better than the prior"
         interval = f"{rounded(low, std, p.unit)} … {rounded(high, std, p.unit)}"
         rows.append([p.name, meaning(p, machine), Cell(rounded(value, std, p.unit), value), Cell(rounded(std, std, p.unit), std),
                      Cell(interval, low), unit_words(p.unit), Cell(prior, p.sigma), state])  # fmt: skip
         classes.append("" if known else "weak")
-    heads = ["parameter", "what it is", "value", "1σ", "95 % interval", "unit", "prior (mean ± 1σ)", "the data"]
+    heads = ["parameter", "meaning", "value", "1σ", "95 % interval", "unit", "prior (mean ± 1σ)", "the data"]
     return table("Parameters of the machine and its effects", heads, rows, classes)
 
 
@@ -94,7 +94,7 @@ def noise_table(identification: Identification) -> str:
             _number(rms, unit),
         ]
         rows.append([*words, *numbers, unit_words(unit)])
-    heads = ["run", "instrument", "sampling", "rows", "declared 1σ", "white 1σ found", "slow 1σ found",
+    heads = ["run", "instrument", "sampling", "rows", "declared 1σ", "white 1σ", "slow 1σ",
              "correlation time / s", "residual RMS", "unit"]  # fmt: skip
     return table("Noise of one reading", heads, rows)
 
@@ -135,4 +135,4 @@ def setup_table(identification: Identification) -> str:
     for run, found in entries.items():
         rows.append([run, *(found.get(quantity, Cell("–", math.nan)) for quantity in units)])
     heads = ["run", *(f"{quantity.replace('_', ' ')} / {unit}" for quantity, unit in units.items())]
-    return table("Set-up of each run: value ± 1σ (* known no better than before)", heads, rows)
+    return table("Set-up of each run: value ± 1σ (* no better than the prior)", heads, rows)
