@@ -41,8 +41,8 @@ class Backlash(Effect):
 
     id = "backlash"
     stage = "axis"
-    says = "play behind the drive"
-    hidden_by = "a servo mismatch where only one feed was run; a rotary axis' location errors"
+    says = "backlash between drive and axis"
+    hidden_by = "servo mismatch where only one feed was run; location errors of a rotary axis"
     coordinate = "{axis} velocity sign"
     needs_axis = True
     shape: str = "play"

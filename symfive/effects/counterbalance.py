@@ -33,7 +33,7 @@ class Counterbalance(Effect):
     id = "counterbalance"
     stage = "axis"
     says = "a vertical axis drops in one direction of motion"
-    hidden_by = "backlash growing along the axis and its scale; the drive's current tells up from down"
+    hidden_by = "backlash growing along the axis and its scale; the drive current separates up from down"
     coordinate = "{axis} velocity sign"
     reported_as = "backlash"
     needs_axis = True

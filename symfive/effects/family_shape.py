@@ -50,7 +50,7 @@ class FamilyShape(Effect):
     """
 
     id = "family_shape"
-    says = "the shape of an effect differs from the library's"
+    says = "deviation of an effect from its library shape"
     reported_as = "unknown"
     of: str
     channel: str

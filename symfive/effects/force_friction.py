@@ -33,7 +33,7 @@ class ForceFriction(Effect):
 
     id = "force_friction"
     stage = "reading"
-    says = "friction that the drive has to overcome"
+    says = "friction in the drive force"
     hidden_by = "viscous friction and mass, where an axis moves at one speed"
     coordinate = "{axis} velocity sign"
     reported_as = "friction"

@@ -50,7 +50,7 @@ class GravitySag(Effect):
     """
 
     id = "gravity_sag"
-    says = "what a tilting axis carries sags as gravity turns in its frame"
+    says = "the part carried by a tilting axis sags as gravity turns in its frame"
     hidden_by = "location errors of the rotary axes (99 % of it where the axis only tilts one way)"
     coordinate = "{axis}"
     needs_axis = True

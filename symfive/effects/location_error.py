@@ -30,7 +30,7 @@ class LocationError(Effect):
     """
 
     id = "location_error"
-    says = "a location error that the baseline holds at zero"
+    says = "a location error missing from the machine file"
     hidden_by = "set-up errors and the instrument's zero where poses are few"
     coordinate = "pose"
     component: str

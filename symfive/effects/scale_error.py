@@ -30,7 +30,7 @@ class ScaleError(Effect):
     id = "scale_error"
     stage = "axis"
     says = "positioning error growing with travel"
-    hidden_by = "the bar's length and the other axes' scale: a ball bar sees their difference alone"
+    hidden_by = "the bar's length and the other axes' scale: a ball bar reads only their difference"
     coordinate = "{axis}"
     needs_axis = True
     at: float = 0.0

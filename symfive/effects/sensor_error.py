@@ -35,7 +35,7 @@ class SensorError(Effect):
     id = "sensor_error"
     stage = "reading"
     says = "gain or cross-sensitivity of the instrument"
-    hidden_by = "everything proportional to the deviation; a known shift of 50 µm parts them"
+    hidden_by = "everything proportional to the deviation; a known shift of 50 µm separates them"
     coordinate = "reading"
     shape: str = "gain"
     instrument: str = "r_test"

@@ -31,7 +31,7 @@ class SensorLowPass(Effect):
 
     id = "sensor_low_pass"
     stage = "recording"
-    says = "the instrument's low-pass filter rounds off what changes fast"
+    says = "low-pass filter of the instrument"
     hidden_by = "latency and servo mismatch at slow motion"
     coordinate = "time"
     reported_as = "latency"

@@ -40,7 +40,7 @@ class StructuralResonance(Effect):
 
     id = "structural_resonance"
     says = "a lightly damped vibration excited by the motion"
-    hidden_by = "vibration of the floor where it hardly decays; reversal spikes"
+    hidden_by = "vibration of the floor where damping is small; reversal spikes"
     coordinate = "{axis} acceleration"
     needs_axis = True
     dynamic_only = True

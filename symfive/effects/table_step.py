@@ -43,7 +43,7 @@ class TableStep(Effect):
     id = "table_step"
     stage = "axis"
     says = "a step of the positioning error at one place of the axis"
-    hidden_by = "straightness of the other axis and scale where the place is passed only once or twice"
+    hidden_by = "straightness of the other axis, and scale where the place is passed only once or twice"
     coordinate = "{axis}"
     reported_as = "error_motion"
     needs_axis = True

@@ -77,8 +77,8 @@ class Unknown(Effect):
     """
 
     id = "unknown"
-    says = "none of the known effects explains it"
-    hidden_by = "nothing names it; error motions over the same coordinates take its place"
+    says = "an unidentified effect"
+    hidden_by = "error motions over the same coordinates"
     nameless = True
     over: tuple[str, ...]
     basis: str | tuple[str, ...] = "bspline"

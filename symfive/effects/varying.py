@@ -51,8 +51,8 @@ class Varying(Effect):
     id = "varying"
     reported_as = "unknown"
     nameless = True
-    says = "it acts like one of the known effects, but not everywhere alike"
-    hidden_by = "the effect that it resembles, and what takes up the rest"
+    says = "like a known effect, but its size changes along a coordinate"
+    hidden_by = "the effect it resembles"
     of: Effect
     over: str
     span: tuple[float, ...] = ()
