@@ -326,7 +326,9 @@ def test_verdict_is_honest(static, backlash):
     assert fits(replace(static, chi2_dof=1.08, dof=20000.0)) == "nearly"
     assert fits(replace(static, chi2_dof=0.5)) == "better" and fits(replace(static, dof=1.0)) == "unknown"
     assert verdict(replace(static, converged=False)).startswith("The fit did not converge")
-    assert meaning(static.parameters[static.model.index["EA0C"]], static.model.machine) == "axis C turned about X"
+    assert (
+        meaning(static.parameters[static.model.index["EA0C"]], static.model.machine) == "orientation of axis C about X"
+    )
 
 
 def test_numbers_and_units_as_engineers_write_them():

@@ -46,7 +46,9 @@ class ErrorMotion(Effect):
 
     id = "error_motion"
     says = "an error motion missing from the machine file"
-    hidden_by = "others with the same readings on one circle (straightness, pitch); a second place or height separates them"
+    hidden_by = (
+        "others with the same readings on one circle (straightness, pitch); a second place or height separates them"
+    )
     coordinate = "{axis}"
     component: str
     basis: str | tuple[str, ...] = "fourier"

@@ -43,7 +43,9 @@ class ThermalDrift(Effect):
     stage = "structure"
     over_time = True
     says = "tool relative to table drifts with time"
-    hidden_by = "location errors (89 % of it) and the bar's own growth; the first pose repeated at the end separates them"
+    hidden_by = (
+        "location errors (89 % of it) and the bar's own growth; the first pose repeated at the end separates them"
+    )
     coordinate = "time"
     shape: str = "exponential"
     onset_s: float = 0.0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-
 import numpy as np
 
 from symfive.campaign import Campaign
@@ -13,7 +11,7 @@ from symfive.numbers import expected_ratio, plain_number, power_of_ten
 from symfive.report._findings import FAINT_SIGMAS
 from symfive.report._tables import Cell, table
 
-__all__ = ["classes_list", "fit_table", "gap_table", "observability_table", "suspects_table", "tests_table"]
+__all__ = ["fit_table", "gap_table", "observability_table", "suspects_table", "tests_table"]
 
 GAP = 1.5
 MOST_GAPS = 500
@@ -68,7 +66,7 @@ def suspects_table(diagnosis: Diagnosis) -> str:
     """Where the mismatch may sit, from score tests of the whole catalogue; "" where no place stands out."""
     found = diagnosis.location.significant
     if not found:
-        return "<p>No link of the chain is significant.</p>"
+        return ""
     rows: list[list[str | Cell]] = [
         [s.link, s.axis or "–", s.coordinate, Cell(plain_number(s.drop), s.drop), s.effect.key] for s in found
     ]
@@ -95,20 +93,6 @@ def observability_table(diagnosis: Diagnosis) -> str:
         f"; {weak} (coloured) of usual size would be invisible here (below {FAINT_SIGMAS:g} σ)" if weak else ""
     )
     return table(caption, heads, rows, classes)
-
-
-def classes_list(diagnosis: Diagnosis) -> str:
-    """The classes of effects whose visible parts have one shape."""
-    if not diagnosis.classes:
-        return "<p>This campaign can separate all effects that it can detect.</p>"
-    items = [
-        f"<li><strong>Class {i}:</strong> {html.escape(', '.join(group))}</li>"
-        for i, group in enumerate(diagnosis.classes, start=1)
-    ]
-    return (
-        "<p>This campaign cannot separate the effects of one class, whatever their size. Another place or height can; "
-        f"a repetition cannot:</p><ul>{''.join(items)}</ul>"
-    )
 
 
 def gap_table(campaign: Campaign) -> str:

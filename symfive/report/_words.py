@@ -49,7 +49,7 @@ def verdict(identification: Identification) -> str:
 def _fit(identification: Identification) -> str:
     known = [(unit, value) for unit, value in identification.rms.items() if unit != "mixed"]
     rms = " and ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known)
-    left = f"the residual RMS {rms}, " if rms else ""
+    left = f"residual RMS {rms}, " if rms else ""
     ratio = identification.chi2_dof
     much = f"χ²/dof {ratio:.3g} against the declared noise ({expected_ratio(identification.dof)})"
     return {
@@ -116,8 +116,6 @@ def meaning(parameter: Parameter, machine: Machine) -> str:
     letter = term.component
     along = f"about {'XYZ'['ABC'.index(letter)]}" if term.angular else f"along {letter}"
     if term.is_location:
-        what = "turned" if term.angular else "displaced"
-        subject = "axis" if machine.axes[term.axis].rotary else "direction of axis"
-        return f"{subject} {term.axis} {what} {along}"
+        return f"{'orientation' if term.angular else 'position'} of axis {term.axis} {along}"
     over = "" if term.over == (term.axis,) else f" over {', '.join(term.over)}"
-    return f"motion of axis {term.axis} {along}{over}, term {function}"
+    return f"error motion of axis {term.axis} {along}{over}, term {function}"
