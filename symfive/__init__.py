@@ -18,10 +18,10 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from symfive.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from symfive._api import *
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Campaign", "InputError", "Machine", "Model", "Run", "SetupSigma", "assess", "check", "codegen", "convert",

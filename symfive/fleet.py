@@ -17,7 +17,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from symfive import __version__
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import EXPLAINED, Diagnosis
 from symfive.diagnose import diagnose as diagnose_campaign
@@ -31,6 +30,7 @@ from symfive.outputs import output_folder, write_json, write_text
 from symfive.results import write_diagnosis, write_identification
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
+from symfive.version import __version__
 
 __all__ = ["SCHEMA", "Fleet", "Row", "Task", "fleet", "row_of"]
 

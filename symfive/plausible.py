@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from symfive.campaign import Campaign, Run
 from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine, designed_ball
 from symfive.numbers import plain_number
+from symfive.runs import Campaign, Run
 
 __all__ = ["doubts"]
 

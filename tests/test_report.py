@@ -80,7 +80,7 @@ def test_residuals_over_time_has_one_panel_a_run_with_units_and_marks_outliers(p
     assert len(panels(figure)) == len(planar.model.campaign.runs)
     words = texts(figure)
     assert "time in the run / s" in words and "µm" in words and "xy-f2400-cw-2" in words
-    assert "outlier, left out" in words and "±2σ of the declared noise" in words and "beyond the panel" in words
+    assert "excluded outlier" in words and "±2σ of the declared noise" in words and "beyond the panel" in words
     assert len(panels(residuals_over_time(planar, "xy-f800-cw-1"))) == 1
 
 
@@ -95,7 +95,7 @@ def test_residuals_over_coordinates_has_one_panel_for_each_moving_axis_and_colum
     words = texts(figure)
     assert all(label in words for label in ("dx / µm", "dy / µm", "dz / µm", "B / °", "C / °", "X / mm"))
     folded = texts(residuals_over_coordinates(backlash))
-    assert "C in one turn / °" in folded and "A /" not in folded and "one row in 2" in folded
+    assert "C over one revolution / °" in folded and "A /" not in folded and "one row in 2" in folded
 
 
 def test_backlash_shows_as_two_lines(backlash):
@@ -326,7 +326,9 @@ def test_verdict_is_honest(static, backlash):
     assert fits(replace(static, chi2_dof=1.08, dof=20000.0)) == "nearly"
     assert fits(replace(static, chi2_dof=0.5)) == "better" and fits(replace(static, dof=1.0)) == "unknown"
     assert verdict(replace(static, converged=False)).startswith("The fit did not converge")
-    assert meaning(static.parameters[static.model.index["EA0C"]], static.model.machine) == "axis C turned about X"
+    assert (
+        meaning(static.parameters[static.model.index["EA0C"]], static.model.machine) == "orientation of axis C about X"
+    )
 
 
 def test_numbers_and_units_as_engineers_write_them():

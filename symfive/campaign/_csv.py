@@ -7,18 +7,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from symfive.campaign._data import Array, Run
-from symfive.campaign._disk import Spool, let_go
 from symfive.campaign._lines import lines_of
+from symfive.disk import Spool, release
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine import Axis, Machine
 from symfive.outputs import write_parts
+from symfive.runs import Run
 from symfive.separated import LARGEST, SIGNS, Marks, cells_of, sign_of
 
 __all__ = ["read_columns", "write_columns"]
 
+Array = NDArray[np.float64]
 MOST_GAPS = 20
 _UNITS = ("_mm", "_deg", "_um", "_urad", "_s", "_N", "_Nm", "_rad", "_m", "_ms")
 
@@ -224,6 +226,6 @@ def write_columns(path: Path, run: Run, machine: Machine, *, to_edit: bool = Fal
         for first in range(0, run.rows, WRITTEN_ROWS):
             rows = zip(*(column[first : first + WRITTEN_ROWS].tolist() for column in columns), strict=True)
             yield "".join(",".join(map(repr, row)) + "\n" for row in rows).encode()
-            let_go(*columns)
+            release(*columns)
 
     write_parts(path, parts(), to_edit=to_edit)

@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 
 from symfive.campaign._csv import read_columns, write_columns
-from symfive.campaign._data import Campaign, Run, SetupSigma
-from symfive.campaign._options import OPTIONS
 from symfive.errors import InputError, inside
 from symfive.files import shown
 from symfive.instruments import instruments_of
 from symfive.machine import Machine, machine_problems, read_machine, refuse_slips, unknown_keys, write_machine
 from symfive.outputs import output_folder, write_text
+from symfive.runs import OPTIONS, Campaign, Run, SetupSigma
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
 
-__all__ = ["SCHEMA", "campaign_problems", "read_campaign", "write_campaign"]
+__all__ = ["SCHEMA", "campaign_problems", "read_campaign", "write_campaign", "write_campaign_files"]
 
 SCHEMA = "symfive.campaign/1"
 _TOP = ("schema", "machine", "run", "name")

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from symfive import __version__
 from symfive.files import shown
 from symfive.separated import LARGEST, SMALLEST
+from symfive.version import __version__
 
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
@@ -87,7 +87,7 @@ def _show_completion(ctx: click.Context, parameter: click.Parameter, shell: str 
 @click.version_option(__version__, message="symfive %(version)s", help="Print the version.")
 @click.option(
     "--show-completion", type=click.Choice(["bash", "zsh", "fish"]), expose_value=False, is_eager=True,
-    callback=_show_completion, help="Print what completes the verbs in this shell, to be added to its start file.",
+    callback=_show_completion, help="Print the completion script of this shell, for its start file.",
 )  # fmt: skip
 def app() -> None:
     """The program."""
@@ -95,7 +95,7 @@ def app() -> None:
 
 campaign_path = click.argument("campaign", type=PATH, help="A campaign's folder, or its campaign.toml.")
 overwrite = click.option(
-    "--overwrite", is_flag=True, help="Replace results that lie there, unless somebody changed them."
+    "--overwrite", is_flag=True, help="Replace results in the folder unless somebody changed them."
 )
 output_path = click.option("-o", "--output", type=PATH, required=True, help="The folder for the results.")
 dialects = click.option(

@@ -33,9 +33,9 @@ also = click.option("--with", "also", type=PATH, multiple=True, help="A further 
 @campaign_path
 @output_path
 @also
-@click.option("--noise", default="estimate", help="estimate, or declared (believe the data sheet).")
+@click.option("--noise", default="estimate", help="estimate, or declared (as on the data sheet).")
 @click.option("--loss", default="square", help="square, or huber (by IPOPT).")
-@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
+@click.option("--figures/--no-figures", default=True, help="Draw figures.")
 @overwrite
 @as_json
 @quiet
@@ -80,7 +80,7 @@ def _notes(notes: tuple[str, ...], quiet: bool) -> None:
 @as_json
 @quiet
 def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json: bool, quiet: bool) -> None:
-    """Predict the readings of a plan or campaign; a run's own set-up is fitted where it has readings."""
+    """Predict the readings of a plan or campaign; set-up is fitted to runs with readings."""
     from symfive.campaign import write_campaign_files
     from symfive.identify import predict as predict_campaign
     from symfive.model import read_model
@@ -117,7 +117,7 @@ def diagnose(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Where the model is wrong: locate the mismatch, name the physics left out, model it and show the fit improve."""
+    """Find faults: cause, place, size and confidence, the corrected model, and the next test."""
     from symfive.diagnose import diagnose as diagnose_campaign
     from symfive.outputs import output_folder
     from symfive.report import diagnosis_text
@@ -136,10 +136,10 @@ def diagnose(
 @click.argument("campaigns", type=PATH, nargs=-1, required=True, help="Campaigns' folders, or folders that hold some.")
 @output_path
 @click.option("--diagnose", is_flag=True, help="Diagnose instead of identify.")
-@click.option("--workers", default=1, help="Processes of this computer; 0: none but this one.")
+@click.option("--workers", default=1, help="Processes of this computer; 0: only this one.")
 @scheduler
 @click.option("--figures/--no-figures", default=True, help="Draw the figures (a diagnosis always does).")
-@click.option("--redo", "--overwrite", "redo", is_flag=True, help="Begin anew what is complete already.")
+@click.option("--redo", "--overwrite", "redo", is_flag=True, help="Repeat campaigns that are complete.")
 @as_json
 @quiet
 def fleet(

@@ -20,11 +20,11 @@ __all__ = ["codegen", "convert", "import_mtconnect", "import_polar", "import_res
 @click.argument("model", help="A fitted model.json, a machine file, or the name of a preset.")
 @output_path
 @click.option("--target", default="c", help="c, linuxcnc, setp, isg, or a sheet: siemens, fanuc, heidenhain, haas.")
-@click.option("--prefix", default="sf", help="What every C name and file begins with.")
+@click.option("--prefix", default="sf", help="Prefix of every C name and file.")
 @overwrite
 @quiet
 def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool, quiet: bool) -> None:
-    """Code for controllers: C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
+    """Generate code for controllers: C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
     from symfive.codegen import codegen as generate
 
     written = generate(model, output, target=target, prefix=prefix, overwrite=overwrite)
@@ -37,24 +37,22 @@ def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool,
     epilog="Example: symfive import-polar three-axis ccw.csv cw.csv -o measured/ --radius 100 --feed 1000",
 )
 @click.argument("machine", help="A machine file, or the name of a preset.")
-@click.argument("files", type=PATH, nargs=-1, required=True, help="Angle and deviation, one file per sense.")
+@click.argument("files", type=PATH, nargs=-1, required=True, help="Angle and deviation, one file per direction.")
 @output_path
 @click.option("--radius", type=POSITIVE, help="Radius of the circle: the bar's length, mm.")
 @click.option("--feed", type=POSITIVE, help="Feed along the circle, mm/min.")
 @click.option("--columns", default="angle,deviation", help="The file's columns in order, - for what is not needed.")
-@click.option(
-    "--direction", multiple=True, help="ccw or cw, one per file, where the angles do not run as the circle did."
-)
+@click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
 @click.option("--centre", default="0,0,0", help="The table ball in the workpiece frame, mm.")
 @click.option("--plane", default="XY", help="XY, YZ or ZX.")
 @click.option("--unit", default="um", help="Unit of the deviation: um or mm.")
 @click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
-@click.option("--fitted", is_flag=True, help="The software took each circle's own mean radius and centre off.")
+@click.option("--fitted", is_flag=True, help="The software removed each circle's mean radius and centre.")
 @click.option(
     "--angle-error",
     type=Number(0.0),
     default=0.5,
-    help="How well the angle is known, degree: readings so near a reversal are left out.",
+    help="Uncertainty of the angle in degrees: readings closer to a reversal are excluded.",
 )
 @overwrite
 @quiet
@@ -75,7 +73,7 @@ def import_polar(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """A campaign from what a ball bar's software exports: deviation over angle, the positions reconstructed."""
+    """Import a ball bar's deviation over angle as a campaign; positions are reconstructed."""
     import numpy as np
 
     from symfive.campaign import write_campaign_files
@@ -118,7 +116,7 @@ def import_polar(
         for note in notes:
             click.echo(f"note: {note}", err=True)
         near = sum(map(len, angles)) - campaign.rows
-        left_out = f"; {near} readings within {angle_error:g}° of a reversal left out (--angle-error)" if near else ""
+        left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
         click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}{left_out}", err=True)
 
 
@@ -211,7 +209,7 @@ def import_rests(
     "--code",
     default="",
     show_default=False,
-    help="The structural code, as \"w C' B' X' Y' b Z t\", where the document tells none.",
+    help="The structural code, as \"w C' B' X' Y' b Z t\", where the document has none.",
 )
 @quiet
 def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: bool) -> None:
@@ -234,7 +232,7 @@ def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: b
 @app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")
 @click.argument("name", help="A real recording: emps, ess-xyz, irb120-tracker, …")
 @output_path
-@click.option("--data", type=PATH, help="Where the recordings lie (default: $SYMFIVE_DATA).")
+@click.option("--data", type=PATH, help="Folder of the recordings (default: $SYMFIVE_DATA).")
 @cut
 @overwrite
 @quiet

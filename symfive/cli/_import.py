@@ -31,7 +31,7 @@ __all__ = ["import_table"]
     help="NAME=COLUMN:UNIT: a column by number, range (2-6) or name is time, angle, deviation, radius, target, measured, up, "
     "down, an axis, X_found, or a reading (dL, dx, X_dev, X_act, …).",
 )  # fmt: skip
-@click.option("--yes", is_flag=True, help="Take what is guessed from the head without asking.")
+@click.option("--yes", is_flag=True, help="Accept the columns guessed from the header without asking.")
 @click.option("--axis", default="X", help="Axis of a positioning test.")
 @click.option("--centre", default="0,0,0", help="The table ball or sphere in the workpiece frame, mm.")
 @click.option(
@@ -40,13 +40,11 @@ __all__ = ["import_table"]
 @click.option("--radius", type=POSITIVE, help="Radius of the circle, length of the bar, mm.")
 @click.option("--feed", type=POSITIVE, help="Feed along the circle, mm/min.")
 @click.option("--plane", default="XY", help="XY, YZ or ZX.")
-@click.option(
-    "--direction", multiple=True, help="ccw or cw, one per file, where the angles do not run as the circle did."
-)
+@click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
 @click.option("--hold", multiple=True, help="AXIS=POSITION of an axis without a column; may be repeated.")
 @click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
-@click.option("--fitted", is_flag=True, help="The software took each circle's own mean radius and centre off.")
-@click.option("--angle-error", type=Number(0.0), default=0.5, help="How well the angle of a circle is known, degree.")
+@click.option("--fitted", is_flag=True, help="The software removed each circle's mean radius and centre.")
+@click.option("--angle-error", type=Number(0.0), default=0.5, help="Uncertainty of the angle in degrees.")
 @cut
 @overwrite
 @quiet
@@ -122,7 +120,7 @@ def _confirm(table: Table, found: Sequence[Meaning], shown: str, *, yes: bool, q
         return
     said = " ".join(f"--map {m.name}={m.column + 1}:{m.unit}" for m in found)
     if not sys.stdin.isatty():
-        problem = "what the columns mean is guessed from the head, and nobody is there to confirm it"
+        problem = "the meaning of the columns is guessed from the header and cannot be confirmed here"
         raise InputError(problem, path=table.path, remedy=f"add --yes, or {said}")
     click.confirm("Is that right?", default=True, abort=True, err=True)
 

@@ -1,4 +1,4 @@
-"""Before the measurement: check the files, plan it, see what it can tell, measure it in simulation."""
+"""Before the measurement: check files, plan, assess, simulate."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 @as_json
 @click.option("-q", "--quiet", is_flag=True, help="Print the problems only.")
 def check(path: Path, as_json: bool, quiet: bool) -> None:
-    """What the files declare and every problem found in them; exit code 1 if there is one."""
+    """Check files: what they declare, and every problem; exit code 1 if there is one."""
     from symfive.check import check as check_files
 
     result = check_files(path)
@@ -63,21 +63,23 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     "wanted",
     default="",
     show_default=False,
-    help="What is to be known, as EX0C,EY0C,EXC (default: everything).",
+    help="Errors to determine, as EX0C,EY0C,EXC (default: all).",
 )
 @dialects
-@click.option("--given", type=PATH, help="A campaign already measured, to which the plan adds.")
+@click.option("--given", type=PATH, help="A campaign already measured; the plan complements it.")
 @click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
-@click.option("--per-minute", is_flag=True, help="The poses that tell most per minute.")
-@click.option("--setups", type=COUNT, help="At most so many places of nest or balls.")
+@click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
+@click.option("--setups", type=COUNT, help="Most positions of nest or balls.")
 @click.option("--bar", "bars", type=POSITIVE, multiple=True, help="Length in mm of a bar you own; may be repeated.")
 @click.option("--repeats", type=COUNT, default=1, help="Readings of each pose.")
 @click.option("--returns", type=COUNT, default=2, help="Visits back to the first pose of a run, against drift.")
 @click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
-@click.option("--survive", is_flag=True, help="Stay good if any one pose is lost.")
+@click.option("--survive", is_flag=True, help="Remain good if any one pose is lost.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
 @click.option("--circles", help="Instead of poses, circles: synchronous or planar (needs --effect).")
-@click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
+@click.option(
+    "--effect", "effects", multiple=True, help="Effect to be found by circles, as backlash:C; may be repeated."
+)
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
 @click.option(
     "--tool-centre-on",
@@ -89,9 +91,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--reversed", "reversed_axes", default="", show_default=False, help="Rotary axes that turn against ISO 841, as B,C."
 )
-@click.option(
-    "--machine-top", type=Number(), default=0.0, help="Where the tool's axis is at its top, mm in machine coordinates."
-)
+@click.option("--machine-top", type=Number(), default=0.0, help="Top of the tool axis, mm in machine coordinates.")
 @click.option(
     "--dwell", type=POSITIVE, default=2.0, help="Rest at each pose in s, until machine and instrument have settled."
 )
@@ -108,7 +108,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 )
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
-@click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: none but this one.")
+@click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: only this one.")
 @scheduler
 @overwrite
 @as_json
@@ -149,7 +149,7 @@ def plan(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """The optimal measurement plan: a campaign without readings, certificate, NC programs, set-up sheet."""
+    """Plan a measurement: a campaign without readings, certificate, NC programs, set-up sheet."""
     from symfive.design import plan as make_plan
     from symfive.design import plan_circles
     from symfive.executors import executor
@@ -217,7 +217,7 @@ def _effects(words: Sequence[str]) -> list[Effect]:
 @as_json
 @quiet
 def assess(campaign: Path, given: Path | None, as_json: bool, quiet: bool) -> None:
-    """What a plan or campaign can tell: expected 1σ, rank, combinations that cannot be told apart."""
+    """Assess a plan or campaign: expected 1σ of each error, and errors that it cannot separate."""
     from symfive.design import assess as assess_campaign
 
     earlier = None if given is None else read(given, quiet)
@@ -229,8 +229,8 @@ def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
     """Values and effects of a truth file: `truth.json`, `model.json` or `identification.json`."""
     from symfive.errors import InputError
     from symfive.files import shown
-    from symfive.machine._checks import is_number
     from symfive.model import effects_from_data, read_json
+    from symfive.validation import is_number
 
     if path is None:
         return {}, ()

@@ -20,7 +20,10 @@ __all__ = ["standards"]
     help="NAME=VALUE (µm; squareness µm/m), as G=8, \"G XY CCW=8\" or G@circle-1=8: pass, fail or cannot be decided.",
 )  # fmt: skip
 @click.option(
-    "--uncertainty", "uncertainties", multiple=True, help="NAME=U (k = 2) from your own budget, instead of the noise's."
+    "--uncertainty",
+    "uncertainties",
+    multiple=True,
+    help="NAME=U (k = 2) from your own budget, instead of that of the noise.",
 )
 @as_json
 @quiet

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from symfive.codegen._sources import Sources, filled
-from symfive.compiled._vector import HELPERS, LANES, Rows, indented, plain_lines
+from symfive.compiled.vector import HELPERS, LANES, Rows, indented, plain_lines
 
 __all__ = ["Batch"]
 

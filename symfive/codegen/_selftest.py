@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from symfive.codegen._sources import Sources, filled
 from symfive.codegen._vectors import spread_vectors
-from symfive.compiled._scalar import number
+from symfive.compiled.scalar import number
 
 __all__ = ["selftest"]
 

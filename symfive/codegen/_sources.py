@@ -12,8 +12,8 @@ import numpy as np
 
 from symfive.codegen._chain import TOOL_AXIS, Chain, chain_of
 from symfive.codegen._subject import Subject
-from symfive.compiled._graph import Graph, graph_of
-from symfive.compiled._scalar import CALLS, Body, number, scalar_body
+from symfive.compiled.graph import Graph, graph_of
+from symfive.compiled.scalar import CALLS, Body, number, scalar_body
 from symfive.machine import Machine
 
 __all__ = ["FUNCTIONS", "Sources", "filled", "solved_axes", "turning_axes"]
@@ -127,7 +127,7 @@ class Sources:
     @property
     def names(self) -> dict[str, object]:
         """What every template may use."""
-        from symfive import __version__
+        from symfive.version import __version__
 
         return {"prefix": self.prefix, "PREFIX": self.prefix.upper(), "version": __version__,
                 "digest": self.subject.digest, "machine": _plain(self.machine.name),

@@ -17,11 +17,10 @@ from symfive.campaign import Campaign, Run
 from symfive.effects import Effect, baseline_effects
 from symfive.given import machine_or_model_given
 from symfive.machine import Machine, machine_to_data
-from symfive.model import FittedModel, effect_to_data
-from symfive.model._assembly import apply_errors, machine_parameters
-from symfive.model._row import Row
+from symfive.model import FittedModel, apply_errors, effect_to_data, machine_parameters
 from symfive.motion import Position
 from symfive.parameters import Parameter
+from symfive.row import Row
 
 __all__ = ["Subject", "subject_of"]
 

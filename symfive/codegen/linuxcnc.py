@@ -6,7 +6,7 @@ import re
 
 from symfive.codegen._sources import Sources, filled
 from symfive.codegen._subject import Subject
-from symfive.compiled._scalar import number
+from symfive.compiled.scalar import number
 from symfive.errors import InputError
 
 __all__ = ["linuxcnc_files", "pin_names"]

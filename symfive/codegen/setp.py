@@ -21,7 +21,7 @@ from symfive.codegen._entry import COVERAGE, Change, digits_of
 from symfive.codegen._lines import table_axes
 from symfive.codegen._subject import Subject
 from symfive.codegen._workspace import Poses, workspace_poses
-from symfive.compiled._scalar import number
+from symfive.compiled.scalar import number
 from symfive.errors import InputError
 
 __all__ = ["TrunnionFit", "entered_fit", "fit_trunnion", "setp_files"]

@@ -10,7 +10,7 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from symfive.compiled._scalar import CALLS
+from symfive.compiled.scalar import CALLS
 
 __all__ = ["SWITCH", "Compiler", "find_compiler"]
 

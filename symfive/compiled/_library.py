@@ -55,9 +55,9 @@ def _generator() -> str:
     """A digest of the code that writes the C."""
     room = files("symfive.compiled")
     names = (
-        "_graph.py",
-        "_scalar.py",
-        "_vector.py",
+        "graph.py",
+        "scalar.py",
+        "vector.py",
         "_source.py",
         "_library.py",
         "templates/rows.c",

@@ -8,8 +8,8 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
-from symfive.compiled._graph import exact_graph
-from symfive.compiled._vector import HELPERS, LANES, Rows, indented, plain_lines
+from symfive.compiled.graph import exact_graph
+from symfive.compiled.vector import HELPERS, LANES, Rows, indented, plain_lines
 
 __all__ = ["Source", "source_of"]
 

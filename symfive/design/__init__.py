@@ -1,6 +1,7 @@
 """The designer: measurement plans that tell most, with a certificate, ready to run."""
 
 from symfive.design._assess import Assessment, assess
+from symfive.design._assessment_data import assessment_data
 from symfive.design._certificate import Certificate
 from symfive.design._criteria import CRITERIA, Criterion, criterion_of
 from symfive.design._discriminate import (
@@ -15,7 +16,7 @@ from symfive.design._discriminate import (
 )
 from symfive.design._dynamic import Circle, CirclePlan, best_ratio, circle_information, plan_circles
 from symfive.design._plan import Plan, plan
-from symfive.design._write import assessment_data, write_test
+from symfive.design._write import write_test
 
 __all__ = [
     "APART", "CRITERIA", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "Criterion",

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Campaign, Run
-from symfive.campaign._disk import let_go, new_table
+from symfive.design._assessment_data import assessment_data
 from symfive.design._information import inverse
 from symfive.design._space import Space, make_space
+from symfive.disk import new_table, release
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import campaign_given
@@ -62,22 +63,21 @@ class Assessment(OnScreen):
 
     def to_data(self) -> dict[str, Any]:
         """The assessment as nested mappings (`assessment.json`)."""
-        from symfive.design._write import assessment_data
-
         return {"schema": "symfive.assessment/1", **assessment_data(self)}
 
     def __str__(self) -> str:
-        lines = [f"{len(self.parameters)} parameters, {self.rank} of their combinations are determined by the readings"]
+        lines = [f"the readings determine {self.rank} of {len(self.parameters)} parameters"]
         lines += listed(self._expected_in_words(), "assessment.sigma")
         if self.tool_centre_um is not None:
             mean, worst = self.tool_centre_um
-            lines.append(
-                f"tool centre point over the workspace: {mean:.3g} µm on average, {worst:.3g} µm at worst (1σ)"
-            )
-        lines += [f"valuation number of {axis}: {number:.1f}" for axis, number in self.valuation.items()]
+            lines.append(f"tool centre point over the workspace, 1σ: {mean:.3g} µm on average, {worst:.3g} µm at worst")
+        lines += [
+            f"quality number of axis {axis}: {number:.1f} (4 or more is good)"
+            for axis, number in self.valuation.items()
+        ]
         run, row = self.most()
         lines.append(
-            f"line {row + FIRST_LINE} of run {run} tells most; {sum(map(len, self.idle.values()))} rows tell next to nothing"
+            f"most informative: line {row + FIRST_LINE} of run {run}; {sum(map(len, self.idle.values()))} rows add almost nothing"
         )
         lines += self._runs_in_words()
         machine = {p.name for p in self.parameters if p.kind != "setup"}
@@ -106,7 +106,7 @@ class Assessment(OnScreen):
         ordered = sorted(self.run_worth, key=lambda run: -self.run_worth[run])
         worth = [
             f"  run {run}: without it 1σ grows by {plain_number(100.0 * math.expm1(0.5 * self.run_worth[run]), '%')} %"
-            + (f"; lines {_spans(idle[run])} tell next to nothing" if len(idle[run]) else "")
+            + (f"; lines {_spans(idle[run])} add almost nothing" if len(idle[run]) else "")
             for run in ordered
         ]
         return listed(worth, "assessment.run_worth", 10)
@@ -226,7 +226,7 @@ def _worth(
         turned, inner = rows.transpose(0, 2, 1), np.ix_(columns, columns)
         lost = _log_det_minus(rows @ of_other[inner] @ turned) - _log_det_minus(rows @ covariance[inner] @ turned)
         found[place] = np.maximum(lost, 0.0) / max(len(chosen), 1)
-        let_go(found)
+        release(found)
     return found
 
 

@@ -34,9 +34,9 @@ def circle_words(circle: Circle) -> str:
 
 def sigma_words(parameters: Sequence[Parameter], sigma: Mapping[str, float]) -> list[str]:
     """Of every parameter sought the 1σ expected after the measurement, with its unit, and that before."""
-    head = ["expected 1σ after the measurement, and before it (prior):"] if parameters else []
+    head = ["expected 1σ after the measurement (prior):"] if parameters else []
     return head + [
-        f"  {p.name:36} {plain_number(sigma[p.name], p.unit):>8} {unit_words(p.unit)} (before {plain_number(p.sigma)})"
+        f"  {p.name:36} {plain_number(sigma[p.name], p.unit):>8} {unit_words(p.unit)} ({plain_number(p.sigma)})"
         for p in parameters
     ]
 
@@ -45,7 +45,7 @@ def gain_words(psi_of_list: float, psi: float) -> str:
     """What the refinement gained."""
     gain = 100.0 * math.expm1(0.5 * (psi_of_list - psi))
     if gain < NOTHING:
-        return "refinement: nothing better than the best circles of the list"
+        return "refinement: no better than the best circles of the list"
     return f"refined: 1σ {gain:.2g} % smaller than with the best circles of the list"
 
 
@@ -64,7 +64,5 @@ def warnings_of(
     for name in unseen:
         still = [e.axis for e in effects if e.axis and name.startswith(f"{e.key}.") and e.axis not in moving]
         why = f"axis {still[0]} does not move in them" if still else "its 1σ stays near the prior"
-        notes.append(
-            f"WARNING: these circles cannot see {name}: {why}; choose another family of circles or another test"
-        )
+        notes.append(f"WARNING: these circles cannot see {name}: {why}; use another family of circles or another test")
     return notes

@@ -15,7 +15,7 @@ from symfive.design._paths import CircleShape, circle_runs
 from symfive.effects import Effect
 from symfive.machine import Machine
 from symfive.model import Model
-from symfive.procedures._setting import heights
+from symfive.procedures import heights
 
 __all__ = ["Circle", "Goal", "circle_information", "measured", "told", "true_values", "typical_values"]
 

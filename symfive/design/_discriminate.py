@@ -76,19 +76,18 @@ class Discrimination(OnScreen):
     def says(self) -> str:
         """The result in one sentence."""
         if not self.useful:
-            most = f"{self.separation:.1f}σ expected at most"
-            return f"none of the {len(self.table)} tests tells them apart better than these recordings do: {most}"
+            return f"no further test here separates them ({self.separation:.1f}σ at best, of {len(self.table)} tests)"
         name = self.table[0].name.replace(" + ", " and ")
         does = "together separate" if name != self.table[0].name else "separates"
         if len(self.each) < 2:
-            return f"{name} {does} the two by {self.separation:.1f}σ (so far {self.before:.1f}σ)"
+            return f"{name} {does} the two by {self.separation:.1f}σ (today {self.before:.1f}σ)"
         apart = [f"{rival} by {sigmas:.1f}σ" for rival, sigmas in self.each if sigmas >= APART]
         alike = [rival for rival, sigmas in self.each if sigmas < APART]
         if not apart:
-            return f"{name} {does} them by {self.separation:.1f}σ (so far {self.before:.1f}σ)"
-        rest = f"; no test here tells it from {' or '.join(alike)}" if alike else ""
+            return f"{name} {does} them by {self.separation:.1f}σ (today {self.before:.1f}σ)"
+        rest = f"; no test here separates it from {' or '.join(alike)}" if alike else ""
         rest = f", besides {', '.join(self.also)}{rest}" if self.also else rest
-        return f"{name} {does} it from {' and '.join(apart)} (so far {self.before:.1f}σ){rest}"
+        return f"{name} {does} it from {' and '.join(apart)} (today {self.before:.1f}σ){rest}"
 
 
 @one_thread

@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.design._assess import assess
+from symfive.design._assessment_data import assessment_data
 from symfive.design._choose_circles import check_clear, chosen_clear
 from symfive.design._circle_words import circle_words, gain_words, sigma_words, warnings_of
 from symfive.design._circles import ROBUST, Circle, Goal, circle_information, measured, told
 from symfive.design._criteria import criterion_of
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
-from symfive.design._write import SCHEMA, assessment_data, write_circles
+from symfive.design._write import SCHEMA, write_circles
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import machine_given
@@ -35,10 +36,7 @@ from symfive.model import Model
 from symfive.nc import Post
 from symfive.outputs import output_folder
 from symfive.parameters import Parameter
-from symfive.procedures import campaign_of, circle_frame
-from symfive.procedures._path import senses
-from symfive.procedures._planar_circle import PLANES
-from symfive.procedures._setting import heights
+from symfive.procedures import PLANES, campaign_of, circle_frame, heights, senses
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 

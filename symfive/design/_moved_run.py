@@ -22,11 +22,19 @@ from symfive.design._information import inverse
 from symfive.design._paths import CirclePath
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
-from symfive.model import Model
-from symfive.model._assembly import RowFunction, assemble
-from symfive.motion import GAINS, Acceleration, Command, Direction, Play, Position, Velocity, moved_response
-from symfive.motion._friction import FRICTION
-from symfive.motion._loop import LOOP
+from symfive.model import Model, RowFunction, assemble
+from symfive.motion import (
+    FRICTION,
+    GAINS,
+    LOOP,
+    Acceleration,
+    Command,
+    Direction,
+    Play,
+    Position,
+    Velocity,
+    moved_response,
+)
 
 __all__ = ["MovedRun"]
 

@@ -24,10 +24,17 @@ from symfive.campaign import Run
 from symfive.design._space import follow
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.procedures import Nominal, circle_frame, planar_circle, synchronous_circle
-from symfive.procedures._path import DIRECTIONS, DWELL_S, ramp_of
-from symfive.procedures._planar_circle import PLANES
-from symfive.procedures._setting import tool_ball_of
+from symfive.procedures import (
+    DIRECTIONS,
+    DWELL_S,
+    PLANES,
+    Nominal,
+    circle_frame,
+    planar_circle,
+    ramp_of,
+    synchronous_circle,
+    tool_ball_of,
+)
 
 __all__ = ["FAMILIES", "CirclePath", "CircleShape", "circle_runs", "make_path"]
 

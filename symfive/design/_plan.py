@@ -179,7 +179,7 @@ def plan(
     rows, values = min(found, key=lambda design: value_of(space, task, design[0]))
     drawn = drawn_spaces(machine, space, REPORTED_DRAWS if robust == "nominal" else DRAWS)
     if per_minute:
-        progress("poses that tell most per minute")
+        progress("poses with most information per minute")
         fewer = most_per_minute(space, task, rows, lay).rows
         again, psi = best_of(len(fewer.z), fewer.groups)
         before = task.value_of_marginal(task.prior)
@@ -192,7 +192,7 @@ def plan(
     if survive:
         progress("making it survive the loss of a pose")
         rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
-    progress("ways between the poses")
+    progress("moves between the poses")
     schedule, post = _with_ways(lay, fitted(with_ways_out(reach, task, rows)))
     while minutes is not None and schedule.seconds > 60.0 * minutes:
         over = schedule.seconds - 60.0 * minutes
@@ -268,8 +268,7 @@ def _shortage(points: int, instrument: str, assessment: Assessment) -> list[str]
         return []
     return [
         f"{readings} readings for {unknowns} unknowns of machine and set-up: they determine {assessment.rank} combinations, the "
-        f"others stay as the priors say; the bound shares readings out among more poses than {points}, which lowers the "
-        "certificate; more poses raise it"
+        f"priors the others; the bound allows more than {points} poses, so the certificate is low; more poses raise it"
     ]
 
 
@@ -287,11 +286,11 @@ def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:
 
 def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
     notes = [
-        f"run {run}: the way to {len(rows)} of its poses leads out of the nest and around"
+        f"run {run}: remove the bar or leave the nest before {len(rows)} of its poses (the program stops there)"
         for run, rows in schedule.unsafe.items()
     ]
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
     if len(values) > 1 and max(values) - min(values) > 0.05:
-        notes.append("the starts ended in different local optima; the best one is taken")
+        notes.append("the starts ended in different local optima; the best is used")
     return tuple(notes)

@@ -100,7 +100,7 @@ def refuse_unseen(space: Space, task: Task, points: int, names: Sequence[str]) -
             coupled[i] = 0.0
             partner = names[int(np.argmax(coupled))] if coupled.max() > 0.5 else ""
             why = (
-                f"it cannot be told apart from {partner}"
+                f"it cannot be separated from {partner}"
                 if partner
                 else "no reading depends on it, or the noise hides it"
             )

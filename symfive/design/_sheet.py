@@ -19,8 +19,7 @@ from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, upright_axis, which_point
 from symfive.numbers import plain_number, unit_words
-from symfive.procedures import Nominal
-from symfive.procedures._setting import PAUSE_S
+from symfive.procedures import PAUSE_S, Nominal
 
 __all__ = ["Sheet", "setup_sheet"]
 
@@ -116,16 +115,16 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run, picture: str) -> str:
     if programmed:
         steps.append(f"In the program {escape(which_point(machine, run, sheet.post))}.")
     if again is not None:
-        what = "all stays as it stands" if stays else "take off and mount again, its error is drawn anew"
+        what = "leave everything in place" if stays else "remove it and mount it again (a new set-up error)"
         steps.append(f"The same mounting as for run {escape(again.id)}: {what}.")
     if stands and not stays:
         x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
-        steps.append(f"Stand the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame (±1 mm).")
+        steps.append(f"Mount the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame (±1 mm).")
         end = "Reading head" if "grid_encoder" in run.instrument else "Tool ball"
         steps.append(f"{end} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
     if run.length is not None and not stays:
         steps.append(f"Bar of {run.length:g} mm, calibrated length entered.")
-    steps.append(f"Start the program of run {escape(run.id)}; it stops where the instrument is to be seated.")
+    steps.append(f"Start the program of run {escape(run.id)}; it stops where you seat the instrument.")
     if programmed:
         steps += _moves(machine, sheet.post)
     places = _places(nominal, run, stands) if stands and not stays else ""
@@ -144,8 +143,8 @@ def _moves(machine: Machine, post: Post) -> list[str]:
     top = f"machine coordinate {post.machine_top:g} (ISO: its reference point)"
     return [
         f"First moves, not tested: {up} alone to the top of its travel, {top}, then {turned}the plane, then {up} down; the "
-        "program stops before it creeps into the last place.",
-        f"Last moves: out along the way it came, no tool offset, {up} alone to the top{home}.",
+        "program stops before the slow move into position.",
+        f"Last moves: back along the same path, no tool offset, {up} alone to the top{home}.",
     ]
 
 
@@ -162,7 +161,7 @@ def _places(nominal: Nominal, run: Run, stands: str) -> str:
     linear = ", ".join(f"{escape(name)} {_digits(q[0])}" for name, q in there if not axes[name].rotary)
     rotary = ", ".join(f"{escape(name)} {q[0]:g}°" for name, q in there if axes[name].rotary)
     said = (
-        f"<p>With the tool's ball there, no tool offset, the control shows {linear} mm{f' ({rotary})' if rotary else ''}.</p>"
+        f"<p>With the tool ball there and no tool offset, the control shows {linear} mm{f' ({rotary})' if rotary else ''}.</p>"
         if linear
         else ""
     )
@@ -307,11 +306,11 @@ def _expected(assessment: Assessment) -> str:
         tail += "<p>Tool centre point over the workspace: "
         tail += f"1σ {centre[0]:.2g} µm on average, {centre[1]:.2g} µm at worst.</p>"
     for axis, number in assessment.valuation.items():
-        tail += f"<p>Valuation number of {escape(axis)}: {number:.1f} (from 4 on good, below 2 poor).</p>"
+        tail += f"<p>Quality number of axis {escape(axis)}: {number:.1f} (4 or more is good, below 2 poor).</p>"
     if assessment.confounded:
         words = "".join(f"<li>{escape(c.words)}</li>" for c in assessment.confounded)
-        tail += f"<p>What stays confounded:</p><ul>{words}</ul>"
-    return f"<h2>What to expect</h2><table><tr><th>error</th><th>1σ after</th><th>before</th><th></th></tr>{rows}</table>{tail}"
+        tail += f"<p>Not separable by these readings:</p><ul>{words}</ul>"
+    return f"<h2>What to expect</h2><table><tr><th>error</th><th>1σ after</th><th>prior 1σ</th><th></th></tr>{rows}</table>{tail}"
 
 
 def _unchecked(sheet: Sheet) -> list[str]:

@@ -36,8 +36,7 @@ from symfive.design._kernel import Kernel
 from symfive.errors import InputError
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
-from symfive.model import Model
-from symfive.model._assembly import assemble
+from symfive.model import Model, assemble
 from symfive.motion import Position
 from symfive.parameters import Parameter
 

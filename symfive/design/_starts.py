@@ -19,8 +19,8 @@ import numpy as np
 from symfive.design._information import Task
 from symfive.design._space import Space, make_space
 from symfive.executors import Inline, results
-from symfive.machine._checks import freeze
 from symfive.threads import one_thread
+from symfive.validation import freeze
 
 __all__ = ["each"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symfive.campaign import FIRST_LINE, Run, write_campaign_files
-from symfive.design._assess import Assessment, assess
+from symfive.design._assess import assess
+from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
@@ -24,33 +24,11 @@ if TYPE_CHECKING:
     from symfive.design._dynamic import CirclePlan
     from symfive.design._plan import Plan
 
-__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_circles", "write_plan", "write_sheet", "write_test"]
+__all__ = ["SCHEMA", "plan_data", "write_circles", "write_plan", "write_sheet", "write_test"]
 
 SCHEMA = "symfive.plan/1"
 DRAWN = 36
 """Rows of a recording that its picture shows."""
-
-
-def assessment_data(assessment: Assessment) -> dict[str, Any]:
-    """An assessment as nested mappings: expected 1σ, rank, what stays confounded, valuation, worth of rows and runs."""
-    sigma, centre = assessment.sigma, assessment.tool_centre_um
-    most, row = assessment.most()
-    return {
-        "expected": {
-            p.name: {"std": _number(sigma[p.name]), "prior_std": _number(p.sigma), "unit": p.unit}
-            for p in assessment.parameters
-        },
-        "joint_value": _number(assessment.value),
-        "tool_centre_point_um": None if centre is None else {"mean": _number(centre[0]), "largest": _number(centre[1])},
-        "rank": assessment.rank,
-        "parameters": len(assessment.parameters),
-        "confounded": [list(c.names) for c in assessment.confounded],
-        "confounded_in_words": [c.words for c in assessment.confounded],
-        "valuation": {axis: _number(v) for axis, v in assessment.valuation.items()},
-        "tells_most": {"run": most, "row": row + FIRST_LINE},
-        "tells_nothing": {run: len(rows) for run, rows in assessment.idle.items()},
-        "run_worth": {run: _number(v) for run, v in assessment.run_worth.items()},
-    }
 
 
 def plan_data(plan: Plan) -> dict[str, Any]:
@@ -61,32 +39,27 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         "machine": plan.machine.name,
         "structure": plan.machine.structure.code,
         "instrument": plan.instrument,
-        "criterion": {"name": plan.criterion, "for": list(plan.interest), "value": _number(certificate.value)},
+        "criterion": {"name": plan.criterion, "for": list(plan.interest), "value": six_digits(certificate.value)},
         "certificate": {
             "says": certificate.says,
-            "efficiency": _number(certificate.efficiency),
-            "efficiency_any_setup": None if certificate.anywhere is None else _number(certificate.anywhere),
-            "bound": _number(certificate.bound),
-            "relaxed": _number(certificate.relaxed),
+            "efficiency": six_digits(certificate.efficiency),
+            "efficiency_any_setup": None if certificate.anywhere is None else six_digits(certificate.anywhere),
+            "bound": six_digits(certificate.bound),
+            "relaxed": six_digits(certificate.relaxed),
             "poses": certificate.points,
             "rigour": certificate.rigour,
-            "starts": [_number(v) for v in plan.starts],
+            "starts": [six_digits(v) for v in plan.starts],
         },
         **assessment_data(plan.assessment),
-        "minutes": _number(plan.minutes),
-        "information_per_minute": _number(plan.information_per_minute),
-        "efficiency_with_drift": _number(plan.drift),
-        "efficiency_without_the_most_important_pose": _number(plan.lost),
-        "efficiency_over_the_prior": {"mean": _number(plan.over_prior[0]), "worst": _number(plan.over_prior[1])},
+        "minutes": six_digits(plan.minutes),
+        "information_per_minute": six_digits(plan.information_per_minute),
+        "efficiency_with_drift": six_digits(plan.drift),
+        "efficiency_without_the_most_important_pose": six_digits(plan.lost),
+        "efficiency_over_the_prior": {"mean": six_digits(plan.over_prior[0]), "worst": six_digits(plan.over_prior[1])},
         "retract_mm": plan.post.retract_mm,
         "spindle_drawn_back_before_rows": {run: [i + FIRST_LINE for i in rows] for run, rows in plan.unsafe.items()},
         "notes": list(plan.notes),
     }
-
-
-def _number(value: float) -> float:
-    """Six digits: enough for a plan, and the same on every machine."""
-    return float(f"{value:.6g}") if math.isfinite(value) else 0.0
 
 
 def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
@@ -145,7 +118,7 @@ def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",
             post = cleared(campaign.machine, campaign.runs, {}, post)
         except InputError as error:
             nc, notes = (), [f"No program: {error.problem}"]
-    sheet = Sheet(campaign=campaign, post=post or Post(), worth=f"What it is for: {test.says}", notes=notes)
+    sheet = Sheet(campaign=campaign, post=post or Post(), worth=f"Purpose: {test.says}", notes=notes)
     _write_files(sheet, folder, nc)
 
 

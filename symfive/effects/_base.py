@@ -17,10 +17,10 @@ from symfive.motion import unmoved
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
     from symfive.machine import Axis
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 __all__ = ["LINKS", "STAGES", "Effect"]
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
 from symfive.machine import Machine
 from symfive.motion import Acceleration, Direction, Position, Signal, Velocity, approach
+from symfive.runs import Run
 
 if TYPE_CHECKING:
-    from symfive.model._row import Row
+    from symfive.row import Row
 
 __all__ = [
     "ACCELERATION", "SIGN", "SINCE", "VELOCITY", "coordinate_in", "coordinate_values", "owner", "signals_of", "steps",

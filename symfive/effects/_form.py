@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
     from symfive.effects._base import Effect
     from symfive.machine import Machine
+    from symfive.runs import Campaign, Run
 
 __all__ = [
     "AXIS", "BALL", "CARRIED", "TOOL", "Form", "Scan", "Tone", "across", "goes_round", "moving", "own_component",

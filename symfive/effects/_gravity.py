@@ -10,7 +10,7 @@ from symfive.kinematics import axis_pose
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
-    from symfive.model._row import Row
+    from symfive.row import Row
 
 __all__ = ["DOWN", "carriers", "gravity_seen"]
 

@@ -6,7 +6,7 @@ from numbers import Integral
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
-from symfive.machine._checks import is_number
+from symfive.validation import is_number
 
 __all__ = ["fits"]
 

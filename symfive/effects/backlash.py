@@ -12,9 +12,9 @@ from symfive.motion import Direction, Play, Position, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")
 
@@ -38,8 +38,8 @@ class Backlash(Effect):
 
     id = "backlash"
     stage = "axis"
-    says = "play behind the drive"
-    hidden_by = "a servo mismatch where only one feed was run; a rotary axis' location errors"
+    says = "backlash between drive and axis"
+    hidden_by = "servo mismatch where only one feed was run; location errors of a rotary axis"
     coordinate = "{axis} velocity sign"
     needs_axis = True
     shape: str = "play"

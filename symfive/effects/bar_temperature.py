@@ -11,8 +11,8 @@ from symfive.effects._base import Effect
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 CLOCKS = ("run", "campaign")
 

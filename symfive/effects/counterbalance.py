@@ -13,9 +13,9 @@ from symfive.motion import Direction, Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 UPRIGHT = 0.7
 """Cosine to the vertical from which an axis carries its weight."""
@@ -33,7 +33,7 @@ class Counterbalance(Effect):
     id = "counterbalance"
     stage = "axis"
     says = "a vertical axis drops in one direction of motion"
-    hidden_by = "backlash growing along the axis and its scale; the drive's current tells up from down"
+    hidden_by = "backlash growing along the axis and its scale; the drive current separates up from down"
     coordinate = "{axis} velocity sign"
     reported_as = "backlash"
     needs_axis = True

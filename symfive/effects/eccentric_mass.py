@@ -19,8 +19,8 @@ from symfive.kinematics import axis_pose
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +34,8 @@ class EccentricMass(Effect):
     """
 
     id = "eccentric_mass"
-    says = "a mass off the axis tilts the table as it turns"
-    hidden_by = "axis tilt and tilt error motion; the mass moved by half a turn parts them"
+    says = "an eccentric mass tilts the table as it turns"
+    hidden_by = "axis tilt and tilt error motion; the mass moved by half a revolution separates them"
     coordinate = "{axis}"
     reported_as = "error_motion"
     needs_axis = True

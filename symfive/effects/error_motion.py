@@ -20,9 +20,9 @@ from symfive.machine import ErrorTerm
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
     from symfive.machine import Machine
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 
 FINER = (6, 12)
@@ -48,8 +48,10 @@ class ErrorMotion(Effect):
     """
 
     id = "error_motion"
-    says = "an error motion that the baseline lacks"
-    hidden_by = "others that read alike on one circle (straightness, pitch); a second place or height parts them"
+    says = "an error motion missing from the machine file"
+    hidden_by = (
+        "others with the same readings on one circle (straightness, pitch); a second place or height separates them"
+    )
     coordinate = "{axis}"
     component: str
     basis: str | tuple[str, ...] = "fourier"

@@ -16,9 +16,9 @@ from symfive.motion import Velocity
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 __all__ = ["ForceFriction"]
 
@@ -33,7 +33,7 @@ class ForceFriction(Effect):
 
     id = "force_friction"
     stage = "reading"
-    says = "friction that the drive has to overcome"
+    says = "friction in the drive force"
     hidden_by = "viscous friction and mass, where an axis moves at one speed"
     coordinate = "{axis} velocity sign"
     reported_as = "friction"

@@ -13,7 +13,7 @@ from symfive.motion import FRICTION
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.runs import Campaign
 
 SHAPES = ("coulomb", "stribeck", "lugre")
 SIZES = (0.3, 1.0, 3.0)

@@ -20,10 +20,10 @@ from symfive.motion import Direction
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
     from symfive.machine import Machine
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 PARTS = ("sin", "one_minus_cos", "sin_cubed", "branch")
 OTHERS = (("sin",), ("one_minus_cos",), ("sin", "sin_cubed"), ("sin", "branch"), ("sin", "one_minus_cos", "branch"))
@@ -50,7 +50,7 @@ class GravitySag(Effect):
     """
 
     id = "gravity_sag"
-    says = "what a tilting axis carries sags as gravity turns in its frame"
+    says = "the part carried by a tilting axis sags as gravity turns in its frame"
     hidden_by = "location errors of the rotary axes (99 % of it where the axis only tilts one way)"
     coordinate = "{axis}"
     needs_axis = True

@@ -16,10 +16,10 @@ from symfive.motion import Acceleration
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
     from symfive.machine import Axis
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 
 FEWEST = 3

@@ -11,7 +11,7 @@ from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
+    from symfive.runs import Campaign, Run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +24,8 @@ class Latency(Effect):
 
     id = "latency"
     stage = "drive"
-    says = "the instrument's clock is late"
-    hidden_by = "a servo mismatch of all axes alike; with one direction of travel only, the set-up"
+    says = "delay of the instrument's clock"
+    hidden_by = "a servo mismatch of all axes alike; the set-up where only one direction was run"
     coordinate = "time"
     dynamic_only = True
 

@@ -15,9 +15,9 @@ from symfive.motion import Direction, Play, PreSliding
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 SHAPES = ("step", "pre_sliding", "play")
 

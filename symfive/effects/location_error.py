@@ -16,8 +16,8 @@ from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class LocationError(Effect):
     """
 
     id = "location_error"
-    says = "a location error that the baseline holds at zero"
+    says = "a location error missing from the machine file"
     hidden_by = "set-up errors and the instrument's zero where poses are few"
     coordinate = "pose"
     component: str

@@ -14,9 +14,9 @@ from symfive.motion import ReversalAhead, ReversalTime
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 SHAPES = ("lag", "pulse")
 

@@ -15,8 +15,8 @@ from symfive.motion import Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class ScaleError(Effect):
     id = "scale_error"
     stage = "axis"
     says = "positioning error growing with travel"
-    hidden_by = "the bar's length and the other axes' scale: a ball bar sees their difference alone"
+    hidden_by = "the bar's length and the other axes' scale: a ball bar reads only their difference"
     coordinate = "{axis}"
     needs_axis = True
     at: float = 0.0

@@ -16,8 +16,8 @@ from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 SHAPES = ("gain", "matrix")
 
@@ -35,7 +35,7 @@ class SensorError(Effect):
     id = "sensor_error"
     stage = "reading"
     says = "gain or cross-sensitivity of the instrument"
-    hidden_by = "everything proportional to the deviation; a known shift of 50 µm parts them"
+    hidden_by = "everything proportional to the deviation; a known shift of 50 µm separates them"
     coordinate = "reading"
     shape: str = "gain"
     instrument: str = "r_test"

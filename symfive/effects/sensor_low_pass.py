@@ -15,7 +15,7 @@ from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
+    from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 NEGLIGIBLE = 1e-18
@@ -31,7 +31,7 @@ class SensorLowPass(Effect):
 
     id = "sensor_low_pass"
     stage = "recording"
-    says = "the instrument's low-pass filter rounds off what changes fast"
+    says = "low-pass filter of the instrument"
     hidden_by = "latency and servo mismatch at slow motion"
     coordinate = "time"
     reported_as = "latency"

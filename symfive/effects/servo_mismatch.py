@@ -12,7 +12,7 @@ from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
+    from symfive.runs import Campaign
 
 RELATIVE_SIGMA = 0.3
 UNITS = {

@@ -17,8 +17,8 @@ from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 ARTEFACTS = ("table", "tool")
 SHAPES = ("step", "creep")

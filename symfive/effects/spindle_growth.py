@@ -14,8 +14,8 @@ from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

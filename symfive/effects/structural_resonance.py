@@ -19,9 +19,9 @@ from symfive.motion import FINE_S, Resonance, RunMotion
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 LOWEST_HZ, HIGHEST_HZ, SPACING = 5.0, 120.0, 1.08
@@ -40,7 +40,7 @@ class StructuralResonance(Effect):
 
     id = "structural_resonance"
     says = "a lightly damped vibration excited by the motion"
-    hidden_by = "vibration of the floor where it hardly decays; reversal spikes"
+    hidden_by = "vibration of the floor where damping is small; reversal spikes"
     coordinate = "{axis} acceleration"
     needs_axis = True
     dynamic_only = True

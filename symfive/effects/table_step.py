@@ -18,8 +18,8 @@ from symfive.motion import Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 SHAPES = ("step", "dent", "late", "early", "gradual")
 NEAREST = 1e-6
@@ -43,7 +43,7 @@ class TableStep(Effect):
     id = "table_step"
     stage = "axis"
     says = "a step of the positioning error at one place of the axis"
-    hidden_by = "straightness of the other axis and scale where the place is passed only once or twice"
+    hidden_by = "straightness of the other axis, and scale where the place is passed only once or twice"
     coordinate = "{axis}"
     reported_as = "error_motion"
     needs_axis = True

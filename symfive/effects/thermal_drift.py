@@ -18,8 +18,8 @@ from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 SHAPES = ("exponential", "mixture", "linear", "delayed")
@@ -43,7 +43,9 @@ class ThermalDrift(Effect):
     stage = "structure"
     over_time = True
     says = "tool relative to table drifts with time"
-    hidden_by = "location errors (89 % of it) and the bar's own growth; a first pose repeated at the end parts them"
+    hidden_by = (
+        "location errors (89 % of it) and the bar's own growth; the first pose repeated at the end separates them"
+    )
     coordinate = "time"
     shape: str = "exponential"
     onset_s: float = 0.0

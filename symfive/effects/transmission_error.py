@@ -18,8 +18,8 @@ from symfive.motion import Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign
 
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""

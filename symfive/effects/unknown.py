@@ -36,9 +36,9 @@ from symfive.motion import Acceleration, Direction, Position, ReversalDistance, 
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "force")
@@ -71,8 +71,8 @@ class Unknown(Effect):
     """
 
     id = "unknown"
-    says = "none of the known effects explains it"
-    hidden_by = "nothing names it; error motions over the same coordinates take its place"
+    says = "an unidentified effect"
+    hidden_by = "error motions over the same coordinates"
     nameless = True
     over: tuple[str, ...]
     basis: str | tuple[str, ...] = "bspline"

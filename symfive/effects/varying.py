@@ -19,9 +19,9 @@ from symfive.errors import InputError
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 __all__ = ["Varying", "varies_over"]
 
@@ -51,8 +51,8 @@ class Varying(Effect):
     id = "varying"
     reported_as = "unknown"
     nameless = True
-    says = "it acts like one of the known effects, but not everywhere alike"
-    hidden_by = "the effect that it resembles, and what takes up the rest"
+    says = "like a known effect, but its size changes along a coordinate"
+    hidden_by = "the effect it resembles"
     of: Effect
     over: str
     span: tuple[float, ...] = ()

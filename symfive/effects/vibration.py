@@ -19,8 +19,8 @@ from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Campaign, Run
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 PLACES = ("structure", "reading")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.campaign._disk import let_go, new_table
+from symfive.disk import new_table, release
 from symfive.errors import InputError
 from symfive.given import campaign_given, model_given
 from symfive.identify._identify import identify
@@ -113,7 +113,7 @@ def _predicted(model: Model, run: Run, values: NDArray[np.float64]) -> Run:
     table = new_table(len(columns), run.rows)
     for window in windows_of(model, run, values, {}, slopes=0):
         table[:, window.rows] = window.prediction[window.inside].T
-        let_go(table)
+        release(table)
     return run.with_readings({column.name: table[i] for i, column in enumerate(columns)})
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from symfive.campaign import FIRST_LINE
-from symfive.campaign._disk import let_go
+from symfive.disk import release
 from symfive.errors import InputError
 from symfive.inference import Confounding, Noise, Outlier, Problem
 from symfive.kinematics import basis_of
@@ -155,7 +155,7 @@ class Identification(OnScreen):
         for run in self.model.campaign.runs:
             command = run.commands[axis]
             low, high = min(low, float(np.min(command))), max(high, float(np.max(command)))
-            let_go(command)
+            release(command)
         if high - low < 1e-9:
             low, high = self.model.machine.axes[axis].travel
         if self.model.machine.axes[axis].rotary and high - low > 360.0:

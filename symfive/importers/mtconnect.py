@@ -19,9 +19,7 @@ from symfive.errors import InputError
 from symfive.files import one_line, shown
 from symfive.importers._motions import Motions
 from symfive.importers._xml import Element, number, read_xml
-from symfive.machine import Machine, Structure, make_axis
-from symfive.machine._read import SCHEMA
-from symfive.machine._structure import DEFAULT_DIRECTION, default_kind
+from symfive.machine import DEFAULT_DIRECTION, SCHEMA, Machine, Structure, default_kind, make_axis
 from symfive.toml_files import parse_toml
 
 __all__ = ["read_mtconnect"]

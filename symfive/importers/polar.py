@@ -245,7 +245,7 @@ def polar_doubts(
     senses = {bool(np.unwrap(np.radians(a))[-1] > np.radians(a[0])) for a in angles_deg}
     if len(runs) > 1 and len(senses) == 1:
         sense = DIRECTIONS[0] if senses == {True} else DIRECTIONS[1]
-        problem = f"all {len(runs)} files go {sense} by their angles: play cannot be told from lag"
+        problem = f"all {len(runs)} files go {sense} by their angles: backlash cannot be separated from lag"
         said.append(f"{problem}; if a file sorts its angles, add --direction ccw or cw once per file, in their order")
     return tuple(said)
 
@@ -262,6 +262,6 @@ def _steady(angle_deg: Array) -> Array:
         before, after = angle_deg[at - 2 : at]
         raise InputError(
             f"reading {at}: the angle goes from {before:g}° to {after:g}°, usual are steps of {np.degrees(usual):.4g}°",
-            remedy="export the angles of one circle in even steps, both senses as two files",
+            remedy="export the angles of one circle in even steps, both directions as two files",
         )
     return np.asarray(phi)

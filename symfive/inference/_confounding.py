@@ -37,12 +37,10 @@ class Confounding:
     def words(self) -> str:
         """The combination in one sentence."""
         if len(self.names) == 1:
-            return f"{self.names[0]} is not seen by these data"
+            return f"{self.names[0]} is not determined by these readings"
         first, *others = self.names
         shown = others if len(others) <= 6 else [*others[:5], f"{len(others) - 5} more"]
-        return (
-            f"{first} cannot be told apart from {', '.join(shown[:-1])}{' and ' if len(shown) > 1 else ''}{shown[-1]}"
-        )
+        return f"{first} cannot be separated from {', '.join(shown[:-1])}{' and ' if len(shown) > 1 else ''}{shown[-1]}"
 
 
 def _scaled_eigen(matrix: Array, sigma: Array) -> tuple[Array, Array]:

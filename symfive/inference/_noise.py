@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from symfive.campaign._disk import let_go
+from symfive.disk import release
 from symfive.inference._whitening import Noise, innovations, steady_variance, whiten
 from symfive.inference._windows import spans_of
 
@@ -94,7 +94,7 @@ def square_of(residual: Array, left_out: NDArray[np.bool_]) -> float:
     total = 0.0
     for rows in spans_of(len(residual)):
         total += float(np.sum(residual[rows][~left_out[rows]] ** 2))
-        let_go(residual)
+        release(residual)
     return total
 
 

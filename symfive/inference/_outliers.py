@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from symfive.campaign._disk import let_go, new_table
+from symfive.disk import new_table, release
 from symfive.inference._noise import Block
 from symfive.inference._whitening import Noise, Whitening, whiten
 from symfive.inference._windows import spans_of
@@ -52,7 +52,7 @@ def isolated_outliers(block: Block, noise: Noise, limit: float, leverage: Array)
         table[rows] = whitening(np.array(block.residual[rows])) / np.sqrt(share)
         for j in range(columns):
             beyond[j] += (rows.start + np.flatnonzero(np.abs(table[rows, j]) > limit)).tolist()
-        let_go(table, block.residual)
+        release(table, block.residual)
     response = _response(noise, block.interval)
     found = []
     for j in range(columns):

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
-from symfive.campaign._disk import let_go, new_table
+from symfive.disk import new_table, release
 from symfive.inference._information import Information, NormalEquations
 from symfive.inference._noise import Block, estimate_noise, long_run_variance, plain_noise
 from symfive.inference._outliers import Outlier, isolated_outliers, outlier_limit
@@ -18,6 +17,7 @@ from symfive.inference._whitening import TRANSIENT, Noise, Whitening, whiten
 from symfive.inference._windows import spans_of, windows_of
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.model import Model
+from symfive.runs import Run
 
 __all__ = ["Key", "Problem"]
 
@@ -155,7 +155,7 @@ class Problem:
         residual, slopes, columns = new_table(run.rows, len(self.model.columns(run))), [], np.zeros(0, dtype=np.int64)
         for window in windows_of(self.model, run, values, self._margins, head):
             residual[window.rows] = (self.model.readings(window.run) - window.prediction)[window.inside]
-            let_go(residual)
+            release(residual)
             if window.jacobian is not None:
                 slopes.append(window.jacobian[window.inside][: head - window.first])
                 columns = window.columns
@@ -308,7 +308,7 @@ def _power(block: Block, noise: Noise) -> float:
     for rows in spans_of(len(block.residual)):
         left_out = block.left_out[rows]
         squares = np.sort(whitening(np.where(left_out, 0.0, block.residual[rows]))[~left_out] ** 2)
-        let_go(block.residual)
+        release(block.residual)
         if len(squares):
             total += len(squares) * float(np.mean(squares[: max(1, int(0.9 * len(squares)))]))
             count += len(squares)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
 from symfive.model import Model
 from symfive.motion import approach
+from symfive.runs import Run
 
 __all__ = ["Alike", "alike", "repeats_say_so"]
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
 from symfive.model import Model
+from symfive.runs import Run
 
 __all__ = ["Window", "spans_of", "windows_of"]
 

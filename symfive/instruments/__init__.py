@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument
+from symfive.instruments._base import ZERO_SIGMA_UM, Column, Instrument, setup_parameter, setup_vector, vector_constants
 from symfive.instruments.ball_bar import BallBar
 from symfive.instruments.displacement import Displacement
 from symfive.instruments.drive_force import DriveForce
@@ -20,9 +20,12 @@ from symfive.instruments.touch_probe import TouchProbe, touches_of
 from symfive.instruments.tracker import Tracker
 
 if TYPE_CHECKING:
-    from symfive.campaign import Run
+    from symfive.runs import Run
 
-__all__ = ["INSTRUMENTS", "Column", "Instrument", "has_clock_of_its_own", "instruments_of", "touches_of"]
+__all__ = [
+    "INSTRUMENTS", "ZERO_SIGMA_UM", "Column", "Instrument", "has_clock_of_its_own", "instruments_of", "setup_parameter",
+    "setup_vector", "touches_of", "vector_constants",
+]  # fmt: skip
 
 _ALL = (
     BallBar(),

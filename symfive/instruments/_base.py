@@ -3,32 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from symfive.errors import InputError
 from symfive.parameters import Parameter
+from symfive.runs import Column
 
 if TYPE_CHECKING:
-    from symfive.campaign import Run
     from symfive.machine import Machine
-    from symfive.model._row import Row
     from symfive.motion import Signal
+    from symfive.row import Row
+    from symfive.runs import Run
 
-__all__ = ["ZERO_SIGMA_UM", "Column", "Instrument", "setup_parameter", "setup_vector"]
+__all__ = ["ZERO_SIGMA_UM", "Column", "Instrument", "setup_parameter", "setup_vector", "vector_constants"]
 
 Symbol = Any
 ZERO_SIGMA_UM = 1e4
 """Prior 1σ of an instrument's unknown zero: 10 mm, far more than any sensor's range."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """A reading column of a CSV: internal value (mm, rad, …) = `scale` × the number in the file."""
-
-    name: str
-    unit: str
-    scale: float
 
 
 class Instrument:

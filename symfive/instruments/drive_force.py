@@ -13,10 +13,10 @@ from symfive.instruments._base import Column, Instrument
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Run
     from symfive.machine import Machine
-    from symfive.model._row import Row
     from symfive.motion import RunMotion, Series, Signal
+    from symfive.row import Row
+    from symfive.runs import Run
 
 __all__ = ["DriveForce", "FilteredMotion", "low_pass"]
 

@@ -9,10 +9,10 @@ from symfive.instruments._base import ZERO_SIGMA_UM, Column, Instrument, setup_p
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Run
     from symfive.machine import Machine
-    from symfive.model._row import Row
     from symfive.motion import Command
+    from symfive.row import Row
+    from symfive.runs import Run
 
 
 class Laser(Instrument):

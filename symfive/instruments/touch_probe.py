@@ -9,9 +9,9 @@ from symfive.instruments._base import Column, Instrument, setup_parameter, setup
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.campaign import Run
     from symfive.machine import Machine
-    from symfive.model._row import Row
+    from symfive.row import Row
+    from symfive.runs import Run
 
 FIVE_TOUCHES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
 FRAMES = ("tool", "machine")

@@ -6,6 +6,7 @@ from symfive.machine._designed import designed_ball
 from symfive.machine._errors import ErrorTerm
 from symfive.machine._presets import preset, presets
 from symfive.machine._read import (
+    SCHEMA,
     machine_from_data,
     machine_problems,
     machine_to_data,
@@ -13,11 +14,11 @@ from symfive.machine._read import (
     unknown_keys,
     write_machine,
 )
-from symfive.machine._structure import Structure
+from symfive.machine._structure import DEFAULT_DIRECTION, Structure, default_kind
 from symfive.machine._suggest import error_names, refuse_slips
 
 __all__ = [
-    "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace", "designed_ball", "error_names",
-    "machine_from_data", "machine_problems", "machine_to_data", "make_axis", "preset", "presets", "read_machine",
-    "refuse_slips", "unknown_keys", "write_machine",
+    "DEFAULT_DIRECTION", "SCHEMA", "Axis", "Drive", "EffectEntry", "ErrorTerm", "Machine", "Structure", "Workspace",
+    "default_kind", "designed_ball", "error_names", "machine_from_data", "machine_problems", "machine_to_data",
+    "make_axis", "preset", "presets", "read_machine", "refuse_slips", "unknown_keys", "write_machine",
 ]  # fmt: skip

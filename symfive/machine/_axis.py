@@ -9,8 +9,8 @@ from typing import Any
 
 from symfive.errors import InputError
 from symfive.files import shown
-from symfive.machine._checks import finite, freeze, numbers, one_of, positive
 from symfive.machine._structure import DEFAULT_DIRECTION, default_kind
+from symfive.validation import finite, freeze, numbers, one_of, positive
 
 __all__ = ["UNREAD", "Axis", "Drive", "make_axis"]
 

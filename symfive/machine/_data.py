@@ -10,12 +10,12 @@ from typing import Any
 from symfive.errors import InputError, inside
 from symfive.files import shown
 from symfive.machine._axis import Axis
-from symfive.machine._checks import freeze, numbers, positive
 from symfive.machine._errors import ErrorTerm
 from symfive.machine._structure import Structure
 from symfive.machine._suggest import nearest_error
 from symfive.machine._words import machine_lines
 from symfive.screen import OnScreen
+from symfive.validation import freeze, numbers, positive
 
 __all__ = ["EffectEntry", "Machine", "Workspace", "check_error"]
 

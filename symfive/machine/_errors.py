@@ -10,7 +10,7 @@ from typing import Any
 
 from symfive.errors import InputError
 from symfive.files import shown
-from symfive.machine._checks import finite, freeze, numbers, one_of, positive
+from symfive.validation import finite, freeze, numbers, one_of, positive
 
 __all__ = ["BASES", "ErrorTerm", "axis_of_error"]
 

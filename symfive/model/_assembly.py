@@ -12,15 +12,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Run
 from symfive.compiled import Mapped
-from symfive.effects._base import STAGES, Effect
+from symfive.effects import STAGES, Effect
 from symfive.instruments import Column, instruments_of
 from symfive.kinematics import basis_of, first_order
 from symfive.machine import Machine
-from symfive.model._row import Row
 from symfive.motion import Position, Signal
 from symfive.parameters import Parameter
+from symfive.row import Row
+from symfive.runs import Run
 
 __all__ = ["RowFunction", "apply_errors", "assemble", "assembled", "machine_parameters", "sensed_columns"]
 

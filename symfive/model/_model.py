@@ -10,14 +10,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign, Run
-from symfive.effects import baseline_effects
-from symfive.effects._base import Effect
+from symfive.effects import Effect, baseline_effects
 from symfive.errors import EvaluationError, InputError
 from symfive.instruments import Column, instruments_of
 from symfive.model._assembly import RowFunction, assembled, machine_parameters, sensed_columns
 from symfive.motion import GAINS, RunMotion, Series
 from symfive.parameters import Parameter
+from symfive.runs import Campaign, Run
 from symfive.screen import OnScreen, plural
 
 __all__ = ["Linearisation", "Model"]

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.model._model import Model
+from symfive.runs import Campaign
 
 __all__ = ["signature"]
 

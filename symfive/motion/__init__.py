@@ -3,8 +3,8 @@
 from symfive.motion._drives import GAINS, drive_response
 from symfive.motion._friction import FRICTION
 from symfive.motion._gaps import programme_of
-from symfive.motion._loop import linear_recurrence
-from symfive.motion._motion import AxisMotion, RunMotion, Series
+from symfive.motion._loop import LOOP, linear_recurrence
+from symfive.motion._motion import AxisMotion, RunMotion, Series, Signal
 from symfive.motion._moved_path import moved_response
 from symfive.motion._signals import (
     FINE_S,
@@ -18,15 +18,13 @@ from symfive.motion._signals import (
     ReversalAhead,
     ReversalDistance,
     ReversalTime,
-    Signal,
     Velocity,
     approach,
     unmoved,
 )
 
 __all__ = [
-    "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position",
-    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
-    "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
-    "unmoved",
+    "FINE_S", "FRICTION", "GAINS", "LOOP", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position",
+    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal",
+    "Velocity", "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of", "unmoved",
 ]  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from symfive.campaign import Run
+    from symfive.runs import Run
 
 __all__ = ["filled", "programme_of"]
 

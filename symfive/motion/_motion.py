@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -16,11 +16,10 @@ from symfive.motion._gaps import filled, programme_of
 from symfive.motion._loop import LOOP
 
 if TYPE_CHECKING:
-    from symfive.campaign import Run
     from symfive.machine import Axis, Machine
-    from symfive.motion._signals import Signal
+    from symfive.runs import Run
 
-__all__ = ["AxisMotion", "RunMotion", "Series"]
+__all__ = ["AxisMotion", "RunMotion", "Series", "Signal"]
 
 T = TypeVar("T")
 Array = NDArray[np.float64]
@@ -39,6 +38,19 @@ class Series:
     value: Array
     tangents: Mapping[str, Array] = field(default_factory=dict)
     steps: bool = False
+
+
+class Signal(Protocol):
+    """The contract: hashable, with the names of the parameters it depends on itself and its values along a run."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters that enter the signal itself (not through the drives)."""
+        ...
+
+    def series(self, motion: RunMotion) -> Series:
+        """Values (N,) and tangents, internal units."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from symfive.motion._motion import RunMotion, Series
 
 __all__ = [
     "Acceleration", "Command", "Direction", "Play", "Position", "PreSliding", "Resonance",
-    "ReversalDistance", "ReversalTime", "Signal", "Velocity", "unmoved",
+    "ReversalDistance", "ReversalTime", "Velocity", "unmoved",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -28,19 +27,6 @@ LONG_AGO_S = FAR = 1e6
 """Before the first reversal an axis counts as far from one, in s and in mm or rad."""
 FINE_S = 2e-3
 """Interval at which accelerations are taken: loops answer within a few ms."""
-
-
-class Signal(Protocol):
-    """The contract: hashable, with the names of the parameters it depends on itself and its values along a run."""
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Parameters that enter the signal itself (not through the drives)."""
-        ...
-
-    def series(self, motion: RunMotion) -> Series:
-        """Values (N,) and tangents, internal units."""
-        ...
 
 
 @dataclass(frozen=True)

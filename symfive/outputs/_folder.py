@@ -10,10 +10,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from symfive import __version__
 from symfive.errors import InputError
 from symfive.outputs._manifest import MANIFEST, SCHEMA, command, cut, digest_of, manifest_of
 from symfive.outputs._place import Output, alone, before_of, being_written, put, swap, sync, writing
+from symfive.version import __version__
 
 __all__ = ["output_file", "output_folder", "write_bytes", "write_json", "write_parts", "write_text"]
 

@@ -15,7 +15,7 @@ from symfive.model import Linearisation, Model
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
-    from symfive.model._row import Row
+    from symfive.row import Row
 
 __all__ = ["Channel", "Compressed", "channel_of", "compressed", "probes", "tangent"]
 

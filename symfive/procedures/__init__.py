@@ -10,17 +10,19 @@ from symfive.procedures._grid_encoder_lines import grid_encoder_lines
 from symfive.procedures._limits import checked, within_travel
 from symfive.procedures._linear_positioning import linear_positioning
 from symfive.procedures._nominal import Nominal, home
+from symfive.procedures._path import DIRECTIONS, DWELL_S, ramp_of, senses
 from symfive.procedures._planar_circle import FEED_IN_MM, PLANES, planar_circle
 from symfive.procedures._r_test_grid import r_test_grid
 from symfive.procedures._rotary_circle import rotary_circle
-from symfive.procedures._setting import campaign_of, one_after_another, serpentine, tool_ball_of
+from symfive.procedures._setting import PAUSE_S, campaign_of, heights, one_after_another, serpentine, tool_ball_of
 from symfive.procedures._static_ball_bar import static_ball_bar
 from symfive.procedures._synchronous_circle import CircleFrame, circle_frame, polar_angle, synchronous_circle
 from symfive.procedures._table import PROCEDURES, Procedure, make_procedure, procedures_for
 
 __all__ = [
-    "FEED_IN_MM", "PLANES", "PROCEDURES", "CircleFrame", "Nominal", "Procedure", "campaign_of", "checked", "circle_frame",
-    "cone_circle", "grid_encoder_lines", "home", "linear_positioning", "make_procedure", "one_after_another", "planar_circle",
-    "polar_angle", "procedures_for", "r_test_grid", "rotary_circle", "serpentine", "static_ball_bar", "synchronous_circle",
+    "DIRECTIONS", "DWELL_S", "FEED_IN_MM", "PAUSE_S", "PLANES", "PROCEDURES", "CircleFrame", "Nominal", "Procedure",
+    "campaign_of", "checked", "circle_frame", "cone_circle", "grid_encoder_lines", "heights", "home",
+    "linear_positioning", "make_procedure", "one_after_another", "planar_circle", "polar_angle", "procedures_for",
+    "r_test_grid", "ramp_of", "rotary_circle", "senses", "serpentine", "static_ball_bar", "synchronous_circle",
     "tool_ball_of", "within_travel",
 ]  # fmt: skip

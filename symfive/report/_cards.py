@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import html
+from collections.abc import Sequence
 
 from symfive.diagnose import Diagnosis, Finding, RivalName, facts_of
 from symfive.effects import Quantity
 from symfive.machine import Machine
 from symfive.numbers import in_words, percent
-from symfive.report._chain import chain_picture, guilty
 from symfive.report._geometry import moved_table
 from symfive.report._style import plain_number, rounded, unit_words
 from symfive.report._tables import Cell, table
+from symfive.report._template import Markup, fragment
 
 __all__ = ["card"]
 
@@ -22,37 +22,36 @@ MOST_TESTS = 30
 _ALONG = 0.985
 
 
-def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: str) -> str:
+def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: Markup) -> Markup:
     """One finding as an HTML article; `picture` is its embedded figure."""
-    machine = diagnosis.after.model.machine
-    chain = chain_picture(
-        machine, [(number, finding)], f"The machine's chain; guilty: {guilty(finding, machine).words}"
+    shown = [r for r in finding.rivals if r.confidence >= LEAST_RIVAL][:MOST_RIVALS]
+    rest = len(finding.rivals) - len(shown)
+    return fragment(
+        "card",
+        number=number,
+        title=finding.title,
+        share=percent(finding.share),
+        percent=100.0 * finding.share,
+        tiles=_tiles(finding),
+        facts=_facts(finding, diagnosis),
+        parameters=_parameters(finding),
+        intervals=_intervals(finding),
+        count=len(finding.intervals[:MOST_INTERVALS]),
+        moved=moved_table(finding, diagnosis.after) if finding.moved else "",
+        picture=picture,
+        alternatives=_alternatives(shown, rest) if shown else "",
+        rest=rest,
+        next_test=_next(finding),
     )
-    parts = [
-        f'<article class="card" id="finding-{number}">',
-        f'<h3><span class="number">{number}</span> {html.escape(finding.title)}</h3>',
-        _tiles(finding),
-        _facts(finding, diagnosis),
-        f'<div class="pair">{_parameters(finding)}{chain}</div>',
-        _intervals(finding),
-        moved_table(finding, diagnosis.after) if finding.moved else "",
-        picture,
-        _rivals(finding),
-        _next(finding),
-        "</article>",
-    ]
-    return "\n".join(part for part in parts if part)
 
 
-def _tiles(finding: Finding) -> str:
-    share = f'<span class="bar" title="{percent(finding.share)}"><span style="width: {100 * finding.share:.1f}%"></span></span>'
+def _tiles(finding: Finding) -> list[tuple[str, str]]:
     plausible = ", by experience" if finding.by_experience else ""
     tiles = [
-        ("share of the deviation's mean square", percent(finding.share) + share),
         (f"confidence in the name{plausible}", percent(finding.confidence)),
-        ("visible before it was named", percent(finding.visible)),
+        ("visible share (the rest is absorbed)", percent(finding.visible)),
     ]
-    return '<dl class="tiles">' + "".join(f"<div><dt>{k}</dt><dd>{v}</dd></div>" for k, v in tiles) + "</dl>"
+    return tiles
 
 
 def _parameters(finding: Finding) -> str:
@@ -61,7 +60,7 @@ def _parameters(finding: Finding) -> str:
         value, std, unit = _words(quantity)
         said = name.removesuffix("_s") if quantity.unit == "s" else name
         rows.append([said.replace("_", " "), value, std, unit])
-    return table("Its parameters", ["parameter", "value", "± 1σ", "unit"], rows) if rows else ""
+    return table("Parameters", ["parameter", "value", "± 1σ", "unit"], rows) if rows else ""
 
 
 def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
@@ -82,17 +81,13 @@ def _words(quantity: Quantity) -> tuple[str | Cell, str | Cell, str]:
     )
 
 
-def _facts(finding: Finding, diagnosis: Diagnosis) -> str:
+def _facts(finding: Finding, diagnosis: Diagnosis) -> dict[str, str]:
     facts = facts_of(finding, diagnosis.after)
     facts.pop("next test", "")  # a box of its own
     direction = _direction(finding, diagnosis.after.model.machine)
     if direction:
         facts["where"] += f"; {direction}"
-    listed = "".join(
-        f"<dt>{question[:1].upper()}{question[1:]}</dt><dd>{html.escape(answer)}</dd>"
-        for question, answer in facts.items()
-    )
-    return f'<dl class="facts-list">{listed}</dl>'
+    return facts
 
 
 def _direction(finding: Finding, machine: Machine) -> str:
@@ -114,39 +109,28 @@ def _intervals(finding: Finding) -> str:
         [i.run, Cell(f"{i.begin_s:.2f}", i.begin_s), Cell(f"{i.end_s:.2f}", i.end_s)]
         for i in finding.intervals[:MOST_INTERVALS]
     ]
-    said = table("Where it exceeds half of its largest deviation", ["run", "from / s", "to / s"], rows)
-    return f"<details><summary>{len(rows)} stretches of the runs in which it acts most</summary>{said}</details>"
+    return table("Sections with more than half of its largest deviation", ["run", "from / s", "to / s"], rows)
 
 
-def _rivals(finding: Finding) -> str:
-    rivals = [r for r in finding.rivals if r.confidence >= LEAST_RIVAL][:MOST_RIVALS]
-    rest = len(finding.rivals) - len(rivals)
-    if not rivals:
-        said = f"All {rest} names that were compared are below 0.01 %." if rest else "No other effect came near."
-        return f"<p><strong>Rivals.</strong> {said}</p>"
+def _alternatives(shown: Sequence[RivalName], rest: int) -> Markup:
     rows: list[list[str | Cell]] = [
-        [r.effect.replace("_", " "), r.axis or "–", r.component or "–", Cell(_small(r), r.confidence)] for r in rivals
-    ]
+        [r.effect.replace("_", " "), r.axis or "–", r.component or "–",
+         Cell(f"{plain_number(100.0 * r.confidence)} %", r.confidence)]
+        for r in shown
+    ]  # fmt: skip
     more = f" ({rest} more below 0.01 %)" if rest else ""
-    return table(f"Rivals{more}", ["effect", "axis", "component", "confidence"], rows)
+    return table(f"Alternatives{more}", ["effect", "axis", "component", "confidence"], rows)
 
 
-def _small(rival: RivalName) -> str:
-    return f"{plain_number(100.0 * rival.confidence)} %"
-
-
-def _next(finding: Finding) -> str:
-    """What to record next, what it is expected to tell, and what other tests would."""
+def _next(finding: Finding) -> dict[str, str] | None:
+    """What to record next, the folder of its plan, and a table of the other tests."""
     test = finding.test
     if test is None and not finding.next_test:
-        return ""
-    said = f"{html.escape(test.says[:1].upper() + test.says[1:])}." if test is not None else ""
-    if finding.next_test:
-        folder = html.escape(finding.next_test)
-        said += f' Its plan: <a href="{folder}">{folder}</a>.'
+        return None
+    says = f"{test.says[:1].upper() + test.says[1:]}." if test is not None else ""
+    others = ""
     if test is not None and len(test.table) > 1:
         rows: list[list[str | Cell]] = [[s.name, Cell(f"{s.sigmas:.1f}", s.sigmas)] for s in test.table[:MOST_TESTS]]
-        nearest = " from the nearest rival that it parts" if len(test.each) > 1 else ""
-        tests = table("Tests that could be recorded", ["test", f"expected separation{nearest} / σ"], rows)
-        said += f"<details><summary>What other tests would tell</summary>{tests}</details>"
-    return f'<div class="next"><strong>Next test.</strong> {said}</div>'
+        nearest = " from the nearest alternative" if len(test.each) > 1 else ""
+        others = table("Possible next tests", ["test", f"expected separation{nearest} / σ"], rows)
+    return {"says": says, "folder": finding.next_test or "", "others": others}

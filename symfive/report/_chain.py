@@ -1,23 +1,23 @@
-"""The machine's chain as a picture, the guilty link marked: inline SVG in the colours of the page."""
+"""The machine's chain as a picture, the affected link marked: inline SVG in the colours of the page."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from symfive.diagnose import Finding, place_words
 from symfive.machine import Machine
+from symfive.report._template import Markup, fragment
 
-__all__ = ["chain_picture", "guilty"]
+__all__ = ["affected_link", "chain_picture"]
 
 BOX, GAP, TALL = 78, 34, 44
 DRIVE, BODY, INSTRUMENT = 112, 34, 190
 """Upper edges of the three rows: bodies and axes, drives below them, the instrument below those."""
 LEFT, ENDS = 14, 26
 STACK = 24
-"""From one badge to the next where several findings accuse the same link."""
+"""From one badge to the next where several findings affect the same link."""
 UPWARDS = ("axis", "structure", "loop")
 """Over these the badges grow upwards, elsewhere downwards."""
 
@@ -32,8 +32,11 @@ class _Place:
     timed: bool
 
 
-def guilty(finding: Finding, machine: Machine) -> _Place:
-    """The link that a finding accuses, from the stage at which its effect enters and its axis."""
+_Places = Sequence[tuple[int, _Place]]
+
+
+def affected_link(finding: Finding, machine: Machine) -> _Place:
+    """The link that a finding affects, from the stage at which its effect enters and its axis."""
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
     if finding.effect.in_the_drive:
         part = "drive"
@@ -45,96 +48,66 @@ def guilty(finding: Finding, machine: Machine) -> _Place:
     return _Place(part, axis, place_words(finding, machine), timed)
 
 
-def chain_picture(machine: Machine, findings: Sequence[tuple[int, Finding]], title: str) -> str:
+def chain_picture(machine: Machine, findings: Sequence[tuple[int, Finding]], title: str) -> Markup:
     """Workpiece, axes, bed, axes, tool in a row, drives below, the instrument between the ends; `findings` numbered."""
     structure = machine.structure
     names = ["workpiece", *structure.workpiece, "bed", *structure.tool, "tool"]
     left = {name: LEFT + i * (BOX + GAP) for i, name in enumerate(names)}
-    width = 2 * LEFT + len(names) * (BOX + GAP) - GAP
-    places = [(number, guilty(finding, machine)) for number, finding in findings]
-    axes = set(machine.axes)
-    drawn = []
+    places = [(number, affected_link(finding, machine)) for number, finding in findings]
+    begin, end = left[names[0]] + ENDS, left[names[-1]] + BOX - ENDS
+    badges, above, height = _badges(places, left, names)
+    return fragment(
+        "chain", title=title, above=above, width=2 * LEFT + len(names) * (BOX + GAP) - GAP, height=height,
+        axis_line=BODY + TALL / 2, body_top=BODY, tall=TALL, box=BOX, drive_top=DRIVE, instrument_top=INSTRUMENT,
+        links=_links(structure.workpiece, left, names, places),
+        bodies=[_body(name, left[name], machine, places) for name in names],
+        begin=begin, end=end, middle=(begin + end) / 2, instrument=any(p.part == "instrument" for _, p in places),
+        badges=badges,
+    )  # fmt: skip
+
+
+def _links(
+    workpiece: tuple[str, ...], left: dict[str, int], names: Sequence[str], places: _Places
+) -> list[dict[str, object]]:
+    """From body to body, and the whole loop where a finding belongs to no single axis. An affected axis marks the link that it
+    carries: outward of it, away from the bed."""
+    found: list[dict[str, object]] = []
     for a, b in pairwise(names):
-        drawn.append(_link(left[a] + BOX, left[b], _carried(structure.workpiece, a, b, places)))
-    drawn.append(_loop(left, names, any(p.part == "loop" for _, p in places)))
-    for name in names:
-        drawn.append(_body(name, left[name], name in axes, machine, _marks(places, ("axis",), name)))
-        if name in axes:
-            drawn.append(_drive(name, left[name], _marks(places, ("drive",), name)))
-    drawn.append(_instrument(left, names, [n for n, p in places if p.part == "instrument"]))
+        marked = any(p.part == "structure" and (b if p.axis in workpiece else a) == p.axis for _, p in places)
+        found.append({"start": left[a] + BOX, "end": left[b], "affected": marked})
+    if any(p.part == "loop" for _, p in places):
+        found.append({"start": left[names[0]] + BOX / 2, "end": left[names[-1]] + BOX / 2, "affected": True})
+    return found
+
+
+def _body(name: str, x: int, machine: Machine, places: _Places) -> dict[str, object]:
+    """A body, or an axis with its drive (None: it has none)."""
+    if name not in machine.axes:
+        return {"name": name, "x": x, "words": name, "said": name, "corner": 5, "affected": False, "drive": None}
+    rotary = machine.axes[name].rotary
+    kind = "rotary" if rotary else "linear"
+    return {
+        "name": name, "x": x, "words": f"{name}′" if name in machine.structure.workpiece else name,
+        "said": f"{kind} axis {name}, moves the {machine.structure.carries(name)}", "corner": 22 if rotary else 5,
+        "affected": any(p.part == "axis" and p.axis == name for _, p in places),
+        "drive": any(p.part == "drive" and p.axis in (name, None) for _, p in places),
+    }  # fmt: skip
+
+
+def _badges(places: _Places, left: dict[str, int], names: Sequence[str]) -> tuple[list[dict[str, object]], int, int]:
+    """The numbers of the findings, stacked where several affect one link; how far they go above and below."""
     spots = [_spot(place, left, names) for _, place in places]
-    heights = [spots[:i].count(spot) for i, spot in enumerate(spots)]
-    above = STACK * max((k for k, p in zip(heights, places, strict=True) if p[1].part in UPWARDS), default=0)
-    height = INSTRUMENT + 44
-    for (number, place), (x, y), k in zip(places, spots, heights, strict=True):
-        drawn.append(_badge(number, place, x, y + STACK * k * (-1 if place.part in UPWARDS else 1)))
-        height = max(height, int(y + STACK * k * (place.part not in UPWARDS)) + 16)
-    return (
-        f'<svg class="chain" role="img" aria-label="{html.escape(title)}" viewBox="0 {-above} {width} {height + above}" '
-        f'style="max-width: {width}px"><title>{html.escape(title)}</title>{"".join(drawn)}</svg>'
-    )
-
-
-def _marks(places: Sequence[tuple[int, _Place]], parts: tuple[str, ...], axis: str) -> bool:
-    return any(p.part in parts and (p.axis == axis or (p.axis is None and p.part == "drive")) for _, p in places)
-
-
-def _carried(workpiece: tuple[str, ...], a: str, b: str, places: Sequence[tuple[int, _Place]]) -> bool:
-    """Whether the link a–b is what a guilty axis carries: outward of it, away from the bed."""
-    return any(p.part == "structure" and (b if p.axis in workpiece else a) == p.axis for _, p in places)
-
-
-def _link(start: int, end: int, guilty: bool) -> str:
-    mark = "guilty" if guilty else "link"
-    y = BODY + TALL / 2
-    return f'<line class="{mark}" x1="{start}" y1="{y}" x2="{end}" y2="{y}"/>'
-
-
-def _body(name: str, x: int, axis: bool, machine: Machine, guilty: bool) -> str:
-    words = name
-    said = name
-    if axis:
-        words = f"{name}′" if name in machine.structure.workpiece else name
-        kind = "rotary" if machine.axes[name].rotary else "linear"
-        said = f"{kind} axis {name}, moves the {machine.structure.carries(name)}"
-    mark = " guilty" if guilty else ""
-    round_corner = 22 if axis and machine.axes[name].rotary else 5
-    return (
-        f'<g><title>{html.escape(said)}</title><rect class="body{mark}" x="{x}" y="{BODY}" width="{BOX}" '
-        f'height="{TALL}" rx="{round_corner}"/><text x="{x + BOX / 2}" y="{BODY + TALL / 2 + 5}">{html.escape(words)}'
-        "</text></g>"
-    )
-
-
-def _drive(name: str, x: int, guilty: bool) -> str:
-    mark = " guilty" if guilty else ""
-    middle = x + BOX / 2
-    return (
-        f"<g><title>drive of {html.escape(name)}: command to motor and encoder</title>"
-        f'<line class="thin" x1="{middle}" y1="{BODY + TALL}" x2="{middle}" y2="{DRIVE}"/>'
-        f'<rect class="drive{mark}" x="{x + 8}" y="{DRIVE}" width="{BOX - 16}" height="28" rx="3"/>'
-        f'<text class="small" x="{middle}" y="{DRIVE + 18}">drive {html.escape(name)}</text></g>'
-    )
-
-
-def _loop(left: dict[str, int], names: Sequence[str], guilty: bool) -> str:
-    """The whole structural loop behind the chain, marked where the accused is no single axis."""
-    if not guilty:
-        return ""
-    start, end = left[names[0]] + BOX / 2, left[names[-1]] + BOX / 2
-    return f'<line class="guilty" x1="{start}" y1="{BODY + TALL / 2}" x2="{end}" y2="{BODY + TALL / 2}"/>'
-
-
-def _instrument(left: dict[str, int], names: Sequence[str], guilty: Sequence[int]) -> str:
-    start, end = left[names[0]] + ENDS, left[names[-1]] + BOX - ENDS
-    middle, mark = (start + end) / 2, " guilty" if guilty else ""
-    y = INSTRUMENT + 14
-    return (
-        f"<g><title>the instrument reads between workpiece and tool</title>"
-        f'<path class="thin dashed" d="M{start} {BODY + TALL} V{y} H{middle - 48} M{middle + 48} {y} H{end} '
-        f'V{BODY + TALL}"/><rect class="drive{mark}" x="{middle - 48}" y="{INSTRUMENT}" width="96" height="28" rx="3"/>'
-        f'<text class="small" x="{middle}" y="{INSTRUMENT + 18}">instrument</text></g>'
-    )
+    ranks = [spots[:i].count(spot) for i, spot in enumerate(spots)]
+    above = STACK * max((k for k, (_, p) in zip(ranks, places, strict=True) if p.part in UPWARDS), default=0)
+    height, found = INSTRUMENT + 44, list[dict[str, object]]()
+    for (number, place), (x, y), k in zip(places, spots, ranks, strict=True):
+        down = place.part not in UPWARDS
+        words = f"{place.words}{', changing with time' if place.timed else ''}"
+        found.append(
+            {"number": number, "words": words, "x": x, "y": y + STACK * k * (1 if down else -1), "timed": place.timed}
+        )
+        height = max(height, int(y + STACK * k * down) + 16)
+    return found, above, height
 
 
 def _spot(place: _Place, left: dict[str, int], names: Sequence[str]) -> tuple[float, float]:
@@ -152,16 +125,3 @@ def _spot(place: _Place, left: dict[str, int], names: Sequence[str]) -> tuple[fl
         "drive": (start + BOX - 8, DRIVE - 2),
         "structure": (outward, BODY - 2),
     }[place.part]
-
-
-def _badge(number: int, place: _Place, x: float, y: float) -> str:
-    clock = (
-        f'<g class="clock" transform="translate({x + 20:g} {y:g})"><circle r="8"/><path d="M0 -5 V0 L4 2"/></g>'
-        if place.timed
-        else ""
-    )
-    words = f"{place.words}{', changing with time' if place.timed else ''}"
-    return (
-        f'<g><title>{number}: {html.escape(words)}</title><circle class="badge" cx="{x:g}" cy="{y:g}" r="11"/>'
-        f'<text class="badge" x="{x:g}" y="{y + 4:g}">{number}</text>{clock}</g>'
-    )

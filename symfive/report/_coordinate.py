@@ -55,7 +55,7 @@ def _of_axis(machine: Machine, runs: tuple[Run, ...], name: str, quantity: str) 
     if quantity == "acceleration":
         return Coordinate(f"acceleration of {name} / ({unit}/s²)", lambda run: _rate(run, name, 2))
     folded = axis.rotary and any(np.ptp(run.commands[name]) > 360.0 + 1e-6 for run in runs)
-    label = f"{name}{' in one turn' if folded else ''} / {unit}"
+    label = f"{name}{' over one revolution' if folded else ''} / {unit}"
     return Coordinate(label, lambda run: _position(run, name, folded), name if quantity else None)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from symfive.report._bands import error_motion_bands
 from symfive.report._cards import card
 from symfive.report._chain import chain_picture
 from symfive.report._evidence import (
-    classes_list,
     fit_table,
     gap_table,
     observability_table,
@@ -39,6 +37,7 @@ from symfive.report._spectrum import residual_spectrum
 from symfive.report._standards import standards_section
 from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
+from symfive.report._template import Markup, fragment
 from symfive.report._visible import visible_parts
 
 __all__ = ["diagnosis_report"]
@@ -49,10 +48,9 @@ IN_SHORT = ("where", "how large", "how sure")
 Array = NDArray[np.float64]
 Drawn = Callable[[], tuple[Figure, Tips]]
 _READING = (
-    "Height: the residual, in the unit at the side; across: the coordinate named below. Left: the dots follow the line, which "
-    "is this effect; where there are other findings, the residual as it was "
-    "is grey and what they explain is taken off the coloured dots. Right: with all findings in the model only noise "
-    "may be left, evenly around zero within the grey band."
+    "Residual over the coordinate named below. Left, before: the line is this effect, and the coloured dots should follow it "
+    "(grey: the residual before the other findings are subtracted). Right, after: with all findings in the model, only noise "
+    "should remain, evenly around zero within the grey band."
 )
 
 
@@ -60,87 +58,66 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
     """Write `report.html` and its figures (`figures/*.png`) into `folder`; returns the page's path.
 
     One self-contained page (no network, below 3 MB): the verdict, a card per finding in order of its share of the
-    deviation, the machine's chain with the guilty links, before and after, what the campaign can see at all, the
+    deviation, the machine chain with the affected links, before and after, what the campaign could detect, the
     quality of the data, noise and set-up. Raises `InputError` where the folder cannot be written.
     """
     target = Path(folder)
     findings = diagnosis.by_share
     title = f"Diagnosis of {diagnosis.after.model.machine.name}"
-    body = [
-        *_head(diagnosis, findings, title),
-        *_cards(diagnosis, findings, target / "figures"),
-        *_proof(diagnosis, target / "figures"),
-        *_sight(diagnosis),
-        *standards_section(diagnosis.after),
-        *_quality(diagnosis, target / "figures"),
-    ]
-    write_page(target / NAME, title, "\n".join(body))
+    body = fragment("diagnosis", title=title, **_head(diagnosis, findings), **_proof(diagnosis, target / "figures"),
+                    **_sensitivity(diagnosis), **_quality(diagnosis, target / "figures"),
+                    findings=_cards(diagnosis, findings, target / "figures"))  # fmt: skip
+    write_page(target / NAME, title, body)
     return target / NAME
 
 
-def _head(diagnosis: Diagnosis, findings: Sequence[Finding], title: str) -> list[str]:
+def _head(diagnosis: Diagnosis, findings: Sequence[Finding]) -> dict[str, object]:
     model = diagnosis.after.model
     campaign, machine = model.campaign, model.machine
+    facts = f"Campaign {campaign.name}; structure {machine.structure.code}; {len(campaign.runs)} runs, {campaign.rows} rows."
+    title = "Machine chain with the place of each finding"
+    return {
+        "facts": facts,
+        "bad": diagnosis.mismatch or not diagnosis.after.converged,
+        "verdict": diagnosis.verdict,
+        "against": (*diagnosis.doubts, *diagnosis.excluded),
+        "closing": closing(diagnosis),
+        "tiles": fragment("tiles", tiles=_tiles(diagnosis)),
+        "chain": chain_picture(machine, list(enumerate(findings, start=1)), title) if findings else "",
+        "notes": (*diagnosis.after.notes, *campaign.notes),
+    }
+
+
+def _tiles(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     unit = diagnosis.after.unit
     before, after = (plain_number(rms, unit) for rms in (diagnosis.fit.rms_before_um, diagnosis.fit.rms_after_um))
     tiles = [
         ("residual RMS before → after", f"{before} → {after} {unit}")
-        if findings
+        if diagnosis.findings
         else ("residual RMS", f"{after} {unit}"),
-        ("noise found (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
+        ("estimated noise (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
         ("χ²/dof", f"{plain_number(diagnosis.fit.chi2_dof_after)} ({expected_ratio(diagnosis.after.dof)})"),
-        ("p-value of “nothing is missing”", power_of_ten(diagnosis.p_value)),
+        ("p-value of “the model is complete”", power_of_ten(diagnosis.p_value)),
         ("false-alarm rate, nothing named", percent(diagnosis.false_alarms)),
-        ("effects looked for", str(len(diagnosis.observability))),
+        ("effects tested", str(len(diagnosis.observability))),
     ]
     if diagnosis.geometry_share > SHOWN_SHARE:
-        part = percent(diagnosis.geometry_share)
-        tiles.insert(1, ("share of the deviation that geometry and set-up explain, identified anew", part))
-    links = [("findings", "Findings")] if findings else []
-    proof = "Before and after" if findings else "What is left"
-    links += [("proof", proof), ("sight", "Where, and what these tests can see"), ("quality", "Data quality"),
-              ("noise", "Noise"), ("setup", "Set-up")]  # fmt: skip
-    facts = f"Campaign {campaign.name}; structure {machine.structure.code}; {len(campaign.runs)} runs, {campaign.rows} rows."
-    chain = chain_picture(machine, list(enumerate(findings, start=1)), "The machine's chain with every finding's place")
-    return [
-        f"<h1>{html.escape(title)}</h1>",
-        f'<p class="facts">{html.escape(facts)}</p>',
-        _verdict(diagnosis, findings),
-        '<dl class="tiles">' + "".join(f"<div><dt>{k}</dt><dd>{html.escape(v)}</dd></div>" for k, v in tiles) + "</dl>",
-        chain if findings else "",
-        "<nav>" + "".join(f'<a href="#{key}">{words}</a>' for key, words in links) + "</nav>",
-        *(f"<p>Note: {html.escape(note)}.</p>" for note in (*diagnosis.after.notes, *campaign.notes)),
-    ]
+        tiles.insert(1, ("explained by geometry and set-up (refitted)", percent(diagnosis.geometry_share)))
+    return tiles
 
 
-def _verdict(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
-    """The verdict, a line for each finding, what speaks against them, the next step."""
-    listed = ""
-    for number, finding in enumerate(findings, start=1):
-        facts = facts_of(finding, diagnosis.after)
-        alike = [f"{facts['reads the same']} would read the same here"] if "reads the same" in facts else []
-        said = "; ".join([*(facts[question] for question in IN_SHORT), *alike])
-        listed += f'<li><a href="#finding-{number}">{html.escape(finding.title)}</a>: {html.escape(said)}</li>'
-    against = "".join(f"<li>{html.escape(said)}</li>" for said in (*diagnosis.doubts, *diagnosis.excluded))
-    return (
-        f'<div class="verdict {"no" if diagnosis.mismatch or not diagnosis.after.converged else "yes"}">'
-        f"<strong>{html.escape(diagnosis.verdict)}</strong>"
-        + (f"<ol>{listed}</ol>" if listed else "")
-        + (f"<ul>{against}</ul>" if against else "")
-        + f"<p>{html.escape(closing(diagnosis))}</p></div>"
-    )
-
-
-def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> Iterator[str]:
-    if not findings:
-        return
-    yield '<h2 id="findings">Findings</h2>'
+def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> list[dict[str, object]]:
+    """Title, one line and card of each finding."""
     parts = visible_parts(diagnosis.before, [f.contribution for f in findings])
+    cards: list[dict[str, object]] = []
     for number, (finding, visible) in enumerate(zip(findings, parts, strict=True), start=1):
-        title = f"{finding.title}: residual before and after"
-        picture = _figure(f"finding-{number}-residual", title, _READING,
+        picture = _figure(f"finding-{number}-residual", f"{finding.title}: residual before and after", _READING,
                           partial(finding_figure, diagnosis, finding, visible, _others(parts, number - 1)), figures)  # fmt: skip
-        yield card(number, finding, diagnosis, picture)
+        facts = facts_of(finding, diagnosis.after)
+        alike = [f"cannot be distinguished from {', '.join(finding.alias)} in this test"] if finding.alias else []
+        short = "; ".join([*(facts[question] for question in IN_SHORT), *alike])
+        cards.append({"title": finding.title, "short": short, "card": card(number, finding, diagnosis, picture)})
+    return cards
 
 
 def _others(parts: Sequence[Mapping[str, Array]], mine: int) -> dict[str, Array] | None:
@@ -149,69 +126,57 @@ def _others(parts: Sequence[Mapping[str, Array]], mine: int) -> dict[str, Array]
     return {run: np.sum([part[run] for part in rest], axis=0) for run in rest[0]} if rest else None
 
 
-def _proof(diagnosis: Diagnosis, figures: Path) -> Iterator[str]:
-    yield f'<h2 id="proof">{"Before and after" if diagnosis.findings else "What is left"}</h2>'
-    yield fit_table(diagnosis)
-    before, after = diagnosis.before, diagnosis.after
-    if diagnosis.findings:
-        said = "A bar that moved by more than its length: the geometry had taken up what belongs to a finding."
-        yield _figure("geometry", "Geometry before and after", said, lambda: geometry_chart(before, after), figures)
-        shown = geometry_table(diagnosis)
-        yield f"<details><summary>All of the geometry in numbers</summary>{shown}</details>"
-    said = "Measured, with the model dashed, and what is left, magnified further. Both senses of travel overlaid."
-    if diagnosis.findings:
-        yield _figure("polar-before", "Circular tests before", f"Before: without the findings. {said}",
-                      lambda: (polar_trace(before), {}), figures)  # fmt: skip
-    words = "After: with all findings. " if diagnosis.findings else ""
-    yield _figure("polar-after", "Circular tests", words + said, lambda: (polar_trace(after), {}), figures)
-    said = (
-        "The error over the travel that was used, with its uncertainty. Where the band contains zero, none is proven."
-    )
-    yield _figure("error-motions", "Error motions", said, lambda: (error_motion_bands(after), {}), figures)
+def _proof(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
+    """Before and after: fit, geometry, circular tests, error motions."""
+    before, after, found = diagnosis.before, diagnosis.after, bool(diagnosis.findings)
+    moved = "Where a value moved by more than its bar, the geometry had absorbed part of a finding."
+    circles = "Measured (dashed: model) and residual, magnified further. Both directions overlaid."
+    motions = "Error over the travel used, with its uncertainty. Where the band contains zero, no error is proven."
+    words = "After: with all findings. " if found else ""
+    return {
+        "proof": "Before and after" if found else "Residuals",
+        "fit": fit_table(diagnosis),
+        "geometry": _figure("geometry", "Geometry before and after", moved, lambda: geometry_chart(before, after), figures)
+        if found else "",
+        "geometry_table": geometry_table(diagnosis) if found else "",
+        "polar_before": _figure("polar-before", "Circular tests before", f"Before: without the findings. {circles}",
+                                lambda: (polar_trace(before), {}), figures) if found else "",
+        "polar_after": _figure("polar-after", "Circular tests", words + circles, lambda: (polar_trace(after), {}), figures),
+        "error_motions": _figure("error-motions", "Error motions", motions, lambda: (error_motion_bands(after), {}), figures),
+    }  # fmt: skip
 
 
-def _figure(name: str, title: str, reading: str, draw: Drawn, figures: Path) -> str:
+def _figure(name: str, title: str, reading: str, draw: Drawn, figures: Path) -> Markup:
     """The figure on the page and as a file; "" where there is nothing to draw."""
     try:
         figure, tips = draw()
     except InputError:
-        return ""  # no circle among the runs, no error motion in the machine file
+        return Markup()  # no circle among the runs, no error motion in the machine file
     keep(figure, name, figures)
     return embedded(figure, name, title, reading, tips)
 
 
-def _sight(diagnosis: Diagnosis) -> list[str]:
-    return [
-        '<h2 id="sight">Is anything left, and where</h2>',
-        "<p>Tests that need no name of an effect, on the fit before any finding, and the places of the chain at which the "
-        "readings differ most from the model.</p>",
-        tests_table(diagnosis),
-        suspects_table(diagnosis),
-        "<h2>What these tests can see at all</h2>",
-        "<p>For each effect: the share of its energy that the fit cannot take up as geometry or set-up, and by how many "
-        "σ one of usual size would stand out. An effect with a small share could be there and stay unseen.</p>",
-        classes_list(diagnosis),
-        observability_table(diagnosis),
-    ]
+def _sensitivity(diagnosis: Diagnosis) -> dict[str, object]:
+    return {
+        "tests": tests_table(diagnosis),
+        "suspects": suspects_table(diagnosis),
+        "classes": diagnosis.classes,
+        "observability": observability_table(diagnosis),
+        "standards": standards_section(diagnosis.after),
+    }
 
 
-def _quality(diagnosis: Diagnosis, figures: Path) -> list[str]:
+def _quality(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
     after = diagnosis.after
-    gaps = gap_table(after.model.campaign)
     has_setup = any(p.run is not None for p in after.parameters)
-    return [
-        '<h2 id="quality">Data quality</h2>',
-        outlier_table(after) if after.outliers else "<p>No reading is excluded as an outlier.</p>",
-        gaps or "<p>No rows are missing in the recordings.</p>",
-        _figure(
-            "residuals-over-time", "What is left, over time", OVER_TIME, lambda: residuals_with_tips(after), figures
-        ),
-        _figure(
-            "residual-spectrum", "Spectrum of what is left", SPECTRUM, lambda: (residual_spectrum(after), {}), figures
-        ),
-        '<h2 id="noise">Noise found and declared</h2>',
-        noise_table(after),
-        '<h2 id="setup">Set-up</h2>',
-        setup_table(after) if has_setup else "<p>No set-up parameter was estimated.</p>",
-        poses_figure(after.model.campaign),
-    ]
+    return {
+        "outliers": outlier_table(after) if after.outliers else "",
+        "gaps": gap_table(after.model.campaign),
+        "over_time": _figure("residuals-over-time", "Residuals over time", OVER_TIME, lambda: residuals_with_tips(after),
+                             figures),
+        "spectrum": _figure("residual-spectrum", "Spectrum of the residuals", SPECTRUM, lambda: (residual_spectrum(after), {}),
+                            figures),
+        "noise": noise_table(after),
+        "setup": setup_table(after) if has_setup else "",
+        "poses": Markup(poses_figure(after.model.campaign)),
+    }  # fmt: skip

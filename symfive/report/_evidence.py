@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-
 import numpy as np
 
 from symfive.campaign import Campaign
@@ -13,7 +11,7 @@ from symfive.numbers import expected_ratio, plain_number, power_of_ten
 from symfive.report._findings import FAINT_SIGMAS
 from symfive.report._tables import Cell, table
 
-__all__ = ["classes_list", "fit_table", "gap_table", "observability_table", "suspects_table", "tests_table"]
+__all__ = ["fit_table", "gap_table", "observability_table", "suspects_table", "tests_table"]
 
 GAP = 1.5
 MOST_GAPS = 500
@@ -27,12 +25,12 @@ def fit_table(diagnosis: Diagnosis) -> str:
     band = expected_ratio(after.dof).removeprefix("noise alone gives ")
     lines: list[tuple[str, float | None, float | None, str, str]] = [
         ("residual RMS of all readings", fit.rms_before_um, fit.rms_after_um, unit, aim),
-        ("residual RMS of runs left out of the fit in turn", fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit,
+        ("residual RMS of held-out runs (each run in turn)", fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit,
          aim),
-        *((f"residual RMS, a whole {what} left out at a time", b, a, unit, aim)
+        *((f"residual RMS, each {what} held out in turn", b, a, unit, aim)
           for what, (b, a) in fit.heldout_by.items()),
         ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", band),
-        ("χ²/dof against the noise found", before.chi2_dof_whitened, after.chi2_dof_whitened, "", band),
+        ("χ²/dof against the estimated noise", before.chi2_dof_whitened, after.chi2_dof_whitened, "", band),
         ("parameters", len(before.parameters), len(after.parameters), "", ""),
         ("readings excluded as outliers", len(before.outliers), len(after.outliers), "", ""),
         *([("residual RMS without these", before.rms_kept.get(before.file_unit), after.rms_kept.get(after.file_unit),
@@ -44,7 +42,7 @@ def fit_table(diagnosis: Diagnosis) -> str:
         if old is not None
     ]
     heads = ["quantity", "before", "after", "unit", "noise alone"]
-    return table("What is left, against what noise alone would leave", heads, rows)
+    return table("Residuals, compared with noise alone", heads, rows)
 
 
 def _number(value: float | None, unit: str) -> str | Cell:
@@ -61,19 +59,19 @@ def tests_table(diagnosis: Diagnosis) -> str:
         [t.name, Cell(power_of_ten(t.p_value), t.p_value), t.says if t.p_value < limit else "nothing beyond noise"]
         for t in detection.tests
     ]
-    return table("Is anything left that noise does not explain?", ["test", "p-value", "what it says"], rows)
+    return table("Does noise alone explain the residuals?", ["test", "p-value", "result"], rows)
 
 
 def suspects_table(diagnosis: Diagnosis) -> str:
     """Where the mismatch may sit, every effect weighed by itself."""
     found = diagnosis.location.significant
     if not found:
-        return "<p>No place of the chain stands out of the noise.</p>"
+        return ""
     rows: list[list[str | Cell]] = [
         [s.link, s.axis or "–", s.coordinate, Cell(plain_number(s.nats), s.nats), s.effect.key] for s in found
     ]
-    heads = ["link", "axis", "over", "log evidence it adds", "best explained there by"]
-    return table("Where: every link and axis by itself, before any of them was fitted", heads, rows)
+    heads = ["link", "axis", "over", "log evidence it adds", "by"]
+    return table("Where: each link and axis on its own, before any was fitted", heads, rows)
 
 
 def observability_table(diagnosis: Diagnosis) -> str:
@@ -88,29 +86,13 @@ def observability_table(diagnosis: Diagnosis) -> str:
         rows.append([o.effect.replace("_", " "), o.axis or "–", o.form, Cell(f"{100.0 * o.visible:.1f}", o.visible),
                      Cell(f"{o.sigmas:.1f}" if o.sigmas < 1e4 else plain_number(o.sigmas), o.sigmas), group, hidden])  # fmt: skip
         classes.append("weak" if o.sigmas < FAINT_SIGMAS else "")
-    heads = ["effect", "axis", "form", "visible share / %", "a usual size stands out by / σ", "not told apart",
-             "may hide behind"]  # fmt: skip
+    heads = ["effect", "axis", "form", "visible share / %", "usual size / σ", "class (not separable)",
+             "absorbed by"]  # fmt: skip
     weak = sum(c == "weak" for c in classes)
-    caption = f"{len(rows)} effects that were looked for" + (
-        f"; {weak} (coloured) would hardly show here: a usual size stands out by less than {FAINT_SIGMAS:g} σ"
-        if weak
-        else ""
+    caption = f"{len(rows)} effects tested" + (
+        f"; {weak} (coloured) of usual size would be invisible here (below {FAINT_SIGMAS:g} σ)" if weak else ""
     )
     return table(caption, heads, rows, classes)
-
-
-def classes_list(diagnosis: Diagnosis) -> str:
-    """The classes of effects whose visible parts have one shape."""
-    if not diagnosis.classes:
-        return "<p>All effects that this campaign can see are told apart.</p>"
-    items = [
-        f"<li><strong>Class {i}:</strong> {html.escape(', '.join(group))}</li>"
-        for i, group in enumerate(diagnosis.classes, start=1)
-    ]
-    return (
-        "<p>These read alike in this campaign, whatever their size; another place or height of the test, not another "
-        f"repetition, can part them:</p><ul>{''.join(items)}</ul>"
-    )
 
 
 def gap_table(campaign: Campaign) -> str:

@@ -78,12 +78,12 @@ def finding_figure(
             axes.set_xlabel(coordinate.label)
         grid[i, 0].set_ylim(-limit, limit)
         grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
-    grid[0, 0].set_title("Residual before: without the findings")
-    grid[0, 1].set_title("Residual after: with the findings")
+    grid[0, 0].set_title("Residual before, without the findings")
+    grid[0, 1].set_title("Residual after, with the findings")
     _legend(figure, next((c.axis for c in coordinates if c.axis), None), others is not None)
     footnote(
         figure,
-        f"Drawn: some {WAVES} waves of the run in which it is strongest." if zoomed else "",
+        f"Shown: about {WAVES} waves of the run in which it is strongest." if zoomed else "",
         f"Dots: one row in {thinned}; the lines are means over all rows." if thinned > 1 else "",
     )
     return figure, tips
@@ -220,11 +220,11 @@ def _legend(figure: Figure, axis: str | None, others: bool) -> None:
     if others:
         handles.append(Line2D([], [], color=FAINT, alpha=0.6, label="as it was", **look))  # type: ignore[arg-type]
     if axis is None:
-        words = "less what other findings explain" if others else "residual"
+        words = "less the other findings" if others else "residual"
         handles.append(Line2D([], [], color=BLUE, label=words, **look))  # type: ignore[arg-type]
     else:
         for (_, colour), words in zip(SENSES, ("up", "down"), strict=True):
             handles.append(Line2D([], [], color=colour, label=f"{axis} moving {words}", **look))  # type: ignore[arg-type]
-    handles.append(Line2D([], [], color=INK, linewidth=1.5, label="the effect, as far as geometry had not taken it"))
+    handles.append(Line2D([], [], color=INK, linewidth=1.5, label="the effect, less what geometry absorbed"))
     handles.append(Patch(color=FAINT, alpha=0.25, label="±2σ of the noise"))
     figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))

@@ -20,21 +20,21 @@ def closing(diagnosis: Diagnosis) -> str:
 
 def _next_step(diagnosis: Diagnosis) -> str:
     if not diagnosis.after.converged:
-        return "record further runs and diagnose all together (--with); do not use model.json, its fit did not converge"
+        return "record further runs and diagnose all together (--with); do not use model.json: the fit did not converge"
     for finding in diagnosis.by_share:
         if finding.next_test and finding.test is not None:
             return f"record {finding.next_test}: {finding.test.says}"
     if diagnosis.unnamed:
-        return "repeat the runs at another place or feed: what is left needs more readings to get a name"
+        return "repeat the runs at another place or feed; the cause needs more readings"
     if any(finding.alias for finding in diagnosis.findings):
-        return "use model.json, but do not rely on the name where another one reads the same"
+        return "use model.json: its correction holds, but the cause is not unique"
     if diagnosis.doubts:
-        return "record further runs and diagnose all together (--with) before you rely on these names"
+        return "record further runs and diagnose all together (--with) before you act on these findings"
     if diagnosis.findings:
-        return "use model.json, which has the findings in; a run that it has not seen is the test (symfive predict)"
+        return "the corrected model is model.json; check it on a run that was not used here (symfive predict)"
     if diagnosis.noise_ratio > EXPLAINED:
-        return "repeat one run: if both differ by as much, it is noise and the data sheet too hopeful"
-    return "use model.json; a run it has not seen is the test (symfive predict)"
+        return "repeat one run: if the two differ as much, it is noise, and larger than the data sheet says"
+    return "use model.json; check it on a run that was not used here (symfive predict)"
 
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
@@ -44,11 +44,11 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
 
 def _sight(diagnosis: Diagnosis) -> str:
     faint = [o.form for o in diagnosis.observability if o.sigmas < FAINT_SIGMAS]
-    said = f"{len(diagnosis.observability)} effects were looked for"
+    said = f"{len(diagnosis.observability)} effects were tested"
     if faint:
         more = f" and {len(faint) - SHOWN_FAINT} more" if len(faint) > SHOWN_FAINT else ""
-        said += f"; {len(faint)} of usual size would hardly show here: {', '.join(faint[:SHOWN_FAINT])}{more}"
+        said += f"; {len(faint)} of usual size would be invisible in this test: {', '.join(faint[:SHOWN_FAINT])}{more}"
     if diagnosis.classes:
         group = "group" if len(diagnosis.classes) == 1 else "groups"
-        said += f"; {len(diagnosis.classes)} {group} of them read alike"
+        said += f"; {len(diagnosis.classes)} {group} of them cannot be separated"
     return f"{said} (report.html lists all)"

@@ -86,12 +86,12 @@ def geometry_table(diagnosis: Diagnosis) -> str:
     kinds = ("location_error", "error_motion")
     names = [p.name for p in after.parameters if p.kind in kinds and p.name in before.model.index]
     moved = {name: (before[name], after[name]) for name in names}
-    return _table("All of the machine's geometry, without any finding and with all of them", moved, after)
+    return _table("Machine geometry without and with all findings", moved, after)
 
 
 def moved_table(finding: Finding, after: Identification) -> str:
     """What this finding alone moved: the parameters without it and with it, everything else as found."""
-    said = "How the geometry moved when it joined the model (all else as found)"
+    said = "Change of the geometry with this finding (all others unchanged)"
     return _table(said, finding.moved, after)
 
 
@@ -107,5 +107,5 @@ def _table(caption: str, moved: Mapping[str, tuple[float, float]], after: Identi
                      Cell(rounded(std, std, p.unit), std), Cell(rounded(new - old, std, p.unit), new - old), unit_words(p.unit),
                      Cell(f"{sigmas:.1f}", sigmas)])  # fmt: skip
         classes.append("moved" if sigmas > 2.0 else "")
-    heads = ["parameter", "what it is", "before", "after", "1σ after", "moved by", "unit", "in σ"]
+    heads = ["parameter", "meaning", "before", "after", "1σ after", "moved by", "unit", "in σ"]
     return table(caption, heads, rows, classes)

@@ -65,7 +65,7 @@ def coordinates_with_tips(
         grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
     for j, name in enumerate(moved):
         axis = machine.axes[name]
-        folded = " in one turn" if _folded(axis, [t.run for t in traces]) else ""
+        folded = " over one revolution" if _folded(axis, [t.run for t in traces]) else ""
         grid[-1, j].set_xlabel(f"{name}{folded} / {unit_words(axis.unit)}")
     figure.suptitle("Residuals over the axes", x=0.01, ha="left")
     handles = [Line2D([], [], color=colour, label=f"axis {words}") for _, colour, words in SENSES]

@@ -21,9 +21,8 @@ from symfive.report._traces import Array, Trace, running_mean, spread, traces_of
 __all__ = ["FEW_ROWS", "READING", "residuals_over_time", "residuals_with_tips"]
 
 READING = (
-    "Height: measured less modelled, in the unit at the side; across: time in s, or the number of the pose. Only noise "
-    "should be left: even around zero, within the grey band, without waves or steps; a single pose that stands out may have "
-    "been misread."
+    "Measured minus modelled, over time in s or the number of the pose. Good: noise around zero within the grey band, no "
+    "waves, no steps. A single pose far out may be a misreading."
 )
 FEW_ROWS = 100
 """Runs of fewer rows are drawn as single readings: a line between them would show nothing that was measured."""
@@ -230,7 +229,7 @@ def _legend(figure: Figure, traces: list[Trace], limits: Mapping[str, float]) ->
         handles.append(Line2D([], [], color=FAINT, linestyle=":", label="±2σ of the noise found"))
     if any(trace.outlier.any() for trace in traces):
         ring = Line2D(
-            [], [], marker="o", markerfacecolor="none", markeredgecolor=INK, linestyle="none", label="outlier, left out"
+            [], [], marker="o", markerfacecolor="none", markeredgecolor=INK, linestyle="none", label="excluded outlier"
         )
         handles.append(ring)
     if any(np.any(np.abs(trace.farthest) > limits[trace.unit]) for trace in traces):

@@ -7,53 +7,35 @@ import hashlib
 import html
 import re
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 
 from matplotlib.figure import Figure
 
-from symfive import __version__
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAGE_STYLE, PAPER
 from symfive.drawing import SCRIPT as POSES
 from symfive.outputs import write_text
 from symfive.report._style import Tips, rendered
+from symfive.report._template import Markup, asset, fragment
+from symfive.version import __version__
 
 __all__ = ["embedded", "sentences", "write_page"]
 
 _THEME = {INK: "var(--ink)", FAINT: "var(--faint)", GRID: "var(--grid)", PAPER: "var(--card)", BLUE: "var(--blue)",
           ORANGE: "var(--orange)"}  # fmt: skip
-_SCRIPT = """
-for (const button of document.querySelectorAll("th button")) button.addEventListener("click", () => {
-  const head = button.parentElement, table = head.closest("table"), body = table.tBodies[0];
-  const up = head.getAttribute("aria-sort") !== "ascending", column = head.cellIndex;
-  for (const other of table.querySelectorAll("th")) other.removeAttribute("aria-sort");
-  head.setAttribute("aria-sort", up ? "ascending" : "descending");
-  const key = row => { const cell = row.cells[column], sort = cell.dataset.sort;
-    return sort === undefined ? cell.textContent : Number(sort); };
-  const compare = (a, b) => typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b));
-  [...body.rows].sort((a, b) => (up ? 1 : -1) * compare(key(a), key(b))).forEach(row => body.append(row));
-});
-"""
 
 
-def write_page(path: Path, title: str, body: str) -> None:
+def write_page(path: Path, title: str, body: Markup) -> None:
     """Write the page whole or not at all. `title` is plain text, `body` HTML whose text is already escaped."""
-    script = _SCRIPT + (POSES if '<figure class="poses">' in body else "")
+    script = asset("sort.js") + Markup(POSES if '<figure class="poses">' in body else "")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    template = Template((files("symfive.report") / "page.html").read_text(encoding="utf-8"))
-    page = template.substitute(
-        title=html.escape(title),
-        style=PAGE_STYLE,
-        body=body,
-        script=script,
-        script_hash=f"sha256-{digest}",
-        version=html.escape(__version__),
+    style = Markup(PAGE_STYLE) + asset("page.css")
+    page = fragment(
+        "page", title=title, style=style, body=body, script=script, script_hash=f"sha256-{digest}", version=__version__
     )
-    write_text(path, page)
+    write_text(path, f"{page}\n")
 
 
-def embedded(figure: Figure, name: str, title: str, reading: str, tips: Tips | None = None) -> str:
+def embedded(figure: Figure, name: str, title: str, reading: str, tips: Tips | None = None) -> Markup:
     """A `<figure>` with the drawing inline, its colours tied to the page's theme, and how to read it as caption.
 
     `tips` by the id (gid) of a drawn artist: what hovering over each of its points says.
@@ -70,7 +52,7 @@ def embedded(figure: Figure, name: str, title: str, reading: str, tips: Tips | N
         svg = re.sub(f"(fill|stroke): {colour}", rf"\1: {variable}", svg)
     svg = re.sub(r"(font(?:-family)?: [^;\"]*?)'DejaVu Sans'[^;\"]*", r"\1system-ui, 'DejaVu Sans', sans-serif", svg)
     svg = svg.replace("<svg ", f'<svg role="img" aria-label="{html.escape(title)}" ', 1)
-    return f'<figure id="{name}">\n{svg}\n<figcaption>{html.escape(reading)}</figcaption>\n</figure>'
+    return fragment("figure", name=name, svg=Markup(svg), reading=reading)
 
 
 def _tipped(svg: str, key: str, texts: Sequence[str]) -> str:
@@ -88,10 +70,6 @@ def _tipped(svg: str, key: str, texts: Sequence[str]) -> str:
     return svg[:begin] + tipped + svg[begin + len(part) :]
 
 
-def sentences(lines: list[str], most: int = 20) -> str:
-    """A list of sentences; the ones after the first `most` are folded away."""
-    items = [f"<li>{html.escape(line)}.</li>" for line in lines]
-    shown = f"<ul>{''.join(items[:most])}</ul>"
-    if len(items) > most:
-        shown += f"<details><summary>{len(items) - most} more</summary><ul>{''.join(items[most:])}</ul></details>"
-    return shown
+def sentences(lines: Sequence[str], most: int = 20) -> Markup:
+    """A list of sentences; the ones after the first `most` are folded away; nothing where there is none."""
+    return fragment("sentences", lines=lines, most=most) if lines else Markup()

@@ -76,6 +76,6 @@ def _draw(axes: Axes, identification: Identification, parameters: list[Parameter
 def _legend(figure: Figure) -> None:
     learnt = Line2D([], [], color=BLUE, marker="o", markersize=4.5, linewidth=2.0, label="value, 95 % interval")
     unlearnt = Line2D([], [], color=ORANGE, marker="o", markerfacecolor="none", markersize=4.5, linewidth=2.0,
-                      label="no better known than before")  # fmt: skip
+                      label="no better than the prior")  # fmt: skip
     figure.legend(handles=[learnt, unlearnt, Patch(color=FAINT, alpha=0.3, label="prior ±1σ")], ncols=3,
                   loc="outside upper right")  # fmt: skip

@@ -99,15 +99,15 @@ def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | N
 
 def _notes(circles: Sequence[Circle], both: bool, groups: int) -> list[str]:
     arcs = "" if all(c.whole for c in circles) else " (the mean only, where less than 3/4 of a turn was measured)"
-    notes = [f"Measured: least-squares centre and mean radius taken off each run{arcs}.",
+    notes = [f"Measured: least-squares centre and mean radius of each run removed{arcs}.",
              _lines_in_words(circles, both)]  # fmt: skip
     return [*notes, f"Drawn: {MOST_GROUPS} of {groups} sets of runs."] if groups > MOST_GROUPS else notes
 
 
 def _lines_in_words(circles: Sequence[Circle], both: bool) -> str:
     if not any(circle.run.dynamic for circle in circles):
-        return "Points: the readings at rest, of which p–v is the height from peak to valley; outliers left out."
-    pale = "; pale: each reading; outliers left out." if both else "."
+        return "Points: the readings at rest, of which p–v is the height from peak to valley; outliers excluded."
+    pale = "; pale: each reading; outliers excluded." if both else "."
     beyond = (
         "" if all(c.evaluated.all() for c in circles) else " over the complete turns, run-up and run-out not counted"
     )

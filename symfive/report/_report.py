@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from symfive.report._save import drawings, keep
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import unit_words
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
+from symfive.report._template import Markup, fragment
 from symfive.report._words import confounded_machine, confounded_setup, fits, verdict
 
 __all__ = ["identification_report"]
@@ -22,7 +22,7 @@ NAME = "identification.html"
 HEADLINES = {
     "yes": "The model fits.",
     "better": "The model fits.",
-    "nearly": "The model fits almost.",
+    "nearly": "The model almost fits.",
     "no": "The residuals are larger than the declared noise.",
     "unknown": "The fit cannot be judged.",
 }
@@ -42,72 +42,52 @@ def identification_report(
     path = Path(folder) / NAME
     machine = identification.model.machine
     title = f"Identification of {machine.name}"
-    target = None if figures is None else Path(figures)
-    write_page(path, title, "\n".join([_head(identification, title), *_sections(identification, target)]))
+    setup = confounded_setup(identification)
+    parameters = identification.parameters
+    body = fragment(
+        "identification", title=title, facts=_facts(identification),
+        state=fits(identification) if identification.converged else "no",
+        headline=HEADLINES[fits(identification)] if identification.converged else "The fit did not converge.",
+        verdict=verdict(identification), quality=_quality(identification),
+        notes=(*identification.notes, *identification.model.campaign.notes),
+        confounded=sentences(confounded_machine(identification)), confounded_setup=sentences(setup, 200), setup_count=len(setup),
+        parameters=parameter_table(identification) if any(p.run is None for p in parameters) else "",
+        worth=worth_section(identification), standards=standards_section(identification), noise=noise_table(identification),
+        outliers=outlier_table(identification) if identification.outliers else "",
+        setup=setup_table(identification) if any(p.run is not None for p in parameters) else "",
+        poses=Markup(poses_figure(identification.model.campaign)),
+        figures=_figures(identification, None if figures is None else Path(figures)),
+    )  # fmt: skip
+    write_page(path, title, body)
     return path
 
 
-def _head(identification: Identification, title: str) -> str:
+def _facts(identification: Identification) -> list[str]:
     campaign, machine = identification.model.campaign, identification.model.machine
     shared = sum(p.run is None for p in identification.parameters)
     effects = ", ".join(effect.key for effect in identification.model.effects)
-    facts = [
+    return [
         f"Campaign {campaign.name}",
         f"structure {machine.structure.code}",
         f"{len(campaign.runs)} runs, {campaign.rows} rows",
         f"{shared} parameters of the machine and its effects, {len(identification.parameters) - shared} of set-up",
-        f"rank {identification.rank}: so many combinations of them do the data determine",
+        f"the readings determine {identification.rank} of {len(identification.parameters)} parameters",
         f"method {identification.method}",
         *([f"effects in the model: {effects}"] if effects else []),
     ]
-    state, converged = fits(identification), identification.converged
-    headline = HEADLINES[state] if converged else "The fit did not converge."
+
+
+def _quality(identification: Identification) -> str:
     known = {unit: value for unit, value in identification.rms.items() if unit != "mixed"}
     rms = ", ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known.items())
-    links = (("told-apart", "Not told apart"), ("values", "Parameters"), ("noise", "Noise"), ("outliers", "Outliers"),
-             ("setup", "Set-up"), ("figures", "Figures"))  # fmt: skip
-    return "\n".join([
-        f"<h1>{html.escape(title)}</h1>",
-        f'<p class="facts">{html.escape("; ".join(facts))}.</p>',
-        f'<div class="verdict {state if converged else "no"}"><strong>{html.escape(headline)}</strong>',
-        f"<p>{html.escape(verdict(identification))}</p></div>",
-        f'<p class="facts">Residual RMS {html.escape(rms or "not available")}; '
-        f"χ²/dof {identification.chi2_dof:.4g} against the declared noise, "
-        f"{identification.chi2_dof_whitened:.4g} against the noise found; {identification.dof:.0f} "
-        f"degrees of freedom: {html.escape(expected_ratio(identification.dof))}.</p>",
-        "<nav>" + "".join(f'<a href="#{key}">{words}</a>' for key, words in links) + "</nav>",
-    ])  # fmt: skip
+    return (
+        f"Residual RMS {rms or 'not available'}; χ²/dof {identification.chi2_dof:.4g} against the declared noise, "
+        f"{identification.chi2_dof_whitened:.4g} against the estimated noise; {identification.dof:.0f} degrees of freedom: "
+        f"{expected_ratio(identification.dof)}"
+    )
 
 
-def _sections(identification: Identification, target: Path | None) -> list[str]:
-    machine, setup = confounded_machine(identification), confounded_setup(identification)
-    said = sentences(machine) if machine else "<p>Every parameter of the machine is told apart from all others.</p>"
-    if setup:
-        said += (
-            f"<details><summary>{len(setup)} combinations of set-up alone, which do not touch the machine's parameters"
-            f"</summary>{sentences(setup, 200)}</details>"
-        )
-    notes = (*identification.notes, *identification.model.campaign.notes)
-    has_setup = any(p.run is not None for p in identification.parameters)
-    has_shared = any(p.run is None for p in identification.parameters)
-    return [
-        *(f"<p>Note: {html.escape(note)}.</p>" for note in notes),
-        '<h2 id="told-apart">What these data cannot tell apart</h2>', said,
-        '<h2 id="values">Parameters</h2>',
-        parameter_table(identification) if has_shared else "<p>The model has none but set-up.</p>",
-        *worth_section(identification),
-        *standards_section(identification),
-        '<h2 id="noise">Noise found and declared</h2>', noise_table(identification),
-        '<h2 id="outliers">Outliers</h2>',
-        outlier_table(identification) if identification.outliers else "<p>None.</p>",
-        '<h2 id="setup">Set-up</h2>',
-        setup_table(identification) if has_setup else "<p>No set-up parameter was estimated.</p>",
-        '<h2 id="figures">Figures</h2>', poses_figure(identification.model.campaign),
-        *_figures(identification, target),
-    ]  # fmt: skip
-
-
-def _figures(identification: Identification, target: Path | None) -> Iterator[str]:
+def _figures(identification: Identification, target: Path | None) -> Iterator[Markup]:
     for drawing, figure, tips in drawings(identification):
         if target is not None:
             keep(figure, drawing.name, target)

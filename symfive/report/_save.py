@@ -44,23 +44,23 @@ def _plain(draw: Callable[[Identification], Figure]) -> Callable[[Identification
 
 FIGURES = (
     Drawing("parameters", "Identified parameters",
-            "Dot and line: value and 95 % interval. Grey bar: what was known before (prior ±1σ). Hollow: these data "
-            "say no more than the prior did.", _plain(parameters_chart)),
+            "Dot and line: value and 95 % interval. Grey bar: prior ±1σ. Hollow: the readings add nothing to the prior.",
+            _plain(parameters_chart)),
     Drawing("polar-trace", "Circular tests",
-            "Left of each pair: what was measured, with the fitted model dashed. Right: what the fit leaves, magnified "
-            "further. A circle is good; two senses that part at an axis point to play, a fixed oval to squareness or "
-            "scale.", _plain(polar_trace)),
+            "Left of each pair: measured (dashed: fitted model). Right: residual, magnified further. A circle is good. A gap "
+            "between the two directions at an axis points to backlash, a fixed oval to squareness or scale.",
+            _plain(polar_trace)),
     Drawing("residuals-over-time", "Residuals over time", OVER_TIME, residuals_with_tips),
     Drawing("residuals-over-coordinates", "Residuals over the axes",
-            "What the fit leaves (unit at the side) over each axis' coordinate (mm or °). Two lines that part: the error "
-            "depends on the direction of motion (play, friction, lag). Two lines that bend together: an error of geometry.",
+            "Residual over the position of each axis (mm or °). Two separate lines: the error depends on the direction of motion "
+            "(backlash, friction, lag). Two lines that bend together: a geometric error.",
             coordinates_with_tips),
     Drawing("residual-spectrum", "Spectrum of the residuals", SPECTRUM, _plain(residual_spectrum)),
     Drawing("error-motions", "Identified error motions",
-            "The error over the travel that was used, with its uncertainty. Where the band contains zero, no error is "
-            "proven.", _plain(error_motion_bands)),
+            "Error over the travel used, with its uncertainty. Where the band contains zero, no error is proven.",
+            _plain(error_motion_bands)),
     Drawing("correlations", "Correlations",
-            "Strong colour: the readings fix a combination of the two parameters and not each of them.",
+            "Strong colour: the readings determine a combination of the two parameters, not each of them.",
             _plain(correlation_matrix)),
 )  # fmt: skip
 

@@ -11,8 +11,8 @@ from matplotlib.ticker import MaxNLocator
 from scipy.fft import next_fast_len
 from scipy.special import gammainccinv
 
-from symfive.campaign._disk import let_go
 from symfive.circles import CircleFinder
+from symfive.disk import release
 from symfive.drawing import INK, SERIES
 from symfive.errors import InputError
 from symfive.identify import Identification
@@ -23,9 +23,8 @@ from symfive.report._traces import Array, Trace, traces_of
 __all__ = ["READING", "residual_spectrum"]
 
 READING = (
-    "Height: amplitude of what the fit leaves, in the unit at the side; across: frequency in 1/s, or order, waves per turn. "
-    "Peaks above the dashed line are no noise: at a fixed frequency a vibration, at a fixed order an error that repeats "
-    "with the turn."
+    "Amplitude of the residual over frequency in 1/s, or over order (waves per revolution). Peaks above the dashed line are "
+    "not noise: at a fixed frequency a vibration, at a fixed order an error that repeats every revolution."
 )
 
 LEVEL = 0.01
@@ -83,7 +82,7 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
     others = len(groups) - len(drawn)
     footnote(
         figure,
-        "Dashed: what declared white noise alone exceeds in one spectrum of a hundred.",
+        "Dashed: exceeded by declared white noise in one spectrum of a hundred.",
         f"Over frequency: the highest line in each piece of 1/{PER_DECADE} decade." if over_time else "",
         f"Not drawn: {others} further runs or units." if others else "",
     )
@@ -109,10 +108,10 @@ def _frequencies(traces: list[Trace]) -> tuple[Array, Array, float]:
     square = np.zeros(padded // 2 + 1)
     for first in firsts.tolist():
         time = np.array(run.time[first : first + rows])
-        let_go(run.time)
+        release(run.time)
         for trace in traces:
             residual, good = np.array(trace.residual[first : first + rows]), ~trace.outlier[first : first + rows]
-            let_go(trace.residual)
+            release(trace.residual)
             even = np.interp(time[0] + interval * np.arange(count), time[good], residual[good])
             square += np.abs(np.fft.rfft((even - even.mean()) * window, padded)) ** 2
     square *= 4.0 / window.sum() ** 2 / len(firsts)

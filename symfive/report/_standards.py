@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import html
 import math
 
 from symfive.identify import Identification
 from symfive.numbers import plain_number, rounded, unit_words
 from symfive.report._tables import Cell, table
+from symfive.report._template import Markup, fragment
 from symfive.standards import StandardValue, squareness_values, standard_values
 from symfive.worth import LONGEST, location_worths, signed
 
@@ -18,7 +18,7 @@ COMMON = ("tool reference", "evaluation")
 """Conditions that the page does not repeat in every row; `symfive standards` prints them."""
 
 
-def standards_section(identification: Identification) -> list[str]:
+def standards_section(identification: Identification) -> Markup:
     """G, E, A … with U (k = 2) and what they hold for; nothing where no run is such a test. Long runs are left to `symfive
     standards`: they would have to be held in memory as a whole."""
     campaign = identification.model.campaign
@@ -26,7 +26,7 @@ def standards_section(identification: Identification) -> list[str]:
     found = standard_values(campaign.select(*short)) if short else ()
     values = (*found, *squareness_values(identification))[:MOST_VALUES]
     if not values:
-        return []
+        return Markup()
     rows: list[list[str | Cell]] = [
         [value.standard, value.title, Cell(rounded(value.value, _known(value), value.unit), value.value), _spread(value),
          unit_words(value.unit), _conditions(value)]
@@ -34,19 +34,17 @@ def standards_section(identification: Identification) -> list[str]:
     ]  # fmt: skip
     limits = list(dict.fromkeys(f"{value.title}: {limit}" for value in values for limit in value.limits))[:MOST_LIMITS]
     heads = ["standard", "quantity", "value", "U (k = 2)", "unit", "holds for"]
-    notes = "".join(f"<li>{html.escape(limit)}</li>" for limit in limits)
-    return [
-        '<h2 id="standards">Numbers of the standards</h2>',
-        table("From the readings alone, whatever the model; squareness (identified) from the model", heads, rows),
-        f"<details><summary>What limits them</summary><ul>{notes}</ul></details>" if notes else "",
-    ]
+    shown = table(
+        "From the readings alone, independent of the model; squareness (identified) from the model", heads, rows
+    )
+    return fragment("standards", table=shown, limits=limits)
 
 
-def worth_section(identification: Identification) -> list[str]:
-    """What goes away with each location error, the most at the tool first; nothing where none was identified."""
+def worth_section(identification: Identification) -> Markup:
+    """What disappears with each location error, the most at the tool first; nothing where none was identified."""
     worths = location_worths(identification)
     if not worths:
-        return []
+        return Markup()
     rows: list[list[str | Cell]] = []
     for worth in worths:
         best = max(worth.circles.values(), default=math.nan)
@@ -58,10 +56,8 @@ def worth_section(identification: Identification) -> list[str]:
         "of the error at the tool",
         "advice",
     ]
-    return [
-        '<h2 id="worth">What a correction is worth</h2>',
-        table("Share of the rms that goes away; negative: it grows", heads, rows),
-    ]
+    head = Markup('<h2 id="worth">What a correction is worth</h2>\n')
+    return head + table("Share of the rms that disappears; negative: it grows", heads, rows)
 
 
 def _share(share: float | None) -> Cell:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from symfive.campaign import FIRST_LINE
 from symfive.identify import Identification
 from symfive.inference import square_of
 from symfive.report._style import plain_number, rounded, unit_words
+from symfive.report._template import Markup, fragment
 from symfive.report._traces import traces_of
 from symfive.report._words import learnt, meaning
 
@@ -29,29 +29,21 @@ class Cell:
     text: str
     value: float
 
+    @property
+    def sortable(self) -> bool:
+        """Whether it is a number; the others keep their place when sorted by text."""
+        return math.isfinite(self.value)
 
-def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str | Cell]], classes: Sequence[str] = ()) -> str:
+
+def table(
+    caption: str, heads: Sequence[str], rows: Sequence[Sequence[str | Cell]], classes: Sequence[str] = ()
+) -> Markup:
     """A sortable table. `heads`, `caption` and text cells are plain text; `classes` one class per row."""
-    head = "".join(f'<th scope="col"><button type="button">{html.escape(h)}</button></th>' for h in heads)
-    body = []
-    for i, row in enumerate(rows):
-        mark = f' class="{html.escape(classes[i])}"' if i < len(classes) and classes[i] else ""
-        body.append(f"<tr{mark}>{''.join(map(_cell, row))}</tr>")
-    return (
-        f'<div class="wide"><table><caption>{html.escape(caption)}</caption>'
-        f"<thead><tr>{head}</tr></thead><tbody>\n{chr(10).join(body)}\n</tbody></table></div>"
-    )
+    marked = [{"cells": row, "mark": classes[i] if i < len(classes) else ""} for i, row in enumerate(rows)]
+    return fragment("table", caption=caption, heads=heads, rows=marked, long=LONG)
 
 
-def _cell(cell: str | Cell) -> str:
-    if isinstance(cell, str):
-        wrapped = ' class="long"' if len(cell) > LONG else ""
-        return f"<td{wrapped}>{html.escape(cell)}</td>"
-    key = f' data-sort="{cell.value!r}"' if math.isfinite(cell.value) else ""
-    return f'<td class="n"{key}>{html.escape(cell.text)}</td>'
-
-
-def parameter_table(identification: Identification) -> str:
+def parameter_table(identification: Identification) -> Markup:
     """Machine and effects: value, 1σ, 95 % interval, unit, prior."""
     rows: list[list[str | Cell]] = []
     classes = []
@@ -61,16 +53,16 @@ def parameter_table(identification: Identification) -> str:
         low, high = identification.interval(p.name)
         known = learnt(identification, p)
         prior = f"{plain_number(p.mean, p.unit)} ± {plain_number(p.sigma)}"
-        state = "held fixed" if std == 0.0 else "known better than before" if known else "no better than before"
+        state = "held fixed" if std == 0.0 else "improved on the prior" if known else "no better than the prior"
         interval = f"{rounded(low, std, p.unit)} … {rounded(high, std, p.unit)}"
         rows.append([p.name, meaning(p, machine), Cell(rounded(value, std, p.unit), value), Cell(rounded(std, std, p.unit), std),
                      Cell(interval, low), unit_words(p.unit), Cell(prior, p.sigma), state])  # fmt: skip
         classes.append("" if known else "weak")
-    heads = ["parameter", "what it is", "value", "1σ", "95 % interval", "unit", "prior (mean ± 1σ)", "the data"]
+    heads = ["parameter", "meaning", "value", "1σ", "95 % interval", "unit", "prior (mean ± 1σ)", "the data"]
     return table("Parameters of the machine and its effects", heads, rows, classes)
 
 
-def noise_table(identification: Identification) -> str:
+def noise_table(identification: Identification) -> Markup:
     """Per run and instrument: noise declared and found, what the residuals are."""
     rows: list[list[str | Cell]] = []
     found = traces_of(identification)
@@ -94,7 +86,7 @@ def noise_table(identification: Identification) -> str:
             _number(rms, unit),
         ]
         rows.append([*words, *numbers, unit_words(unit)])
-    heads = ["run", "instrument", "sampling", "rows", "declared 1σ", "white 1σ found", "slow 1σ found",
+    heads = ["run", "instrument", "sampling", "rows", "declared 1σ", "white 1σ", "slow 1σ",
              "correlation time / s", "residual RMS", "unit"]  # fmt: skip
     return table("Noise of one reading", heads, rows)
 
@@ -104,7 +96,7 @@ def _number(value: float, unit: str) -> Cell:
     return Cell(text, value)
 
 
-def outlier_table(identification: Identification) -> str:
+def outlier_table(identification: Identification) -> Markup:
     """Run, file, row in the file (the header is row 1), column, time, residual, σ."""
     campaign = identification.model.campaign
     units = {(t.run.id, t.column): t.unit for t in traces_of(identification)}
@@ -120,7 +112,7 @@ def outlier_table(identification: Identification) -> str:
     return table(f"Outliers excluded from the fit{f' (first {len(rows)}; {more} more)' if more else ''}", heads, rows)
 
 
-def setup_table(identification: Identification) -> str:
+def setup_table(identification: Identification) -> Markup:
     """One row per run, one column per set-up quantity: value ± 1σ."""
     entries: dict[str, dict[str, Cell]] = {}
     units: dict[str, str] = {}
@@ -135,4 +127,4 @@ def setup_table(identification: Identification) -> str:
     for run, found in entries.items():
         rows.append([run, *(found.get(quantity, Cell("–", math.nan)) for quantity in units)])
     heads = ["run", *(f"{quantity.replace('_', ' ')} / {unit}" for quantity, unit in units.items())]
-    return table("Set-up of each run: value ± 1σ (* known no better than before)", heads, rows)
+    return table("Set-up of each run: value ± 1σ (* no better than the prior)", heads, rows)

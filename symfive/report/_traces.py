@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.campaign._disk import let_go
+from symfive.disk import release
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import Noise
@@ -148,7 +148,7 @@ def condensed(
 
     def chosen(values: Array) -> Array:
         single = np.array(values[rows])
-        let_go(values)
+        release(values)
         return single
 
     def drawn(values: Array, left_out: NDArray[np.int64]) -> list[Array]:
@@ -184,7 +184,7 @@ def _blocks(values: Array, left_out: NDArray[np.int64], step: int) -> tuple[Arra
     span = step * max(1, READ_ROWS // step)
     for first in range(0, count, span):
         part = np.array(values[first : first + span])
-        let_go(values)
+        release(values)
         mine = left_out[(left_out[:, 0] >= first) & (left_out[:, 0] < first + len(part))]
         part[mine[:, 0] - first, mine[:, 1]] = np.nan
         edges = np.arange(0, len(part), step)

@@ -39,7 +39,7 @@ def verdict(identification: Identification) -> str:
     apart = confounded_machine(identification)
     if apart:
         count = "one combination" if len(apart) == 1 else f"{len(apart)} combinations"
-        sentences.append(f"The data leave {count} of the machine's parameters open (named below): read them together.")
+        sentences.append(f"The readings do not separate {count} of the machine's parameters (listed below).")
     sentences.append(identification.excluded)
     if not identification.converged:
         sentences.insert(0, UNCONVERGED)
@@ -49,7 +49,7 @@ def verdict(identification: Identification) -> str:
 def _fit(identification: Identification) -> str:
     known = [(unit, value) for unit, value in identification.rms.items() if unit != "mixed"]
     rms = " and ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known)
-    left = f"the residuals are {rms} RMS, " if rms else ""
+    left = f"residual RMS {rms}, " if rms else ""
     ratio = identification.chi2_dof
     much = f"χ²/dof {ratio:.3g} against the declared noise ({expected_ratio(identification.dof)})"
     return {
@@ -57,9 +57,9 @@ def _fit(identification: Identification) -> str:
         "better": f"The model explains the readings, and better than the declared noise would allow: {left}{much}; "
                   "the declared noise is probably too large.",
         "nearly": f"The model explains the readings almost down to the declared noise: {left}{much}, a small but "
-                  "certain excess.",
-        "no": f"The model does not explain the readings down to the declared noise: {left}{much}. Something is left "
-              "that the model lacks, or the noise is larger than declared; “symfive diagnose” looks for its name.",
+                  "significant excess.",
+        "no": f"The model does not explain the readings down to the declared noise: {left}{much}. Either "
+              "something is missing from the model or the noise is larger than declared; “symfive diagnose” finds out.",
         "unknown": "There are too few readings to judge the fit.",
     }[fits(identification)]  # fmt: skip
 
@@ -71,25 +71,25 @@ def _noise(identification: Identification) -> list[str]:
     (run, _), most = max(slow, key=lambda item: item[1].coloured / item[1].declared)
     share, tau = f"{most.coloured / most.declared:.2g}", f"{most.time_constant:.2g}"
     unit = "s" if identification.model.campaign.run(run).has_clock else "rows"
-    return [f"Part of what is left is slow (up to {share} times the declared noise, over about {tau} {unit}): drift, or a "
-            "cause that moves with the axes. The uncertainties below allow for it as noise; “symfive diagnose” "
-            "tells whether it is."]  # fmt: skip
+    return [f"Part of the residual is slow (up to {share} times the declared noise, over about {tau} {unit}): drift, or an "
+            "effect of the axis positions. The uncertainties below treat it as noise; “symfive diagnose” "
+            "finds out whether it is."]  # fmt: skip
 
 
 def _knowledge(identification: Identification) -> str:
     shared = [p for p in identification.parameters if p.run is None]
     known = sum(learnt(identification, p) for p in shared)
     if not shared:
-        return "The model has no parameter of the machine, only set-up."
+        return "The model has set-up parameters only."
     if known == len(shared):
         if known == 1:
-            return "The one parameter of the machine is known better than before."
+            return "The one parameter of the machine is determined better than by its prior."
         count = "Both" if known == 2 else f"All {known}"
-        return f"{count} parameters of the machine and its effects are known better than before."
+        return f"{count} parameters of the machine and its effects are determined better than by their priors."
     unknown = [p.name for p in shared if not learnt(identification, p)]
     names = ", ".join(unknown[:6]) + (f" and {len(unknown) - 6} more" if len(unknown) > 6 else "")
     verb = "is" if known == 1 else "are"
-    known_words = f"{known} {verb} known better than before"
+    known_words = f"{known} {verb} determined better than by the prior"
     return f"Of {len(shared)} parameters of the machine and its effects {known_words}, not {names}."
 
 
@@ -116,8 +116,6 @@ def meaning(parameter: Parameter, machine: Machine) -> str:
     letter = term.component
     along = f"about {'XYZ'['ABC'.index(letter)]}" if term.angular else f"along {letter}"
     if term.is_location:
-        what = "turned" if term.angular else "displaced"
-        subject = "axis" if machine.axes[term.axis].rotary else "direction of axis"
-        return f"{subject} {term.axis} {what} {along}"
+        return f"{'orientation' if term.angular else 'position'} of axis {term.axis} {along}"
     over = "" if term.over == (term.axis,) else f" over {', '.join(term.over)}"
-    return f"motion of axis {term.axis} {along}{over}, term {function}"
+    return f"error motion of axis {term.axis} {along}{over}, term {function}"

@@ -112,9 +112,9 @@ def _both(campaign: Campaign, ccw: Circle, cw: Circle) -> list[StandardValue]:
     apart = float(np.linalg.norm(np.subtract(*(_Fitted.of(*part).centre for part in parts))))
     limits = list(dict.fromkeys(s for c, part in zip((ccw, cw), parts, strict=True) for s in _limits(c, part[0])))
     if 2.0 * apart > fitted.range:
-        limits.append("most of G(b) is the shift of the centre: was the ball mounted anew between the senses?")
+        limits.append("most of G(b) is the shift of the centre: was the ball remounted between the two directions?")
     conditions = _conditions(campaign, ccw, "CCW and CW", angle)
-    conditions["centres of the senses"] = f"{plain_number(apart)} µm apart"
+    conditions["centres of the two directions"] = f"{plain_number(apart)} µm apart"
     found = StandardValue(
         standard=STANDARD, name="G(b)", what=_named(ccw, ""), value=fitted.range,
         u=COVERAGE * noise * fitted.noise_of_range, unit="um", runs=(ccw.run.id, cw.run.id), conditions=conditions,

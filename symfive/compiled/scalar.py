@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from symfive.compiled._graph import Graph, Node
+from symfive.compiled.graph import Graph, Node
 
 __all__ = ["CALLS", "ONE", "TWO", "Body", "number", "scalar_body"]
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.campaign._disk import let_go
-from symfive.campaign._options import check_options
+from symfive.disk import release
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine import Machine
-from symfive.machine._checks import finite, freeze, is_number, numbers, one_of
 from symfive.numbers import plain_number
+from symfive.runs._options import check_options
 from symfive.screen import OnScreen, listed, plural
+from symfive.validation import finite, freeze, is_number, numbers, one_of
 
 __all__ = ["FIRST_LINE", "Campaign", "Run", "SetupSigma"]
 
@@ -251,7 +251,7 @@ class Run(OnScreen):
 
         def cut(column: Array) -> Array:
             rows = np.array(column[first:last])
-            let_go(column)
+            release(column)
             return rows
 
         commands, readings = ({n: cut(v) for n, v in columns.items()} for columns in (self.commands, self.readings))

@@ -7,7 +7,7 @@ from typing import Any
 
 from symfive.errors import InputError
 from symfive.files import shown
-from symfive.machine._checks import is_number
+from symfive.validation import is_number
 
 __all__ = ["OPTIONS", "check_options"]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 
-from symfive.compiled._graph import Graph, Node
-from symfive.compiled._scalar import CALLS, ONE, TWO, Body, number, scalar_body
+from symfive.compiled.graph import Graph, Node
+from symfive.compiled.scalar import CALLS, ONE, TWO, Body, number, scalar_body
 
 __all__ = ["HELPERS", "LANES", "Rows", "indented", "plain_lines"]
 

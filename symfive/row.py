@@ -8,10 +8,10 @@ from typing import Any
 
 import casadi as ca
 
-from symfive.instruments import Column
 from symfive.kinematics import Pose, ball_in_workpiece, chain_poses
 from symfive.machine import Machine
 from symfive.motion import Signal
+from symfive.runs import Column
 
 __all__ = ["Row"]
 

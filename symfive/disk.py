@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from symfive.errors import InputError
 
-__all__ = ["Spool", "let_go", "new_table"]
+__all__ = ["Spool", "new_table", "release"]
 
 Array = NDArray[np.float64]
 IN_MEMORY_BYTES = 1 << 21
@@ -60,11 +60,11 @@ class Spool:
         for first in range(0, rows, TURNED_ROWS):
             block = np.frombuffer(self._file.read(8 * self._columns * TURNED_ROWS)).reshape(-1, self._columns)
             turned[:, first : first + len(block)] = block.T
-            let_go(turned)
+            release(turned)
         return turned
 
 
-def let_go(*arrays: Array) -> None:
+def release(*arrays: Array) -> None:
     """Take the pages of arrays that lie on disk out of memory; they come back when they are read."""
     for array in arrays:
         mapped: Any = getattr(array, "_mmap", None)

@@ -1,0 +1,7 @@
+"""Runs and campaigns as plain data: commands and readings. `symfive.campaign` reads them from folders and writes them."""
+
+from symfive.runs._column import Column
+from symfive.runs._data import FIRST_LINE, Campaign, Run, SetupSigma, Vector
+from symfive.runs._options import OPTIONS
+
+__all__ = ["FIRST_LINE", "OPTIONS", "Campaign", "Column", "Run", "SetupSigma", "Vector"]
