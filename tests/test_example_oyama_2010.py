@@ -139,7 +139,7 @@ def test_a_sag_is_believed_to_be_geometry_and_the_diagnosis_says_what_it_is(sag)
     assert first.parameters["amplitude"].value == pytest.approx(steps.SAG_UM, abs=0.3)
     assert abs(sag.after["EZ0B"]) < 4.0 * sag.after.uncertainty("EZ0B")
     assert "gravity_sag.B.EXB" in first.alias  # the gauge makes it
-    assert "its component is open: EXB reads the same" in facts_of(first, sag.after)["how sure"]
+    assert "component open: not separated from EXB" in facts_of(first, sag.after)["how sure"]
 
 
 def test_how_much_of_the_sag_the_baselines_swallow():

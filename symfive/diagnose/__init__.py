@@ -12,8 +12,8 @@ from symfive.diagnose._locate import Location, Observability, Suspect, locate, l
 from symfive.diagnose._next_test import next_test, possible_tests
 from symfive.diagnose._places import Interval, direction_of, intervals_of
 from symfive.diagnose._prove import prove
-from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, Fit, RivalName, named, wrapped
-from symfive.diagnose._words import facts_of, place_words, sentence_of
+from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, Fit, RivalName, wrapped
+from symfive.diagnose._words import facts_of, named, place_words, sentence_of
 
 __all__ = [
     "EXPLAINED", "SHOWN_SHARE", "Detection", "Diagnosis", "Disagreement", "Finding", "Fit", "Interval", "Location",

@@ -14,7 +14,7 @@ from symfive.design import Discrimination
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._places import Interval
-from symfive.diagnose._words import facts_of
+from symfive.diagnose._words import coordinate_words, facts_of, named
 from symfive.effects import Effect, Quantity
 from symfive.identify import UNCONVERGED, Identification
 from symfive.inference import Outlier
@@ -55,14 +55,9 @@ class RivalName:
         return named(self.effect, self.axis) + (f" ({self.component})" if self.component else "")
 
 
-def named(effect: str, axis: str | None) -> str:
-    """An effect and its axis in words."""
-    return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
-
-
 @dataclass(frozen=True, repr=False)
 class Finding(OnScreen):
-    """One piece of physics that the baseline leaves out.
+    """One effect that the baseline leaves out.
 
     `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
     `contribution` run → (N, ny) its readings, `moved` the machine's parameters that changed most when it joined: name →
@@ -102,7 +97,8 @@ class Finding(OnScreen):
     @property
     def title(self) -> str:
         """The effect and its axis, as `Gravity sag of axis B`."""
-        said = named(self.name, self.axis)
+        over = f"unidentified effect over {coordinate_words(self.coordinate)}"
+        said = over if self.nameless else named(self.name, self.axis)
         return said[:1].upper() + said[1:]
 
     def __str__(self) -> str:
@@ -224,7 +220,7 @@ class Diagnosis(OnScreen):
 
     @property
     def unnamed(self) -> tuple[str, ...]:
-        """What is left and has no name: what the tests that need none say of the fit with all findings."""
+        """What the tests that need no name still find in the fit with all findings."""
         return tuple(
             t.says
             for t in self.remaining.tests
@@ -283,16 +279,13 @@ class Diagnosis(OnScreen):
         if self.mismatch:
             return " ".join([*(f.says for f in self.findings), *self.doubts])
         left, ratio = plain_number(self.fit.rms_after_um, self.after.unit), plain_number(self.noise_ratio)
-        text = (
-            f"None of {len(self.observability)} effects that were looked for stands out of what the baseline leaves "
-            f"({left} {self.after.unit} rms)."
-        )
+        text = f"None of the {len(self.observability)} effects tested stands out of the residual ({left} {self.after.unit} rms)."
         if self.noise_ratio > EXPLAINED:
             return (
-                f"{text} That is {ratio} times the declared noise: coloured noise of the instrument, or something that "
-                "no effect of the catalogue describes and these recordings cannot place."
+                f"{text} It is {ratio} times the declared noise: slow noise of the instrument, or an effect that these "
+                "recordings cannot place."
             )
-        return f"{text} The baseline explains the readings down to the declared noise."
+        return f"{text} The model explains the readings down to the declared noise."
 
     def _warned(self, said: str) -> str:
         """Behind a warning where the fit did not converge."""
@@ -339,17 +332,16 @@ class Diagnosis(OnScreen):
         return self._warned(self._verdict())
 
     def _verdict(self) -> str:
-        count = len(self.findings)
-        if count:
-            pieces = "One piece" if count == 1 else f"{count} pieces"
-            left = ", and something is left that has no name" if self.unnamed else ""
-            return f"{pieces} of physics had been left out of the model{left}."
+        names = [finding.title[:1].lower() + finding.title[1:] for finding in self.by_share]
+        if names:
+            faults = "Fault found" if len(names) == 1 else f"{len(names)} faults found"
+            rest = " Part of the deviation is not explained." if self.unnamed else ""
+            return f"{faults}: {'; '.join(names)}.{rest}"
         if self.mismatch:
-            return "Something is left that has no name."
+            return "The model does not explain these readings, and no effect could be placed."
         if self.noise_ratio > EXPLAINED:
-            ratio = plain_number(self.noise_ratio)
-            return f"Nothing with a name is missing, but what is left is {ratio} times the declared noise."
-        return "The model explains these readings; nothing is missing that they could show."
+            return f"No fault found, but the residual is {plain_number(self.noise_ratio)} times the declared noise."
+        return "No fault found: the model explains these readings down to the noise."
 
     def __str__(self) -> str:
         lines = wrapped("", self.verdict)
@@ -368,16 +360,16 @@ class Diagnosis(OnScreen):
         lines += [line for said in self.excluded for line in wrapped("", said)]
         if self.geometry_share > SHOWN_SHARE:
             lines.append(
-                f"geometry and set-up, identified anew: {percent(self.geometry_share)} of the deviation's mean square"
+                f"explained by geometry and set-up (refitted): {percent(self.geometry_share)} of the deviation's mean square"
             )
         if fit.heldout_rms_before_um is not None and fit.heldout_rms_after_um is not None:
             held = change(fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit)
-            lines.append(f"left-out runs: rms {held} {unit}")
+            lines.append(f"held-out runs: rms {held} {unit}")
         ratio = change(fit.chi2_dof_before, fit.chi2_dof_after)
         lines.append(f"chi²/dof {ratio} to the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:
             lines.append(
-                "± is 1σ (k = 1), given the name and all others; confidence: among the library's names and `unknown`"
+                "± is 1σ (k = 1) if the names are right; confidence: among all effects of the catalogue and unidentified ones"
             )
         return lines
 

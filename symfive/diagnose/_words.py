@@ -1,4 +1,4 @@
-"""A finding in words: one wording for the letter, the terminal and the report."""
+"""A finding in words: one wording for the summary, the terminal and the report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from symfive.numbers import in_words, name_words, percent, plain_number, rounded
 if TYPE_CHECKING:
     from symfive.diagnose._result import Finding
 
-__all__ = ["facts_of", "place_words", "sentence_of"]
+__all__ = ["coordinate_words", "facts_of", "named", "place_words", "sentence_of"]
 
 SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
 SHOWN_RIVAL = 0.01
@@ -19,13 +19,18 @@ SHOWN_RIVAL = 0.01
 HUGE = 30.0
 """What is so many times its usual size is hardly that: its unit or its cause is another one."""
 _QUANTITIES = {
-    "velocity sign": "the direction in which {} moves", "velocity": "the velocity of {}",
+    "velocity sign": "the direction of {}", "velocity": "the velocity of {}",
     "acceleration": "the acceleration of {}", "": "the position of {}",
 }  # fmt: skip
 
 
+def named(effect: str, axis: str | None) -> str:
+    """An effect and its axis in words."""
+    return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
+
+
 def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
-    """A finding in words: question → a short answer, without those that have none. Letter and report print the same.
+    """A finding in words: heading → a short answer, without those that have none. Terminal and report print the same.
 
     `after` is the fit with all findings.
     """
@@ -33,68 +38,62 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     words, numbers, vectors = _sizes(finding)
     sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors, f"{percent(finding.share)} of the deviation's mean square"]
     if (usual := _times_usual(finding, after)) > HUGE:
-        sizes.append(f"{plain_number(usual)} times its usual size: look for a slip of units or for another cause")
-    hidden = [f"the fit without it had taken {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
+        sizes.append(f"{plain_number(usual)} times its usual size: check the units, or look for another cause")
+    hidden = [f"geometry and set-up absorbed {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
-    hidden += (
-        [f"in general: {finding.effect.hidden_by.rstrip('.')}"]
-        if finding.effect.hidden_by and not finding.nameless
-        else []
-    )
+    if finding.effect.hidden_by and not finding.nameless:
+        hidden.append(f"in general: {finding.effect.hidden_by.rstrip('.')}")
     rivals = [f"{r.words} {percent(r.confidence)}" for r in finding.rivals if r.confidence >= SHOWN_RIVAL]
     test = [f"record {finding.next_test}"] if finding.next_test else []
     test += [finding.test.says] if finding.test is not None else []
     answers = {
-        "what it does": _deed(finding),
-        "where": f"in {place_words(finding, machine)}, over {_over(finding, machine)}, {_runs(finding, after)}",
+        "what": _deed(finding),
+        "where": f"in {place_words(finding, machine)}, over {coordinate_words(finding.coordinate)}, {_runs(finding, after)}",
         "how large": ", ".join(sizes),
         "how sure": ", or ".join([_sure(finding) + _component_is_open(finding), *rivals[:SHOWN_RIVALS]]),
-        "what hid it": "; ".join(hidden),
-        "reads the same": ", ".join(finding.alias),
+        "hidden by": "; ".join(hidden),
+        "not separated": ", ".join(finding.alias),
         "next test": ": ".join(test),
     }
     return {question: answer for question, answer in answers.items() if answer}
 
 
 def sentence_of(finding: Finding, after: Identification) -> str:
-    """One sentence: name, axis, the two main values, how sure, what had hidden it."""
+    """One sentence: name, axis, the two main values, how sure, what hid it."""
     words, numbers, _ = _sizes(finding)
     text = ", ".join([*words, *numbers[:2], _sure(finding)])
     if (usual := _times_usual(finding, after)) > HUGE:
-        text += f"; it would be {plain_number(usual)} times its usual size, so look for a slip of units or for another cause"
+        text += f"; {plain_number(usual)} times its usual size: check the units, or look for another cause"
     if finding.moved:
-        text += f"; it had hidden in the geometry ({_moves(finding, after)[0]})"
+        text += f"; before, the geometry absorbed it ({_moves(finding, after)[0]})"
     elif finding.visible < 0.5:
-        text += f"; the fit without it had taken {percent(1.0 - finding.visible)} of it"
+        text += f"; before, the geometry absorbed {percent(1.0 - finding.visible)} of it"
     return f"{finding.title}: {text}."
 
 
 def _deed(finding: Finding) -> str:
-    """What its effect does; of a finding without a name the nearest one's."""
-    nearest = finding.nameless and not finding.effect.nameless
-    return (
-        f"nothing of the library has its shape; the nearest: {finding.effect.says}" if nearest else finding.effect.says
-    )
+    """What its effect does; of an unidentified one, which effect it resembles."""
+    if finding.nameless and not finding.effect.nameless:
+        return f"no known effect fits alone; it resembles {named(finding.effect.vocabulary, finding.effect.belongs_to)}"
+    return finding.effect.says
 
 
 def _sure(finding: Finding) -> str:
-    """How probable the name is; where another one fits the readings as well, that only experience puts it first."""
+    """How probable the name is; where another one fits as well, that only experience puts it first."""
     said = f"confidence {percent(finding.confidence)}"
+    if finding.nameless:
+        said += " that it is there; its cause is open"
     if finding.by_experience and not finding.nameless:
         said += f", by experience: it cannot be distinguished from {finding.alias[0]} in this test"
     return said
 
 
 def _component_is_open(finding: Finding) -> str:
-    """That other components under the same name read the same."""
+    """Other components under the same name that the test does not separate."""
     stem, _, own = finding.effect.key.rpartition(".")
     split = (key.rpartition(".") for key in finding.alias if "component" in finding.parameters)
     others = [other for start, _, other in split if (start, other[2:]) == (stem, own[2:])]
-    return (
-        f" (its component is open: {' and '.join(others)} read{'s' if len(others) == 1 else ''} the same)"
-        if others
-        else ""
-    )
+    return f" (component open: not separated from {' and '.join(others)})" if others else ""
 
 
 def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
@@ -108,27 +107,27 @@ def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
         else:
             (faint if isinstance(q.std, (int, float)) and abs(q.value) < 2.0 * q.std else clear).append(said)
     if not clear and faint:
-        faint.insert(1, f"together {plain_number(finding.sigmas, 'σ')}σ from none")
+        faint.insert(1, f"together {plain_number(finding.sigmas, 'σ')}σ from zero")
     return words, clear or faint, vectors
 
 
 def _times_usual(finding: Finding, after: Identification) -> float:
-    """How many times its usual size an effect has; 0 of a term without a name."""
+    """How many times its usual size an effect has; 0 of an unidentified one."""
     effect = finding.effect
     return 0.0 if finding.nameless else effect.times_usual(after.model.campaign, after.named)
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:
-    """How the geometry moved with it, as `EX0C 4.61 → 3.75 ± 0.06 µm with it`."""
+    """How the geometry changes with it in the model, as `EX0C 4.61 → 3.75 ± 0.06 µm`."""
     said = []
     for name, (old, new) in finding.moved.items():
         std, unit = after.uncertainty(name), after.parameters[after.model.index[name]].unit
-        said.append(f"{name} {rounded(old, std, unit)} → {with_std(new, std, unit)} with it")
+        said.append(f"{name} {rounded(old, std, unit)} → {with_std(new, std, unit)}")
     return said
 
 
 def place_words(finding: Finding, machine: Machine) -> str:
-    """The link of the chain that a finding accuses, from the stage at which its effect enters and its axis."""
+    """The affected link of the chain, from the stage at which the effect enters and its axis."""
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
     if finding.effect.in_the_drive:
         return f"the drive of {axis}" if axis else "all drives alike"
@@ -139,13 +138,13 @@ def place_words(finding: Finding, machine: Machine) -> str:
     return f"axis {axis}, behind its drive" if stage == "axis" else f"the structure that axis {axis} carries"
 
 
-def _over(finding: Finding, machine: Machine) -> str:
-    """The coordinate in words."""
+def coordinate_words(coordinate: str) -> str:
+    """A coordinate in words, as `B velocity sign, t`: the direction of B and time."""
     said = []
-    for words in finding.coordinate.split(", "):
+    for words in coordinate.split(", "):
         name, _, quantity = words.partition(" ")
-        known = name in machine.axes and quantity in _QUANTITIES
-        said.append(_QUANTITIES[quantity].format(name) if known else {"t": "time"}.get(words, words))
+        plain = {"t": "time", "time": "time", "pose": "the pose", "reading": "the reading"}.get(words)
+        said.append(plain or (_QUANTITIES[quantity].format(name) if quantity in _QUANTITIES else words))
     return " and ".join(said)
 
 

@@ -85,8 +85,6 @@ def _mixed(parts: Sequence[tuple[Posterior, float]]) -> dict[Subset, float]:
 def misfit(moments: Moments, subset: Subset) -> float:
     """M of a subset: what its unidentified members are wrong by, and what no member explains."""
     weighed = log_evidence(moments, subset)
-    if not subset:
-        return left_over(moments, subset, weighed)
     open_ = [moments.terms[t].effect.nameless for t, _ in subset]
     energies = explained(moments, subset, weighed)
     return SHARE**2 * float(np.dot(energies, open_)) + left_over(moments, subset, weighed)

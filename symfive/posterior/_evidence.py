@@ -240,6 +240,8 @@ def discrepancies(moments: Moments, members: Sequence[Member], weighed: Weighed)
 
 def solution(moments: Moments, members: Sequence[Member], weighed: Weighed) -> list[Array]:
     """x of each member under the noise that fits best, in units of its usual prior, amplitudes counted from nothing."""
+    if not members:
+        return []
     s = _subset(moments, members)
     node, kappa2 = weighed.node, weighed.kappa2
     x = np.linalg.solve(s.h[node] / kappa2 + np.eye(len(s.d)), s.g[node] / kappa2 - s.d) * s.scale

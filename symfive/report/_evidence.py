@@ -18,7 +18,7 @@ MOST_GAPS = 500
 
 
 def fit_table(diagnosis: Diagnosis) -> str:
-    """rms, χ²/dof and left-out runs, before and after, each against what noise alone would give."""
+    """rms, χ²/dof and held-out runs, before and after, each against what noise alone would give."""
     fit, noise, unit = diagnosis.fit, diagnosis.noise_um, diagnosis.after.unit
     before, after = diagnosis.before, diagnosis.after
     aim = plain_number(noise, unit)
