@@ -369,7 +369,7 @@ class Diagnosis(OnScreen):
         lines.append(f"chi²/dof {ratio} to the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:
             lines.append(
-                "± is 1σ (k = 1) if the names are right; confidence: among all effects of the catalogue and unidentified ones"
+                "± is 1σ (k = 1) if the names are right; confidence: among the catalogue and unidentified effects"
             )
         return lines
 

@@ -15,8 +15,9 @@ def moments_about(here: Expansion, candidates: Candidates) -> Moments:
     the laws have settled (`vary`) also of unidentified ones, and with the variations of what it holds."""
     taken = {effect.key for effect in here.fit.model.effects}
     freed = {place for effect in here.fit.model.effects for place in effect.frees()}
-    scanned = [f for f in placed(here.fit, candidates.scans, here.node) if candidates.vary or not f.effect.nameless]
-    forms = [*candidates.forms, *scanned]
-    fresh = [f for f in forms if f.effect.key not in taken and not freed & set(f.effect.frees())]
+    scanned = placed(here.fit, candidates.scans, here.node)
+    laws = [*candidates.forms, *(form for form in scanned if not form.effect.nameless)]
+    later = [form for form in scanned if form.effect.nameless] if candidates.vary else []
+    fresh = [f for f in [*laws, *later] if f.effect.key not in taken and not freed & set(f.effect.frees())]
     varied = variations_of(here.held, here.fit.model.campaign) if candidates.vary else []
     return moments_of(here.fit, here.held, [*fresh, *varied])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from symfive.posterior._evidence import SHARE, Weighed, beside, explained, log_evidence
-from symfive.posterior._explore import Posterior, Subset, explore
+from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
 from symfive.posterior._terms import UNIDENTIFIED
@@ -40,8 +40,10 @@ def coarsened(posterior: Posterior) -> Posterior:
 
     Slow noise of a size that instruments hardly have may be no noise: then it belongs to what stays.
     """
-    moments, weighed = posterior.moments, log_evidence(posterior.moments, posterior.best)
-    energy, node = misfit(moments, posterior.best), moments.nodes[weighed.node]
+    moments = posterior.moments
+    held = held_by(moments)
+    weighed = log_evidence(moments, held)
+    energy, node = misfit(moments, held), moments.nodes[weighed.node]
     nodes = weighed.by_node - logsumexp(weighed.by_node)
     usual = _tempered(posterior, energy, nodes, weighed.kappa2)
     doubt = _no_noise(moments, node)
@@ -59,7 +61,14 @@ def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) 
     if energy < NEGLIGIBLE:
         return posterior
     coarse = replace(moments, gram=moments.gram * (power / kappa2), const=np.zeros_like(moments.const), log_prior=nodes)
-    return explore(coarse, range(moments.held))
+    found = explore(coarse, range(moments.held))
+    held = held_by(moments)
+
+    def tempered(subset: Subset, mass: float) -> float:
+        prior = log_prior(moments, subset) - log_prior(moments, held)
+        return found.mass[held] + prior + power * (mass - posterior.mass[held] - prior)
+
+    return found.corrected({subset: tempered(subset, mass) for subset, mass in posterior.exact.items()})
 
 
 def _no_noise(moments: Moments, node: Node) -> float:

@@ -23,7 +23,7 @@ from symfive.posterior._evidence import (
 from symfive.posterior._moments import Moments
 from symfive.posterior._terms import Name, complete
 
-__all__ = ["Posterior", "Subset", "explore", "log_prior", "weighed"]
+__all__ = ["Posterior", "Subset", "explore", "held_by", "log_prior", "weighed"]
 
 Array = NDArray[np.float64]
 Subset = tuple[Member, ...]
@@ -37,10 +37,18 @@ BIRTHS, SWAPS = 12, 4
 
 @dataclass(frozen=True)
 class Posterior:
-    """Subsets of terms with the log of their posterior mass, up to what they share: prior times evidence."""
+    """Subsets of terms with the log of their posterior mass, up to what they share: prior times evidence. `exact`: that of the
+    subsets that were refitted."""
 
     moments: Moments
     mass: Mapping[Subset, float]
+    exact: Mapping[Subset, float] = field(default_factory=dict)
+
+    def corrected(self, exact: Mapping[Subset, float]) -> Posterior:
+        """The same with what exact refits say of some subsets; of the same terms in other widths as much more or less."""
+        gains = {frozenset(t for t, _ in s): mass - self.mass[s] for s, mass in exact.items() if s in self.mass}
+        mass = {s: m + gains.get(frozenset(t for t, _ in s), 0.0) for s, m in self.mass.items()}
+        return Posterior(self.moments, mass, exact)
 
     @cached_property
     def best(self) -> Subset:
@@ -153,6 +161,11 @@ class _Search:
             at = WIDTHS.index(width)
             for other in widths_of(self.moments, t)[max(at - 1, 0) : at + 2]:
                 self.see((*rest, (t, other)))
+
+
+def held_by(moments: Moments) -> Subset:
+    """The subset that the fit holds, each term in the width of its effect's prior."""
+    return tuple((t, nearest_width(moments.terms[t].effect.spread)) for t in range(moments.held))
 
 
 def log_prior(moments: Moments, subset: Iterable[Member]) -> float:

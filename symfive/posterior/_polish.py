@@ -12,8 +12,8 @@ from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
 from symfive.posterior._about import moments_about
-from symfive.posterior._evidence import Member, log_evidence, nearest_width
-from symfive.posterior._explore import Posterior, Subset, explore, log_prior, weighed
+from symfive.posterior._evidence import Member, log_evidence
+from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, weighed
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._moments import moments_of
 from symfive.posterior._terms import Candidates
@@ -30,6 +30,8 @@ DECISIVE = 3.0
 CLEAR = 10.0
 """Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that."""
 Progress = Callable[[str], None]
+Keys = frozenset[tuple[str, str]]
+"""What a fit holds: `Expansion.keys`."""
 
 
 def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) -> tuple[Expansion, float]:
@@ -37,7 +39,7 @@ def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) 
     covers = {form.effect.answers for form in held if not form.effect.nameless}
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
     moments = moments_of(fit, held, blocks)
-    members = tuple((k, nearest_width(moments.terms[k].effect.spread)) for k in range(moments.held))
+    members = held_by(moments)
     evidence, blocks_used = weighed(moments, members)
     best = log_evidence(moments, members, blocks_used)
     return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2), evidence
@@ -54,16 +56,15 @@ def polish(
     now = _settled(Expansion(before, (), WHITE, 1.0), replace(candidates, vary=False), progress)
     if candidates.vary:
         now = _settled(now.here, candidates, progress, now)
-    return _corrected(now.posterior, now.exactly), settled(now.here)
+    return now.posterior.corrected(now.exactly), settled(now.here)
 
 
 def _settled(here: Expansion, candidates: Candidates, progress: Progress, before: _Round | None = None) -> _Round:
     """The expansion at which nothing moves any more, from `here` on; there the rivals were asked `before`."""
-    been = set[frozenset[tuple[str, str]]]()
+    been: dict[Keys, _Round] = {}
     for number in range(ROUNDS):
         progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
-        now = _Round.at(here, candidates, progress)
-        been.add(here.keys)
+        now = been[here.keys] = _Round.at(here, candidates, progress)
         better = (now.exact(subset) for subset in _ahead(now.posterior))
         ahead = next((there for worth, there in better if worth > now.own and there.keys not in been), None)
         if number == 0 and before is not None:
@@ -75,21 +76,30 @@ def _settled(here: Expansion, candidates: Candidates, progress: Progress, before
         if ahead is None or number == ROUNDS - 1:
             break
         here = settled(ahead)
-    return now
+    return _agreed(now, been)
 
 
-def _corrected(posterior: Posterior, exact: Mapping[Subset, float]) -> Posterior:
-    """The posterior with what exact refits say of some subsets; of the same terms in other widths as much more or less."""
-    gains = {frozenset(t for t, _ in s): mass - posterior.mass[s] for s, mass in exact.items() if s in posterior.mass}
-    return replace(
-        posterior, mass={s: m + gains.get(frozenset(t for t, _ in s), 0.0) for s, m in posterior.mass.items()}
-    )
+def _agreed(now: _Round, been: Mapping[Keys, _Round]) -> _Round:
+    """The last expansion, or an earlier one that it prefers by more than that one preferred it: each finds the other better, as
+    each leaves its own outliers out, and the mean of both counts."""
+    back = {keys: lead for keys, lead in now.leads.items() if keys in been and now.here.keys in been[keys].leads}
+    keys = max(back, key=lambda k: back[k][0], default=None)
+    if keys is None:
+        return now
+    other, (gain, subset) = been[keys], back[keys]
+    forth, there = other.leads[now.here.keys]
+    if gain <= forth:
+        now.exactly[subset] -= 0.5 * (gain + forth)
+        return now
+    other.exactly[there] -= 0.5 * (gain + forth)
+    return other
 
 
 @dataclass(frozen=True)
 class _Round:
     """One expansion: its fit, the posterior about it, the log mass `own` of all subsets with the names that it holds, and
-    `exactly` the log mass of the subsets that were refitted."""
+    `exactly` the log mass of the subsets that were refitted; `leads`: by what a refit holds, how much better it is than what the
+    expansion holds, and its subset."""
 
     here: Expansion
     posterior: Posterior
@@ -97,12 +107,13 @@ class _Round:
     candidates: Candidates
     progress: Progress
     exactly: dict[Subset, float] = field(default_factory=dict)
+    leads: dict[Keys, tuple[float, Subset]] = field(default_factory=dict)
 
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
         here, evidence = expanded(here.fit, here.held, candidates)
         moments = moments_about(here, candidates)
-        held = tuple((t, nearest_width(moments.terms[t].effect.spread)) for t in range(moments.held))
+        held = held_by(moments)
         posterior = explore(moments, range(moments.held))
         return cls(here, posterior, posterior.worth(held, evidence + log_prior(moments, held)), candidates, progress)
 
@@ -112,6 +123,7 @@ class _Round:
         there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
         mass = self.exactly[subset] = evidence + log_prior(self.posterior.moments, subset)
         worth = self.posterior.worth(subset, mass)
+        self.leads[there.keys] = worth - self.own, subset
         self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {worth - self.own:+.1f} nats")
         return worth, there
 
