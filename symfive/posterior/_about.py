@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from symfive.posterior._fit import Expansion
+from symfive.posterior._fit import WHITE, Expansion
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._scan import placed
 from symfive.posterior._terms import Candidates, variations_of
@@ -15,7 +15,7 @@ def moments_about(here: Expansion, candidates: Candidates) -> Moments:
     the laws have settled (`vary`) also of unidentified ones, and with the variations of what it holds."""
     taken = {effect.key for effect in here.fit.model.effects}
     freed = {place for effect in here.fit.model.effects for place in effect.frees()}
-    scanned = placed(here.fit, candidates.scans, here.node)
+    scanned = placed(here.fit, candidates.scans, (here.node, WHITE))
     laws = [*candidates.forms, *(form for form in scanned if not form.effect.nameless)]
     later = [form for form in scanned if form.effect.nameless] if candidates.vary else []
     fresh = [f for f in [*laws, *later] if f.effect.key not in taken and not freed & set(f.effect.frees())]

@@ -10,14 +10,14 @@ the twice whitened residual's answer. The best places become forms; what they ar
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
-from symfive.effects import BALL, Form, Scan, Tone
+from symfive.effects import BALL, Effect, Form, Scan, Tone
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import whiten
@@ -34,20 +34,24 @@ FINE = 8
 """Cells of the grid per shortest period, so that sharing a reading between two of them loses 5 % of it at most (sinc²)."""
 
 
-def placed(fit: Identification, scans: Sequence[Scan | Tone], node: Node) -> tuple[Form, ...]:
-    """The best place of each scan, as a form that can join the fit."""
-    seen = _Seen(fit, scans, node)
-    taken, found = {effect.key for effect in fit.model.effects}, []
-    for scan in scans:
-        for form in seen.tone(scan) if isinstance(scan, Tone) else seen.course(scan):
-            effect = form.effect
-            while effect.key in taken:  # a second one beside the one that is held
-                effect = replace(effect, tag=f"{effect.tag or 1}+")
-            try:
-                found.append(replace(form, effect=effect.prepare(fit.model.campaign)))
-                taken.add(effect.key)
-            except InputError:
-                continue
+def placed(fit: Identification, scans: Sequence[Scan | Tone], nodes: Iterable[Node]) -> tuple[Form, ...]:
+    """The best place of each scan under each noise, as forms that can join the fit: slow noise hides what is slow."""
+    taken, found, drafts = {effect.key for effect in fit.model.effects}, list[Form](), set[Effect]()
+    for node in {(node.size, node.time): node for node in nodes}.values():
+        seen = _Seen(fit, scans, node)
+        for scan in scans:
+            for form in seen.tone(scan) if isinstance(scan, Tone) else seen.course(scan):
+                effect = form.effect
+                if effect in drafts:
+                    continue
+                drafts.add(effect)
+                while effect.key in taken:  # a second one beside the one that is held
+                    effect = replace(effect, tag=f"{effect.tag or 1}+")
+                try:
+                    found.append(replace(form, effect=effect.prepare(fit.model.campaign)))
+                    taken.add(effect.key)
+                except InputError:
+                    continue
     return tuple(found)
 
 
