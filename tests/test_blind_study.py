@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import plant
 import pytest
-from plant.effects import FOREIGN
+from plant import effects as plant_effects
 from scipy.signal import lfilter
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -25,7 +25,6 @@ from examples.blind_study import (  # noqa: E402
     controls,
     effects,
     figures,
-    foreign,
     recorded,
     rivals,
     score,
@@ -34,6 +33,8 @@ from examples.blind_study import (  # noqa: E402
     store,
     study,
 )
+from examples.blind_study.forms import honest  # noqa: E402
+from examples.blind_study.frozen import FROZEN, form_of_case  # noqa: E402
 from examples.blind_study.oracle import oracle, true_effect  # noqa: E402
 from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
 from examples.blind_study.plans import draw_setting  # noqa: E402
@@ -193,27 +194,27 @@ def test_outside_means_outside() -> None:
     assert names < set(plant.EFFECTS)
 
 
-FROZEN = {
-    ROOT / "tests" / "plant" / "foreign.py": "2dd16000f6eba17ba0af7a12bcf9dad79995087ce900ad599bef490e987eae27",
-    ROOT
-    / "examples"
-    / "blind_study"
-    / "foreign.py": "bc7f90427fecc1019607c135a13335ceec3f076609143892fe5c01fdf5f47539",
+DIGESTS = {
+    "examples/blind_study/forms.py": "6ad9dfa1997d54d4c273b6f9bf1f7d41427c2dbb55397695af04fc5c19c5ea80",
+    "examples/blind_study/foreign.py": "be08b692fdca12a60c10fe195b5d44035022e8bea445ce88b10e6ccb597ca024",
+    "examples/blind_study/strange.py": "319d44a961a8095e7ec86de0e12bca00a4b237bb4c14e449df0fce64235ea5c3",
+    "tests/plant/foreign.py": "2dd16000f6eba17ba0af7a12bcf9dad79995087ce900ad599bef490e987eae27",
+    "tests/plant/strange.py": "a8454d40d4dc55ceeb315c29822913deed4cdc922148aceb31c9587a99474579",
 }
 
 
-@pytest.mark.parametrize("path", FROZEN, ids=lambda path: path.parent.name)
-def test_the_frozen_stratum_is_as_it_was_before_anything_was_run_on_it(path: Path) -> None:
-    assert hashlib.sha256(path.read_bytes()).hexdigest() == FROZEN[path], (
-        "the stratum is frozen: draw a new one instead"
-    )
+@pytest.mark.parametrize("path", DIGESTS)
+def test_a_frozen_stratum_is_as_it_was_before_anything_was_run_on_it(path: str) -> None:
+    found = hashlib.sha256((ROOT / path).read_bytes()).hexdigest()
+    assert found == DIGESTS[path], "the stratum is frozen: draw a new one instead"
 
 
-def test_no_name_of_the_frozen_stratum_is_the_librarys() -> None:
-    assert len(foreign.FORMS) >= 15
-    assert set(foreign.FORMS) == set(FOREIGN)
-    assert set(foreign.FORMS).isdisjoint(EFFECTS)
-    assert set(foreign.FORMS).isdisjoint(draw(1.0)["effect"] for draw in _old_drafts())
+@pytest.mark.parametrize("stratum", FROZEN)
+def test_no_name_of_a_frozen_stratum_is_the_librarys(stratum: str) -> None:
+    assert len(FROZEN[stratum]) >= 15
+    assert set(FROZEN[stratum]) == set(plant_effects.FROZEN[stratum])
+    assert set(FROZEN[stratum]).isdisjoint(EFFECTS)
+    assert set(FROZEN[stratum]).isdisjoint(draw(1.0)["effect"] for draw in _old_drafts())
 
 
 def _old_drafts() -> list[Any]:
@@ -222,27 +223,38 @@ def _old_drafts() -> list[Any]:
     return [d.make for drawer in drawers for s in settings for d in [drawer(rng, s)] if d is not None]
 
 
+ALL_FORMS = [(stratum, number, form) for stratum, forms in FROZEN.items() for number, form in enumerate(forms)]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(foreign.FORMS)), ids=list(foreign.FORMS))
-def test_a_frozen_form_writes_finite_readings_that_show_it(number: int) -> None:
+@pytest.mark.parametrize(("stratum", "number", "form"), ALL_FORMS, ids=lambda value: str(value))
+def test_a_frozen_form_writes_finite_readings_that_show_it(stratum: str, number: int, form: str) -> None:
     """SNR of what geometry and set-up leave of it: above 10."""
-    case = cases.make_case(1, f"foreign-{number:03d}")
+    case = cases.make_case(1, f"{stratum}-{number:03d}")
     change = cases.change_of(case.setting, case.effects, case.seed)
     assert all(np.isfinite(y).all() for y in change)
     assert span.Span.of(case.setting).masked(change)[1] > 10.0
-    assert case.facts[0]["name"][0] == list(foreign.FORMS)[number]
+    assert case.facts[0]["name"][0] == form
+
+
+def test_every_frozen_stratum_is_asked_for_by_number() -> None:
+    options = study.parse(["-o", "x", "--cases", "0", "--foreign", "1", "--strange", "17"])
+    ids = study.chosen(options)
+    assert ids == ["foreign-000", *(f"strange-{k:03d}" for k in range(17))]
+    forms = list(FROZEN["strange"].values())
+    assert [form_of_case("strange", k) for k in (0, 14, 15, 16)] == [forms[0], forms[14], *forms[:2]]
 
 
 def test_a_frozen_form_is_told_by_its_coordinate_or_by_what_it_predicts() -> None:
-    spec = {"effect": "scale_slip", "axis": "X"}
+    form, spec = FROZEN["foreign"]["scale_slip"], {"effect": "scale_slip", "axis": "X"}
     finding = {"effect": "unknown", "form": "unknown.X", "where": {"coordinate": "X"}}
     name = {"effect": "scale_error", "form": "scale_error.X", "where": {"coordinate": "X"}}
     elsewhere = {**finding, "where": {"coordinate": "Y"}}
     predicts, fails = {"before": 3.0, "after": 1.1}, {"before": 3.0, "after": 2.5}
-    assert foreign.honest(spec, finding, fails) and foreign.honest(spec, name, predicts)
-    assert not foreign.honest(spec, name, fails)
-    assert not foreign.honest(spec, elsewhere, predicts)
-    assert not foreign.honest(spec, None, predicts)
+    assert honest(form, spec, finding, fails) and honest(form, spec, name, predicts)
+    assert not honest(form, spec, name, fails)
+    assert not honest(form, spec, elsewhere, predicts)
+    assert not honest(form, spec, None, predicts)
 
 
 # --- the folder --------------------------------------------------------------------------------------------

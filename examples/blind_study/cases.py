@@ -14,15 +14,13 @@ import plant
 from plant.state import Spec as PlantSpec
 
 from .effects import MACHINE, Draft, Spec, Table, draw, name_of
-from .foreign import form_of_case
+from .frozen import FROZEN, form_of_case
 from .others import FAULTS, OUTSIDE
 from .plans import Random, Setting, draw_setting
 from .span import Array, Span, aliases, size
 
 STRATA = {"none": 100, "visible": 100, "masked": 80, "alias": 30, "pairs": 60, "outside": 30, "instrument": 20}
 """Cases of each stratum at 420."""
-FOREIGN = "foreign"
-"""A stratum of its own, frozen: it is asked for by number and belongs to no total (`foreign`)."""
 MASKED = 0.7
 """Share of an effect's energy that geometry and set-up can swallow, from which it counts as masked."""
 SIZES = (1.0, 8.0)
@@ -55,20 +53,15 @@ def case_ids(count: int) -> list[str]:
     return [f"{s}-{k:03d}" for _, s, k in sorted(placed)]
 
 
-def foreign_ids(count: int) -> list[str]:
-    """Names of the first cases of the frozen stratum; every form comes once before any comes again."""
-    return [f"{FOREIGN}-{k:03d}" for k in range(count)]
-
-
 def make_case(seed: int, id: str) -> Case:
     """The case of that name: the same for every number of cases and of workers."""
     stratum, number = id.rsplit("-", 1)
     own = [seed, zlib.crc32(stratum.encode()), int(number)]
     rng = np.random.default_rng(own)
     sown = int(np.random.default_rng([*own, 1]).integers(1 << 31))
-    _, form = form_of_case(int(number))
+    form = form_of_case(stratum, int(number)) if stratum in FROZEN else None
     for _ in range(TRIES):
-        if stratum == FOREIGN:
+        if form is not None:
             setting = draw_setting(rng, form.kinds)
             drawn = _foreign(rng, setting, sown, ((form.draw, 1.0),))
         else:
@@ -269,4 +262,4 @@ def write_case(case: Case, folder: Path) -> str:
     return json.dumps(answer, default=float)
 
 
-__all__ = ["FOREIGN", "STRATA", "Case", "case_ids", "foreign_ids", "make_case", "write_case"]
+__all__ = ["STRATA", "Case", "case_ids", "make_case", "write_case"]

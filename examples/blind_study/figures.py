@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .frozen import FROZEN
 from .score import SEEN, Row
 
 MATERIAL_BIAS = 2.0
@@ -60,7 +61,7 @@ def figure(what: str, target: str, values: Iterable[float], measure: Callable[[A
     return Line(what, target, len(data), float(measure(data)) if len(data) else math.nan)
 
 
-BEYOND = ("outside", "foreign")
+BEYOND = ("outside", *FROZEN)
 """Strata of physics that the vocabulary has no word for."""
 
 
@@ -129,7 +130,7 @@ def table(rows: Sequence[Row]) -> list[Line]:
         share("pairs: both named", "≥ 85 %", (r["all_named"] for r in by["pairs"])),
         share("pairs: a third invented", "≤ 5 %", (r["invented"] > 0 for r in by["pairs"])),
         share("outside: `unknown` over the right coordinate", "≥ 85 %", (r["honest"] for r in by["outside"])),
-        share("foreign: `unknown` or what predicts, over the right coordinate", "", (r["honest"] for r in by["foreign"])),
+        *(share(f"{s}: `unknown` or what predicts, over the right coordinate", "", (r["honest"] for r in by[s])) for s in FROZEN),
         share("known called `unknown`", "≤ 5 %", (r["unknown"] > 0 for r in known)),
         share("instrument told from machine", "≥ 90 %", (r["told"] for r in by["instrument"])),
         figure("parameter error, median", "≤ 0.05", (p["error"] for p in magnitudes), np.median),

@@ -1,33 +1,20 @@
 """The stratum `foreign`: physics for which nothing in the search was written, drawn and frozen before anything was run on it.
 
-One drawer per form, with the kinds of test in which it can show. An answer is honest if the first finding is `unknown` over one
-of the right `coordinates`, or a family over one of them that predicts the run that was left out. The digest of this file is
-pinned by a test.
+One drawer per form, with the kinds of test in which it can show and the coordinates over which an answer is right (`forms`). The
+digest of this file is pinned by a test.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from .effects import Draft, Drawer, Spec, _driven, _linear, _pick, _rotary, _unit
+from .effects import Draft, Spec, _driven, _linear, _pick, _rotary, _unit
+from .forms import Form
 from .plans import Random, Setting
 
 STATIC, MOTION, ANY = ("r_test", "static_bar"), ("planar", "xc"), ("r_test", "static_bar", "planar", "xc")
-PREDICTED = 0.75
-"""Share of what an effect does to the run that was left out (mean square beyond the noise) that a family has to predict."""
-
-
-@dataclass(frozen=True)
-class Form:
-    """`draw` a Draft in a setting of one of `kinds`, and the `coordinates` over which an answer is right."""
-
-    draw: Drawer
-    kinds: tuple[str, ...]
-    coordinates: Callable[[Spec], set[str]]
 
 
 def _tau(rng: Random, setting: Setting) -> float:
@@ -231,24 +218,3 @@ FORMS: Mapping[str, Form] = {
     "yaw_drift": Form(yaw_drift, ANY, _time),
     "chord_polygon": Form(chord_polygon, ("planar",), _all),
 }
-"""All forms; case number k has the form k modulo their number."""
-
-
-def form_of_case(number: int) -> tuple[str, Form]:
-    """The form of the case with that number."""
-    return list(FORMS.items())[number % len(FORMS)]
-
-
-def honest(spec: Spec, finding: Mapping[str, Any] | None, heldout: Mapping[str, float]) -> bool:
-    """Whether the first finding is `unknown` over a right coordinate, or a family over one that predicts the run that was left
-    out. `heldout`: its rms `before` and `after`, over the noise."""
-    if finding is None:
-        return False
-    right = FORMS[spec["effect"]].coordinates(spec)
-    said = set(finding["where"]["coordinate"].split(", "))
-    if "reading" in finding["form"].split(".")[-1]:
-        said |= {"reading"}
-    if not said & right:
-        return False
-    before, after = (max(heldout[which] ** 2 - 1.0, 0.0) for which in ("before", "after"))
-    return finding["effect"] == "unknown" or after < (1.0 - PREDICTED) * before

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from .effects import INSTRUMENT
-from .foreign import honest
+from .forms import honest
+from .frozen import FROZEN
 from .oracle import TEXTBOOK, form_of
 from .others import coordinates
 
@@ -92,8 +93,9 @@ def score(
             and first["effect"] == "unknown"
             and bool(set(first["where"]["coordinate"].split(", ")) & coordinates(answer["effects"][0]))
         )
-    if answer["stratum"] == "foreign":
-        row["honest"] = honest(answer["effects"][0], first, row["heldout"])
+    if answer["stratum"] in FROZEN:
+        (spec,) = answer["effects"]
+        row["honest"] = honest(FROZEN[answer["stratum"]][spec["effect"]], spec, first, row["heldout"])
     if answer["stratum"] == "instrument":
         row["told"] = bool(findings) and all(_of_instrument(f) for f in findings)
     return row

@@ -25,8 +25,9 @@ from symfive.convert import data_folder
 from symfive.executors import executor, finished
 
 from . import stages
-from .cases import STRATA, case_ids, foreign_ids
+from .cases import STRATA, case_ids
 from .controls import controls
+from .frozen import FROZEN, frozen_ids
 from .rivals import lines
 from .score import Row, score
 from .store import Store
@@ -45,7 +46,9 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=1, metavar="W", help="processes of one thread each; 0: none")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead, as tcp://host:8786")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--foreign", type=int, default=0, metavar="N", help="also so many cases of the frozen stratum")
+    for stratum in FROZEN:
+        words = f"also so many cases of the frozen stratum {stratum}"
+        parser.add_argument(f"--{stratum}", type=int, default=0, metavar="N", help=words)
     parser.add_argument(
         "--only", action="append", choices=tuple(STRATA), metavar="STRATUM", help="this stratum (repeat)"
     )
@@ -64,7 +67,8 @@ def chosen(options: argparse.Namespace) -> list[str]:
     if options.case:
         return list(options.case)
     ids = case_ids(options.cases)
-    return [i for i in ids if not options.only or i.rsplit("-", 1)[0] in options.only] + foreign_ids(options.foreign)
+    kept = [i for i in ids if not options.only or i.rsplit("-", 1)[0] in options.only]
+    return kept + [i for stratum in FROZEN for i in frozen_ids(stratum, getattr(options, stratum))]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

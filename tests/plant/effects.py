@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from . import behind, foreign, instrument, structure
+from . import behind, foreign, instrument, strange, structure
 from .state import RunState, Spec
 
 EFFECTS: dict[str, tuple[str, Callable[[RunState, Spec], None]]] = {
@@ -43,7 +43,7 @@ EFFECTS: dict[str, tuple[str, Callable[[RunState, Spec], None]]] = {
     "speed_lift": ("body", structure.speed_lift),
     "coolant_cycle": ("body", structure.coolant_cycle),
     "two_axis_motion": ("body", structure.two_axis_motion),
-    # the frozen outside stratum
+    # the frozen strata
     "cold_friction": ("drive", foreign.cold_friction),
     "chord_polygon": ("axis", foreign.chord_polygon),
     "screw_heat": ("axis", foreign.screw_heat),
@@ -63,6 +63,21 @@ EFFECTS: dict[str, tuple[str, Callable[[RunState, Spec], None]]] = {
     "taut_hose": ("body", foreign.taut_hose),
     "ball_form": ("body", foreign.ball_form),
     "probe_product": ("sensor", foreign.probe_product),
+    "clamp_scatter": ("axis", strange.clamp_scatter),
+    "coarse_counts": ("axis", strange.coarse_counts),
+    "valve_lag": ("axis", strange.valve_lag),
+    "one_flank": ("axis", strange.one_flank),
+    "walking_coupling": ("axis", strange.walking_coupling),
+    "drag_chain": ("body", strange.drag_chain),
+    "rail_joint": ("body", strange.rail_joint),
+    "motor_heat": ("body", strange.motor_heat),
+    "loose_seat": ("body", strange.loose_seat),
+    "soft_ground": ("body", strange.soft_ground),
+    "cage_order": ("body", strange.cage_order),
+    "oil_shot": ("body", strange.oil_shot),
+    "soft_probe": ("sensor", strange.soft_probe),
+    "cubic_sensor": ("sensor", strange.cubic_sensor),
+    "clock_rate": ("sensor", strange.clock_rate),
 }
 
 OUTSIDE = (
@@ -80,8 +95,11 @@ OUTSIDE = (
     "two_axis_motion",
 )
 """Effects that FORMATS.md section 7 has no name for."""
-FOREIGN = tuple(name for name, (_, function) in EFFECTS.items() if function.__module__.rpartition(".")[2] == "foreign")
-"""Those of the frozen stratum."""
+FROZEN = {
+    stratum: tuple(name for name, (_, function) in EFFECTS.items() if function.__module__.endswith(f".{stratum}"))
+    for stratum in ("foreign", "strange")
+}
+"""Those of the frozen strata."""
 
 FINE = ("structural_resonance", "latency", "two_mass_screw", "reversal_pulse")
 """Effects that need instants between the rows."""

@@ -70,7 +70,7 @@ def measured(state: RunState, reading: Array, zero: Array) -> Array:
         y = curved(y, spec)
     if state.low_pass_hz > 0.0:
         y = low_pass(y, state.dt, state.low_pass_hz)
-    if state.delay_s != 0.0:
+    if np.any(state.delay_s):
         y = np.stack([np.interp(state.t - state.delay_s, state.t, c) for c in y.T], axis=1)
     return y + zero
 
@@ -93,12 +93,17 @@ def low_pass(y: Array, dt: float, cutoff_hz: float) -> Array:
 
 def curved(y: Array, spec: Spec) -> Array:
     """Non-linear sensor: ``quadratic`` y + curvature.y^2 (1/um), ``product`` y + curvature times the product of the other two
-    columns, ``hysteresis`` y - width/2.sgn(dy) with a play of `width` um.
+    columns, ``cubic`` y + curvature.y^3 (1/um^2), ``offset`` y + `offset` (N, k), ``hysteresis`` y - width/2.sgn(dy) with
+    a play of `width` um.
     """
     if spec["form"] == "quadratic":
         return y + float(spec["curvature"]) * y**2
     if spec["form"] == "product":
         return y + float(spec["curvature"]) * np.roll(y, 1, axis=1) * np.roll(y, 2, axis=1)
+    if spec["form"] == "cubic":
+        return y + float(spec["curvature"]) * y**3
+    if spec["form"] == "offset":
+        return y + np.asarray(spec["offset"], float)
     return np.stack([play(c, float(spec["width"]), c[0]) for c in y.T], axis=1)
 
 

@@ -45,7 +45,7 @@ class RunState:
     tool_shift: Array = field(default_factory=lambda: np.zeros(3))
     gain: Array = field(default_factory=lambda: np.eye(3))
     sensor: list[Spec] = field(default_factory=list)
-    delay_s: float = 0.0
+    delay_s: float | Array = 0.0
     low_pass_hz: float = 0.0
 
     @property
