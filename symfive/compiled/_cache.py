@@ -66,7 +66,7 @@ def _firm(path: Path) -> None:
 
 
 def find(folder: Path, key: str) -> Path | None:
-    """The whole and unchanged library of a key, or None. What is not whole is removed."""
+    """The whole and unchanged library of a key, or None. Damaged files are removed."""
     place = folder / key
     try:
         _private(place)

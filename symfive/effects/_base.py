@@ -127,7 +127,7 @@ class Effect:
         return {p.name: p.sigma if p.mean == 0.0 else p.mean for p in self.parameters(campaign)}
 
     def levels(self, campaign: Campaign) -> tuple[dict[str, float], ...]:
-        """Parameters at which a diagnosis looks at it beside its slope at zero, where that slope does not foretell it."""
+        """Parameters at which a diagnosis looks at it beside its slope at zero, where that slope does not predict it."""
         return ()
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
