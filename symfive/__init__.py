@@ -3,9 +3,9 @@
     import symfive as sf
 
     campaign = sf.read_campaign("measured/")
-    result = sf.identify(campaign)          # errors with uncertainties, what cannot be told apart
-    verdict = sf.diagnose(campaign)         # the physics that the model leaves out
-    plan = sf.plan(sf.preset("table-bc"))   # the measurement that tells most
+    result = sf.identify(campaign)          # errors with uncertainties, and those that cannot be separated
+    verdict = sf.diagnose(campaign)         # faults: cause, place, size, confidence
+    plan = sf.plan(sf.preset("table-bc"))   # the most informative measurement
 
 Data flow one way: machine and campaign (plain data) → model (CasADi) → identify, plan, diagnose → report.
 """

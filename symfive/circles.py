@@ -1,4 +1,4 @@
-"""Which circle a run describes: the angle of each row, its radius, its sense and its feed."""
+"""Which circle a run describes: the angle of each row, its radius, its direction and its feed."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def _sense(angle: Array) -> int:
 
 
 def grouped(circles: Sequence[Circle]) -> list[list[Circle]]:
-    """Circles of the same place, radius and feed together: the two senses and their repetitions."""
+    """Circles of the same place, radius and feed together: both directions and their repetitions."""
     groups: list[list[Circle]] = []
     for circle in circles:
         for group in groups:

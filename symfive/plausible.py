@@ -76,9 +76,9 @@ def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
     away = designed_ball(machine, run.commands, run.tool_ball) - np.array(run.table_ball)
     if instrument == "ball_bar":
         away = np.linalg.norm(away, axis=1, keepdims=True) - (run.length or 0.0)
-    foretold = 1e3 * away
-    row, _ = np.unravel_index(int(np.argmax(np.abs(foretold))), foretold.shape)
-    most = 1e-3 * float(np.max(np.abs(foretold)))
+    predicted = 1e3 * away
+    row, _ = np.unravel_index(int(np.argmax(np.abs(predicted))), predicted.shape)
+    most = 1e-3 * float(np.max(np.abs(predicted)))
     what, limit = WHAT[instrument], f"{plain_number(stroke)} mm"
     if most > stroke:
         yield (
@@ -92,7 +92,7 @@ def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
     largest = 1e-3 * float(np.max(np.abs(readings)))
     if largest > 2.0 * stroke:
         yield f"run {run.id}: readings of up to {plain_number(largest)} mm are beyond the stroke of ±{limit}; they are in µm"
-    scatter, noise = float(np.std(readings - foretold)), run.noise(instrument)
+    scatter, noise = float(np.std(readings - predicted)), run.noise(instrument)
     if len(readings) > 2 and scatter < TINY * noise:
         sizes = f"by {plain_number(scatter)} µm only where noise_um is {plain_number(noise)}"
         yield f"run {run.id}: the readings depart from the machine's {sizes}; they are in µm, not mm"

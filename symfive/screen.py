@@ -1,4 +1,4 @@
-"""How things of symfive stand on a screen: in a prompt, printed, in a notebook."""
+"""Display of results: in a prompt, printed, in a notebook."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a correction is worth: how much of the deviation on the circles and of the error at the tool goes away with it.
+"""What a correction is worth: the share of the deviation on circles and of the error at the tool that it removes.
 
 Of parameters p with values v, the model without them is the model with p at its mean. On a measured run
 
@@ -55,7 +55,7 @@ AT_THE_TOOL = ("drive", "axis", "structure")
 class Worth:
     """What correcting `names` is worth: `circles` run → share of the deviation of each circle, `readings` that of all readings
     together, `tool` that of the error at the tool in the workspace, None where it is not there; `certain` whether it is larger
-    than its uncertainty; `confounded` what it cannot be told from."""
+    than its uncertainty; `confounded` what it cannot be separated from."""
 
     names: tuple[str, ...]
     circles: Mapping[str, float]
@@ -268,7 +268,7 @@ def _spread(count: int, over: int) -> Array:
 
 
 def worth_text(worths: Sequence[Worth], most: int = 12) -> str:
-    """A line for each: what goes away in the readings and at the tool, and whether to correct it; "" where there is none."""
+    """A line for each: the share removed in the readings and at the tool, and whether to correct it; "" where there is none."""
     rows = [
         f"  {', '.join(worth.names[:2])}: {signed(worth.readings)} of the readings' deviation, "
         f"{'no part' if worth.tool is None else signed(worth.tool)} of the error at the tool; {worth.advice}"

@@ -46,7 +46,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv(SWITCH, PROGRAM or "none")
     monkeypatch.setattr(_mapped, "_STATES", {})
-    monkeypatch.setattr(_mapped, "_TOLD", Counter())
+    monkeypatch.setattr(_mapped, "_MADE", Counter())
     monkeypatch.setattr(_mapped, "_REFUSED", Counter())
     _assembly._KEPT.clear()
     return tmp_path / "cache" / "symfive"
@@ -104,7 +104,7 @@ HELD = np.array([0.3, -2.0, 0.7])
 def test_any_number_of_rows(eager, rows) -> None:
     mapped = Mapped(small(), (1,))
     mapped(POINTS, HELD)
-    assert mapped._state.library is not None
+    assert mapped.compiled
     for one, other in zip(mapped(POINTS[:rows], HELD), interpreted(small(), (1,), POINTS[:rows], HELD), strict=True):
         assert one.shape == other.shape
         assert same(one, other)
@@ -198,7 +198,7 @@ def test_every_operation_and_every_odd_number(eager, monkeypatch, program) -> No
         mapped = Mapped(every_operation(), (1,))
         expected = interpreted(every_operation(), (1,), points, np.array(held))[0]
         assert same(mapped(points, np.array(held))[0], expected)
-        assert mapped._state.library is not None, status().refused
+        assert mapped.compiled, status().refused
         assert same(mapped(points, np.array(held))[0], expected)
 
 
@@ -245,7 +245,7 @@ def test_every_effect(eager, number) -> None:
     for slopes in (True,) if number in FIRST else (True, False):
         expected = interpreted(function._table(slopes), (1, 2, 3), inputs, *arguments)[0]
         fresh.evaluate(inputs, *arguments, slopes=slopes)
-        assert fresh._mapped[slopes]._state.library is not None, status().refused
+        assert fresh._mapped[slopes].compiled, status().refused
         assert same(fresh.evaluate(inputs, *arguments, slopes=slopes).reshape(expected.shape), expected)
         assert same(by_columns(function._table(slopes), (1, 2, 3), inputs, *arguments)[0], expected)
 
@@ -311,10 +311,10 @@ def test_little_work_is_never_compiled_and_much_work_is_once(cache) -> None:
     many = np.tile(POINTS, (20, 1))
     for _ in range(int(price / a_row / len(many))):
         mapped(many, HELD)
-    assert mapped._state.library is None and not files(cache)
+    assert not mapped.compiled and not files(cache)
     mapped(many, HELD)
     mapped(many, HELD)
-    assert mapped._state.library is not None and [path.suffix for path in cache.glob("*/*")] == [".so"]
+    assert mapped.compiled and [path.suffix for path in cache.glob("*/*")] == [".so"]
     assert status().compiled == 1 and status().folder == str(cache)
 
 
@@ -327,14 +327,14 @@ def test_what_earlier_runs_have_paid_counts(cache, monkeypatch, note) -> None:
         monkeypatch.setattr(_mapped, "_STATES", {})
         mapped = Mapped(small(), (1,))
         price = _mapped.COMPILED_S + _mapped.COMPILED_OPERATION_S * mapped._operations
-        while mapped._state.library is None and (run or mapped._state.spent < 0.9 * price):
+        while not mapped.compiled and (run or mapped._state.spent < 0.9 * price):
             mapped(many, HELD)
             calls[run] += 1
         if not run:
-            (rent,) = cache.glob("*/*")
-            assert rent.name == "rent" and 0.4 * price < float(rent.read_text()) < price
+            (noted,) = cache.glob("*/*")
+            assert 0.4 * price < float(noted.read_text()) < price
             if note != "whole":
-                rent.write_text(note)
+                noted.write_text(note)
     assert (calls[1] < 0.7 * calls[0]) == (note == "whole")
 
 
@@ -358,13 +358,13 @@ def test_what_lies_on_disk_is_used_at_once(eager, cache, monkeypatch) -> None:
     monkeypatch.setattr(_mapped, "COMPILED_S", 1e9)
     again = Mapped(small(), (1,))
     again(POINTS, HELD)
-    assert again._state.library is not None and status().loaded == 1
+    assert again.compiled and status().loaded == 1
     third = Mapped(small(), (1,))  # the same function in the same process
     third(POINTS, HELD)
     assert third._state is again._state
     other = Mapped(small(2.0), (1,))
     other(POINTS, HELD)
-    assert other._state.library is None
+    assert not other.compiled
 
 
 # ---- without a compiler
@@ -376,7 +376,7 @@ def test_it_can_be_switched_off(eager, cache, monkeypatch, wanted) -> None:
     mapped = Mapped(small(), (1,))
     for _ in range(3):
         assert same(mapped(POINTS, HELD)[0], interpreted(small(), (1,), POINTS, HELD)[0])
-    assert mapped._state.library is None and not files(cache)
+    assert not mapped.compiled and not files(cache)
     assert status().compiler is None and sum(status().refused.values()) == 1
 
 
@@ -411,7 +411,7 @@ def test_a_compiler_that_fails_or_lies_changes_nothing(eager, monkeypatch, tmp_p
     mapped = Mapped(small(), (1,))
     for _ in range(2):
         assert same(mapped(POINTS, HELD)[0], interpreted(small(), (1,), POINTS, HELD)[0])
-    assert mapped._state.library is None
+    assert not mapped.compiled
     assert [said for said in status().refused if reason in said], status().refused
 
 
@@ -420,7 +420,7 @@ def test_what_cannot_be_written_in_c_stays_interpreted(eager) -> None:
     mapped = Mapped(ca.Function("mx", [x], [ca.sin(x)]))
     mapped(POINTS)
     assert same(mapped(POINTS)[0], np.sin(POINTS))
-    assert mapped._state.library is None
+    assert not mapped.compiled
 
 
 # ---- the folder
@@ -442,7 +442,7 @@ def test_a_damaged_library_is_made_anew(eager, cache, monkeypatch, damage) -> No
     monkeypatch.setattr(_mapped, "_STATES", {})
     mapped = Mapped(small(), (1,))
     mapped(POINTS, HELD)
-    assert mapped._state.library is not None and status().compiled == 2
+    assert mapped.compiled and status().compiled == 2
     assert [hashlib.sha256(p.read_bytes()).hexdigest() == p.stem for p in files(cache)] == [True]
 
 
@@ -459,7 +459,7 @@ def test_what_others_can_write_to_is_not_trusted(eager, cache, monkeypatch, open
         return
     mapped = Mapped(small(), (1,))
     assert same(mapped(POINTS, HELD)[0], interpreted(small(), (1,), POINTS, HELD)[0])
-    assert mapped._state.library is None
+    assert not mapped.compiled
     assert [said for said in status().refused if "others can write" in said]
     assert status().folder is None
 
@@ -471,7 +471,7 @@ def test_a_folder_that_cannot_be_made_is_no_error(eager, monkeypatch, tmp_path) 
     mapped = Mapped(small(), (1,))
     mapped(POINTS, HELD)
     assert same(mapped(POINTS, HELD)[0], interpreted(small(), (1,), POINTS, HELD)[0])
-    assert mapped._state.library is None
+    assert not mapped.compiled
 
 
 @needs_compiler
@@ -501,7 +501,7 @@ sys.stdin.readline()
 for scale in range(1, 6):
     mapped = Mapped(ca.Function("f", [x], [ca.sin(scale * x) * x[0]]))
     mapped(points)
-    assert mapped._state.library is not None, status()
+    assert mapped.compiled, status()
     found.update(mapped(points)[0].tobytes())
 print(found.hexdigest(), status().compiled + status().loaded)
 """
@@ -537,7 +537,7 @@ def test_threads_may_share_a_function(eager) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert not wrong and mapped._state.library is not None
+    assert not wrong and mapped.compiled
 
 
 # ---- small things

@@ -18,9 +18,15 @@ from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.machine import machine_from_data, preset
 from symfive.procedures import campaign_of, planar_circle
 from symfive.simulate import simulate
+from symfive.version import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "benchmarks").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
+    *sorted((ROOT / "benchmarks").glob("*.md")),
+]
 PAGES += [page for page in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in page.parts]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = app
@@ -169,6 +175,10 @@ def test_every_verb_stands_in_the_conventions_and_on_its_page():
         text = (ROOT / page).read_text(encoding="utf-8")
         for verb in COMMANDS.commands:
             assert f"`symfive {verb} " in text, f"{page}: {verb}"
+
+
+def test_the_citation_is_of_this_version():
+    assert f"version: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)

@@ -50,7 +50,7 @@ def identify(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Identify the machine's errors: identification.json, model.json, identification.html and figures."""
+    """Identify the errors of a machine. Writes identification.json, model.json, identification.html and figures."""
     from symfive.identify import identify as identify_campaign
     from symfive.outputs import output_folder
     from symfive.report import identification_text
@@ -80,7 +80,7 @@ def _notes(notes: tuple[str, ...], quiet: bool) -> None:
 @as_json
 @quiet
 def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json: bool, quiet: bool) -> None:
-    """Predict the readings of a plan or campaign; set-up is fitted to runs with readings."""
+    """Predict readings with a fitted model. Set-up is fitted to runs that have readings."""
     from symfive.campaign import write_campaign_files
     from symfive.identify import predict as predict_campaign
     from symfive.model import read_model
@@ -117,7 +117,7 @@ def diagnose(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Find faults: cause, place, size and confidence, the corrected model, and the next test."""
+    """Find the faults of a machine. Cause, place, size and confidence, the corrected model, and the next test."""
     from symfive.diagnose import diagnose as diagnose_campaign
     from symfive.outputs import output_folder
     from symfive.report import diagnosis_text
@@ -153,7 +153,7 @@ def fleet(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Identify or diagnose many campaigns: a folder of results each, and one table of all (CSV and text)."""
+    """Identify or diagnose many machines. A folder of results each, and one table of all (CSV and text)."""
     from symfive.executors import executor
     from symfive.fleet import fleet as fleet_of
 

@@ -24,7 +24,7 @@ __all__ = ["codegen", "convert", "import_mtconnect", "import_polar", "import_res
 @overwrite
 @quiet
 def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool, quiet: bool) -> None:
-    """Generate code for controllers: C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
+    """Generate code for controllers. C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
     from symfive.codegen import codegen as generate
 
     written = generate(model, output, target=target, prefix=prefix, overwrite=overwrite)
@@ -73,7 +73,7 @@ def import_polar(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Import a ball bar's deviation over angle as a campaign; positions are reconstructed."""
+    """Import deviation over angle of a ball bar. A campaign; positions are reconstructed."""
     import numpy as np
 
     from symfive.campaign import write_campaign_files
@@ -168,7 +168,7 @@ def import_rests(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """A plan with its readings, from recordings over whole runs: cut at the rests, which are matched with the poses."""
+    """Import recordings over whole R-test runs. Cut at the rests, which are matched with the poses of the plan."""
     from symfive.campaign import write_campaign_files
     from symfive.errors import InputError
     from symfive.importers import cut_at_rests, read_recording
@@ -213,7 +213,7 @@ def import_rests(
 )
 @quiet
 def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: bool) -> None:
-    """A machine file's skeleton from an MTConnect probe; what the document does not tell is asked for in comments."""
+    """Begin a machine file from an MTConnect probe. Comments name what the document lacks."""
     from symfive.importers import read_mtconnect
     from symfive.importers.mtconnect import TO_DO
     from symfive.machine import write_machine
@@ -240,7 +240,7 @@ def convert(
     name: str, output: Path, data: Path | None, how: str | None, step_deg: float | None, step: int, overwrite: bool,
     quiet: bool,
 ) -> None:  # fmt: skip
-    """Turn a public real recording into a campaign (docs/recordings.md says which, and under which licence)."""
+    """Convert a public recording. docs/recordings.md lists them with their licences."""
     from symfive.campaign import write_campaign_files
     from symfive.convert import convert as convert_recording
     from symfive.importers import prepared

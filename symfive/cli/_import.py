@@ -54,7 +54,7 @@ def import_table(
     hold: tuple[str, ...], noise_um: float, fitted: bool, angle_error: float, how: str | None, step_deg: float | None,
     step: int, overwrite: bool, quiet: bool,
 ) -> None:  # fmt: skip
-    """A campaign from tables: columns, units and separators guessed, shown and confirmed."""
+    """Import tables of an instrument. Columns, units and separators are guessed, shown and confirmed."""
     from dataclasses import replace
 
     from symfive.campaign import write_campaign_files

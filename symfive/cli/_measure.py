@@ -40,7 +40,7 @@ __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 @as_json
 @click.option("-q", "--quiet", is_flag=True, help="Print the problems only.")
 def check(path: Path, as_json: bool, quiet: bool) -> None:
-    """Check files: what they declare, and every problem; exit code 1 if there is one."""
+    """Check files. What they declare, and every problem; exit code 1 if there is one."""
     from symfive.check import check as check_files
 
     result = check_files(path)
@@ -149,7 +149,7 @@ def plan(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Plan a measurement: a campaign without readings, certificate, NC programs, set-up sheet."""
+    """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
     from symfive.design import plan as make_plan
     from symfive.design import plan_circles
     from symfive.executors import executor
@@ -217,7 +217,7 @@ def _effects(words: Sequence[str]) -> list[Effect]:
 @as_json
 @quiet
 def assess(campaign: Path, given: Path | None, as_json: bool, quiet: bool) -> None:
-    """Assess a plan or campaign: expected 1σ of each error, and errors that it cannot separate."""
+    """Assess a plan or campaign. Expected 1σ of each error, and errors that it cannot separate."""
     from symfive.design import assess as assess_campaign
 
     earlier = None if given is None else read(given, quiet)
@@ -255,7 +255,7 @@ def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
 @overwrite
 @quiet
 def simulate(campaign: Path, output: Path, truth: Path | None, seed: int, overwrite: bool, quiet: bool) -> None:
-    """Measure a plan in simulation: the campaign with readings and truth.json."""
+    """Simulate the readings of a plan. The campaign with readings, and truth.json."""
     from symfive.campaign import write_campaign_files
     from symfive.outputs import output_folder, write_json
     from symfive.simulate import simulate as simulate_plan

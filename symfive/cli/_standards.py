@@ -30,7 +30,7 @@ __all__ = ["standards"]
 def standards(
     campaign: Path, output: Path | None, tolerances: tuple[str, ...], uncertainties: tuple[str, ...], as_json: bool, quiet: bool
 ) -> None:  # fmt: skip
-    """The numbers of ISO 230-4, ISO 230-2 and ISO 10791-6 from the readings, decided by ISO 14253-1."""
+    """Report the numbers of the standards. ISO 230-4, ISO 230-2 and ISO 10791-6, decided by ISO 14253-1."""
     from symfive.outputs import output_file, write_json
     from symfive.standards import decided, standard_values, standards_data, standards_text, with_uncertainties
 

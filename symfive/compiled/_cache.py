@@ -2,7 +2,7 @@
 
 A library lies at `KEY/DIGEST.so`: KEY says what it was made from, DIGEST is the SHA-256 of its own bytes, so that a file that
 was cut short or changed is never loaded. It arrives by one rename; processes that compile the same at one time do no harm.
-`KEY/rent` holds the seconds for which a function that has no library yet was interpreted so far, in all runs.
+`KEY/interpreted` holds the seconds of interpretation, in all runs, of a function that has no library yet.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MOST = 1000
 """Functions of which something is kept; those used longest ago go first."""
 ABANDONED_S = 3600.0
 MOST_SECONDS = 1e6
-_WORK, _RENT = "work-", "rent"
+_WORK, _SECONDS = "work-", "interpreted"
 
 
 def cache_folder() -> Path:
@@ -66,12 +66,12 @@ def _firm(path: Path) -> None:
 
 
 def find(folder: Path, key: str) -> Path | None:
-    """The whole and unchanged library of a key, or None. What is not whole is removed."""
+    """The whole and unchanged library of a key, or None. Damaged files are removed."""
     place = folder / key
     try:
         _private(place)
         for path in sorted(place.iterdir()):
-            if path.name == _RENT:
+            if path.name == _SECONDS:
                 continue
             _private(path)
             if path.suffix == ".so" and hashlib.sha256(path.read_bytes()).hexdigest() == path.stem:
@@ -90,7 +90,7 @@ def keep(folder: Path, key: str, library: Path) -> Path:
     _private(place)
     path = place / f"{hashlib.sha256(library.read_bytes()).hexdigest()}.so"
     os.replace(library, path)
-    discard(place / _RENT)
+    discard(place / _SECONDS)
     _tidy(folder)
     return path
 
@@ -98,8 +98,8 @@ def keep(folder: Path, key: str, library: Path) -> Path:
 def remembered(folder: Path, key: str) -> float:
     """Seconds of interpretation in earlier runs; 0 where none are noted."""
     try:
-        _private(folder / key / _RENT)
-        seconds = float((folder / key / _RENT).read_bytes()[:40])
+        _private(folder / key / _SECONDS)
+        seconds = float((folder / key / _SECONDS).read_bytes()[:40])
     except (OSError, ValueError):
         return 0.0
     return seconds if 0.0 <= seconds < MOST_SECONDS else 0.0
@@ -111,9 +111,9 @@ def remember(folder: Path, key: str, seconds: float) -> None:
         place = folder / key
         place.mkdir(mode=0o700, exist_ok=True)
         _private(place)
-        part = place / f"{_RENT}-{os.getpid()}-{threading.get_ident()}"
+        part = place / f"{_SECONDS}-{os.getpid()}-{threading.get_ident()}"
         part.write_text(f"{seconds:.3f}", encoding="ascii")
-        os.replace(part, place / _RENT)
+        os.replace(part, place / _SECONDS)
 
 
 def discard(path: Path) -> None:

@@ -19,7 +19,7 @@ from symfive.compiled._cache import cache_folder, discard, find, keep, remember,
 from symfive.compiled._compiler import Compiler
 from symfive.compiled._source import source_of
 
-__all__ = ["Library", "compiled", "found", "key_of", "note_rent", "rent"]
+__all__ = ["Library", "compiled", "found", "interpretation_s", "key_of", "note_interpretation"]
 
 Array = NDArray[np.float64]
 ALIGNMENT = 64
@@ -80,12 +80,12 @@ def found(key: str) -> Library | None:
         return None
 
 
-def rent(key: str) -> float:
+def interpretation_s(key: str) -> float:
     """Seconds for which earlier runs have interpreted the function of a key."""
     return remembered(cache_folder(), key)
 
 
-def note_rent(key: str, seconds: float) -> None:
+def note_interpretation(key: str, seconds: float) -> None:
     """Note for later runs for how long the function of a key has been interpreted."""
     with suppress(OSError):
         remember(cache_folder(), key, seconds)

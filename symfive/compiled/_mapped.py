@@ -1,10 +1,8 @@
 """A CasADi function over rows: by CasADi's interpreter at first, by machine code once that is cheaper, with the same bits.
 
-Whether a function will be asked for often enough to be worth compiling is not known beforehand. As with skis, which one rents
-until the rent has reached their price (R. Karp 1992), a function is interpreted until that has cost what compiling costs: then
-no order of calls costs more than twice the least. Costs are counted in operations, not in seconds, so that the same work is
-done in the same way every time. Machine code that an earlier run has left on disk costs little and is looked for early, and
-what earlier runs have paid in vain counts as well.
+Ski-rental rule (R. Karp 1992): compile once interpreting has cost as much as compiling would. Then no sequence of calls costs
+more than twice the optimum. Costs are counted in operations, not in seconds, so that the same calls always take the same
+decisions. Machine code left on disk by an earlier run is cheap and is looked for early; interpretation in earlier runs counts.
 """
 
 from __future__ import annotations
@@ -22,14 +20,14 @@ from numpy.typing import NDArray
 from symfive.compiled._cache import cache_folder
 from symfive.compiled._columns import FEWEST, SHARE, Columns
 from symfive.compiled._compiler import SWITCH, Compiler, find_compiler
-from symfive.compiled._library import Library, compiled, found, key_of, note_rent, rent
+from symfive.compiled._library import Library, compiled, found, interpretation_s, key_of, note_interpretation
 
 __all__ = ["Mapped", "Status", "status"]
 
 Array = NDArray[np.float64]
 BLOCK = 64
 PIECE = 4096
-"""Rows that are interpreted before the question is asked again whether to go on so."""
+"""Rows that are interpreted before the rule is applied again."""
 INTERPRETED_S = 5e-9
 """Of one operation on one row. These costs are of one processor; only their ratios matter, which vary little."""
 LOOKED_UP_S, LOOKED_UP_OPERATION_S = 3e-3, 3e-6
@@ -41,7 +39,7 @@ MOST_OPERATIONS = 40_000
 
 @dataclass(frozen=True)
 class Status:
-    """What became of the functions of this process: `compiler` (its path, None without one or where `SYMFIVE_COMPILER` is
+    """How this process evaluates its functions: `compiler` (its path, None without one or where `SYMFIVE_COMPILER` is
     `none`), `folder` of the libraries (None where it cannot be used), how many functions were `compiled` or `loaded` from
     disk, and why others stayed interpreted (`refused`: reason → how many)."""
 
@@ -54,8 +52,8 @@ class Status:
 
 @dataclass
 class _State:
-    """What is known of a function: seconds of interpretation so far and how many are noted, its library, whether all has
-    been tried."""
+    """Of one function: seconds of interpretation so far and how many are noted on disk, its library, whether the decision is
+    final."""
 
     spent: float = 0.0
     noted: float = 0.0
@@ -66,7 +64,7 @@ class _State:
 
 
 _STATES: dict[str, _State] = {}
-_TOLD: Counter[str] = Counter()
+_MADE: Counter[str] = Counter()
 _REFUSED: Counter[str] = Counter()
 _LOCK = threading.RLock()
 
@@ -79,7 +77,7 @@ def status() -> Status:
     except OSError:
         folder = None
     name = compiler.program if compiler else None
-    return Status(name, folder, _TOLD["compiled"], _TOLD["loaded"], dict(_REFUSED))
+    return Status(name, folder, _MADE["compiled"], _MADE["loaded"], dict(_REFUSED))
 
 
 @dataclass
@@ -102,6 +100,11 @@ class Mapped:
         self._inputs = [self.function.numel_in(i) for i in range(self.function.n_in())]
         self._outputs = [self.function.numel_out(i) for i in range(self.function.n_out())]
         self._operations = self.function.n_instructions()
+
+    @property
+    def compiled(self) -> bool:
+        """Whether machine code evaluates it."""
+        return self._state.library is not None
 
     def __reduce__(self) -> tuple[type[Mapped], tuple[Any, tuple[int, ...]]]:
         return Mapped, (self.function, self.held)
@@ -191,7 +194,7 @@ class Mapped:
         if state.looked and state.spent < bought:
             if not state.library and state.spent > max(NOTED_S, 2.0 * state.noted):
                 state.noted = state.spent
-                note_rent(state.key, state.spent)
+                note_interpretation(state.key, state.spent)
             return
         try:
             compiler = self._compiler()
@@ -199,22 +202,22 @@ class Mapped:
                 state.looked, state.key = True, key_of(self.function, self.held, compiler)
                 known = _STATES.setdefault(state.key, state)
                 if known is state:
-                    state.noted = rent(state.key)
+                    state.noted = interpretation_s(state.key)
                     state.spent += state.noted
                 else:
                     known.spent += state.spent
                     self._state = state = known
             if state.library is not None or state.settled:
                 return
-            way, library = "loaded", found(state.key)
+            source, library = "loaded", found(state.key)
             if library is None and state.spent >= bought:
-                way, library = "compiled", compiled(self.function, self.held, compiler, state.key)
+                source, library = "compiled", compiled(self.function, self.held, compiler, state.key)
             if library is None:
                 return
             if not agrees(library):
                 raise OSError("machine code differs from the interpreter")
             state.library = library
-            _TOLD[way] += 1
+            _MADE[source] += 1
         except (OSError, NotImplementedError) as error:
             state.settled = True
             _REFUSED[str(error)] += 1

@@ -99,7 +99,7 @@ def _probed(log: Log) -> Run:
 def _coast_down(log: Log) -> Run:
     """From the fastest moment on the axis is driven by nothing but friction and what is unbalanced.
 
-    With J·a + friction = 0 the inertia cannot be told, so all is per unit of inertia: the reading -a·(1 kg
+    With J·a + friction = 0 the inertia cannot be determined, so all is per unit of inertia: the reading -a·(1 kg
     m²) in Nm takes the place of the torque; in one direction Coulomb friction and offset are one, so the
     terms are viscous and coulomb. `-a` is computed from the angle itself, behind a zero-phase low-pass at
     `COAST_LOW_PASS_HZ`; rows ten times a second.

@@ -1,4 +1,4 @@
-"""Colours of pictures, told apart by everybody (M. Okabe & K. Ito 2008; the yellow left out, too pale on paper)."""
+"""Colours of pictures, distinguishable for everybody (M. Okabe & K. Ito 2008; the yellow left out, too pale on paper)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coordinates of a term without a name, by their words: an axis, what its motion does, or time."""
+"""Coordinates of a nonparametric term, by name: an axis, what its motion does, or time."""
 
 from __future__ import annotations
 

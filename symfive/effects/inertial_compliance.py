@@ -32,7 +32,7 @@ class InertialCompliance(Effect):
     components.
 
     µm per m/s² (linear) or per rad/s² (rotary axis). Typical 1–10 µm per m/s². `shape`: `linear`, or `softening`,
-    a/√(1 + (a/knee)²), where something slips or ends at a stop; the knee is known beforehand only to lie near `usual`, the
+    a/√(1 + (a/knee)²), where something slips or ends at a stop; the prior of the knee is about `usual`, the
     amplitude of what was commanded (mm/s² or rad/s²).
     """
 

@@ -73,7 +73,7 @@ class SetupShift(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         for run in campaign.runs:
-            margin = max(3, run.rows // 50)  # nearer to an end it could not be told from the set-up
+            margin = max(3, run.rows // 50)  # nearer to an end it could not be separated from the set-up
             rows = np.arange(margin, run.rows - margin, max(1, run.rows // MOST_PLACES))
             if run.rows < 4 * margin or not (run.measured and run.has_clock):
                 continue

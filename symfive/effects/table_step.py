@@ -37,7 +37,7 @@ class TableStep(Effect):
     `at` and `ramp` (the distance between two nodes) in mm or degree; they are found by a scan. Where positions are as far
     apart as in a grid, one of them may lie on the step itself: `late` goes on with a second height to the next position
     beyond, `early` begins at the one before. Along a path that is recorded closely, `gradual` is the step with its middle and
-    its ramp as parameters, both known beforehand to `about`. Typical 1–20 µm.
+    its ramp as parameters, both with the prior 1σ `about`. Typical 1–20 µm.
     """
 
     id = "table_step"
@@ -75,7 +75,7 @@ class TableStep(Effect):
         return float(ahead.min())
 
     def _usual_ramp(self, campaign: Campaign) -> float:
-        """What the middle and the ramp are known to beforehand. Raises `InputError` where the axis was not read as it moved."""
+        """Prior 1σ of the middle and the ramp. Raises `InputError` where the axis was not read as it moved."""
         ways = [np.ptp(run.commands[str(self.axis)]) for run in campaign.runs if run.dynamic]
         if not max(ways, default=0.0) > 0.0:
             raise InputError(f"effect {self.id}: no run in which {self.axis} moves", remedy='write shape = "step"')

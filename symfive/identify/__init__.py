@@ -1,4 +1,4 @@
-"""Identification: parameters with uncertainties, what cannot be told apart, outliers, noise."""
+"""Identification: parameters with uncertainties, what cannot be separated, outliers, noise."""
 
 from symfive.identify._calibration import BallRunout, SensorCalibration, ball_runout, calibrate_sensors
 from symfive.identify._identify import identify, summarise

@@ -1,4 +1,4 @@
-"""`identify`: from a campaign with readings to parameters with honest uncertainties."""
+"""`identify`: parameters and their uncertainties from a campaign with readings."""
 
 from __future__ import annotations
 

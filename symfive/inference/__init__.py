@@ -1,4 +1,4 @@
-"""Inference on the linearised model: noise, whitened information, outliers, the maximum, what cannot be told apart."""
+"""Inference on the linearised model: noise, whitened information, outliers, the maximum, what cannot be separated."""
 
 from symfive.inference._confounding import Confounding, confounded_combinations, data_rank
 from symfive.inference._information import Information

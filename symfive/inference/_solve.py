@@ -50,7 +50,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
 
     A whole step that does not lower the cost is first followed by another from where it led: where a valley is curved, the step
     along it ends up on the wall, and straight down from there lies the valley again (R. Fletcher 1982, second-order correction).
-    If that does not help, steps are shortened by Levenberg's damping, which follows how well the cost was foretold
+    If that does not help, steps are shortened by Levenberg's damping, which follows how well the cost was predicted
     (H. B. Nielsen 1999). A parameter that would leave its bounds stays at the bound. A step to where the model has no readings is
     one that does not lower the cost; a start without any is brought nearer to the prior means.
     """

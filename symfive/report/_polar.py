@@ -56,7 +56,7 @@ class _Scale:
 
 @styled
 def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | None = None) -> Figure:
-    """Circular tests: the deviation magnified on the circle of the run, both senses overlaid, before and after the fit.
+    """Circular tests: the deviation magnified on the circle of the run, both directions overlaid, before and after the fit.
 
     Before: the radial deviation as read, the least-squares circle taken off (its centre and mean radius are set-up),
     with the fitted model as a dark line; after: what is left. Runs of the same place and feed share a panel; all

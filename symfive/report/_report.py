@@ -1,4 +1,4 @@
-"""The report of an identification: one HTML file for whoever has to act on it."""
+"""The report of an identification: one HTML file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def identification_report(
 
     `figures`: a folder for the same figures as PNG files, each drawn once (as `save_figures` writes them).
 
-    One self-contained file (no network, below 3 MB): the verdict in plain words, what cannot be told apart, every
+    One self-contained file (no network, below 3 MB): the verdict in plain words, what cannot be separated, every
     parameter with 1σ, 95 % interval, unit and prior, noise found against declared, outliers by file, row and column,
     set-up of each run, and the figures. Tables sort by a click; light or dark as the reader's system; prints.
     """

@@ -1,4 +1,4 @@
-"""One look for all figures: colours that colour-blind readers can tell apart, numbers and units as engineers write them."""
+"""One look for all figures: colours that colour-blind readers can distinguish, numbers and units as engineers write them."""
 
 from __future__ import annotations
 

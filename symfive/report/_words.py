@@ -1,4 +1,4 @@
-"""What an identification means, in sentences and in words for its parameters. Plain text: who shows it escapes it."""
+"""An identification in sentences, its parameters in words. Plain text: who shows it escapes it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def fits(identification: Identification) -> str:
 
 
 def learnt(identification: Identification, parameter: Parameter) -> bool:
-    """Whether the data say more about it than its prior."""
+    """Whether the readings determine it better than its prior."""
     return identification.uncertainty(parameter.name) < LEARNT * parameter.sigma
 
 

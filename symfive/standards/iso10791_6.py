@@ -1,7 +1,7 @@
 """Kinematic tests of the rotary axes (ISO 10791-6, annexes A, B, C): the range of each reading over the path.
 
 Annex A (AK) is for two rotary axes in the head, B (BK) for two under the workpiece, C (CK) for one of each. The value is
-max - min of the deviation, one sense, as read: the eccentricity of the set-up is in it. Of the numbers of the tests, BK1
+max - min of the deviation, one direction, as read: the eccentricity of the set-up is in it. Of the numbers of the tests, BK1
 (tilting axis), BK2 (table axis) and BK4 (all five axes) are named (Florussen et al. 2020); the others go by the axes that
 moved. The expanded uncertainty is the declared noise at the two extreme readings: U = 2 √2 σ.
 """

@@ -3,11 +3,11 @@
 With d(φ) the radius read less the nominal one, the least-squares circle takes off its centre (a, b) and leaves
 e = d - a cos φ - b sin φ; then
 
-    G    = max e - min e                       one sense, its own centre
-    G(b) = max e - min e                       both senses, their common centre
-    F    = max e, min e                        one sense, its own centre; needs the bar's true length
-    D    = mean of e                           both senses, their common centre; needs the bar's true length
-    S    = -2 s / R                            squareness, s the sine of 2φ in the mean of both senses
+    G    = max e - min e                       one direction, its own centre
+    G(b) = max e - min e                       both directions, their common centre
+    F    = max e, min e                        one direction, its own centre; needs the bar's true length
+    D    = mean of e                           both directions, their common centre; needs the bar's true length
+    S    = -2 s / R                            squareness, s the sine of 2φ in the mean of both directions
 
 S > 0: the angle from the first to the second positive axis is 90° + S. Least squares is the accepted evaluation of the
 minimum zone that the standard defines. Only the 360° amid the run are evaluated. An expanded uncertainty holds the
@@ -72,7 +72,7 @@ class _Fitted:
 
 
 def circular_values(campaign: Campaign) -> tuple[StandardValue, ...]:
-    """G of every measured circle of the linear axes, G(b), D and the squareness of each pair of senses, F where the length
+    """G of every measured circle of the linear axes, G(b), D and the squareness of each pair of directions, F where the length
     is known."""
     finder, rotary = CircleFinder(campaign.machine), set(rotary_axes(campaign.machine))
     found = [finder.find(run) for run in campaign.runs if run.measured]
@@ -130,7 +130,7 @@ def _both(campaign: Campaign, ccw: Circle, cw: Circle) -> list[StandardValue]:
 def _squareness(
     both: StandardValue, parts: Sequence[tuple[Array, Array]], circle: Circle, noise: float
 ) -> StandardValue:
-    """From the sine of 2φ, which both senses share: the mean of their fits with centre, radius, lag and squareness."""
+    """From the sine of 2φ, which both directions share: the mean of their fits with centre, radius, lag and squareness."""
     slopes, variance = [], 0.0
     for angle, deviation in parts:
         waves = np.stack(
