@@ -1,0 +1,114 @@
+"""A machine's state along each direction: a dynamic linear model with level, rate and temperature, which learns its own scale.
+
+    reading = level + (T - 20 °C)·slope_T + noise,   level grows by rate·dt,   noise ~ N(0, s²·v),
+
+v the variance that the identification states. s² is learnt from the model's own one-step errors, so that a forecast is
+Student's t with as many degrees of freedom as visits were learnt from. The past is discounted by exp(-dt/M); of a table of
+memories M each direction uses the one whose forecasts were the most probable so far (A. P. Dawid 1984, prequential).
+M. West & J. Harrison 1997, Bayesian Forecasting and Dynamic Models, sections 4.5, 6.3, 10.8 (discount, variance learning) and
+11.2 (intervention). The same with M fixed, without rate, is the EWMA of the level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+__all__ = ["MEMORIES", "Filter", "Step"]
+
+Array = NDArray[np.float64]
+MEMORIES = (np.inf, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
+"""Years, by octaves: from a machine that never forgets to one that a season renews."""
+REFERENCE, SPAN = 20.0, 10.0
+"""Temperature at which errors count (ISO 1), and the unit of its slope, °C."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One visit against its forecast along r directions: `error` (r,) over `spread` (r,), what the stated uncertainties make of
+    the forecast, in scaled units (0 and infinity where nothing was read); `kept` (r,) the share of a step one visit ago that
+    the forecast has not yet followed."""
+
+    error: Array
+    spread: Array
+    kept: Array
+
+
+class Filter:
+    """The state along r directions, for every memory: mean (M, r, 3) and covariance (M, r, 3, 3) over s², s² (M, r)."""
+
+    def __init__(self, count: int) -> None:
+        shape = (len(MEMORIES), count)
+        self.mean, self.covariance = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
+        self.covariance[...] = np.eye(3)  # a prior 1σ as level, in a year, in ten degrees
+        self.scale, self.evidence = np.ones(shape), np.zeros(shape)
+        self.count, self.begun = np.zeros(count), np.zeros(count, dtype=bool)
+        self._memories = np.array(MEMORIES)[:, None, None, None]
+
+    @property
+    def best(self) -> NDArray[np.int64]:
+        """The memory that each direction uses (r,)."""
+        return np.asarray(self.evidence.argmax(axis=0))
+
+    def chosen(self) -> tuple[Array, Array, Array]:
+        """Mean (r, 3), covariance (r, 3, 3) in scaled units, and memory (r,) of those."""
+        best, each = self.best, np.arange(len(self.count))
+        covariance = self.covariance[best, each] * self.scale[best, each][:, None, None]
+        return self.mean[best, each], covariance, np.array(MEMORIES)[best]
+
+    def elapse(self, years: float) -> None:
+        """Time goes by: levels follow their rates, the past counts less."""
+        self.mean[..., 0] += years * self.mean[..., 1]
+        c = self.covariance
+        c[..., 0, :] += years * c[..., 1, :]
+        c[..., :, 0] += years * c[..., :, 1]
+        c[..., :2, :2] *= np.exp(np.minimum(years / self._memories, 50.0))
+
+    def renew(self) -> None:
+        """The levels may have changed by as much as the priors allow."""
+        self.covariance[..., 0, 0] += 1.0 / self.scale
+
+    def forecast(self, value: Array, variance: Array, warmth: float, before: Array | None) -> Step:
+        """The visit's readings (r,) against the forecast; `before` the gain by which the state followed the visit before."""
+        regressor = np.array([1.0, 0.0, warmth])
+        seen = np.isfinite(value)
+        self._begin(value, seen)
+        best, each = self.best, np.arange(len(self.count))
+        covariance, mean = self.covariance[best, each], self.mean[best, each]
+        size = covariance @ regressor @ regressor + np.where(seen, variance, 1.0)
+        error = np.where(seen, value - mean @ regressor, 0.0)
+        kept = np.ones(len(each)) if before is None else 1.0 - before[best, each] @ regressor
+        return Step(error, np.where(seen, np.sqrt(size), np.inf), kept)
+
+    def follow(self, value: Array, variance: Array, warmth: float, *, learn: bool = True) -> Array:
+        """Take the visit's readings in; `learn` the scale and the memory from it, too. Returns the gain used (M, r, 3)."""
+        regressor = np.array([1.0, 0.0, warmth])
+        seen = np.isfinite(value)
+        towards = self.covariance @ regressor
+        size = towards @ regressor + np.where(seen, variance, 1.0)
+        error = np.where(seen, value - self.mean @ regressor, 0.0)
+        gain = np.where(seen[None, :, None], towards / size[..., None], 0.0)
+        self.mean += gain * error[..., None]
+        self.covariance -= gain[..., :, None] * gain[..., None, :] * size[..., None, None]
+        if learn:
+            self._learn(error**2 / (size * self.scale), size, seen)
+        return gain
+
+    def _begin(self, value: Array, seen: NDArray[np.bool_]) -> None:
+        """A direction that is seen for the first time begins at its reading."""
+        new = seen & ~self.begun
+        if new.any():
+            self.mean[:, new, 0] = value[new]
+            self.begun |= new
+
+    def _learn(self, square: Array, size: Array, seen: NDArray[np.bool_]) -> None:
+        n = np.maximum(self.count, 1.0)
+        density = gammaln(0.5 * (n + 1.0)) - gammaln(0.5 * n) - 0.5 * np.log(n * size * self.scale)
+        density -= 0.5 * (n + 1.0) * np.log1p(square / n)
+        learnt = seen & (self.count > 0.0)  # the first reading forecasts nothing
+        self.evidence += np.where(learnt, density, 0.0)
+        self.scale *= np.where(learnt, (n + square) / (n + 1.0), 1.0)
+        self.count += seen
