@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from symfive.cli import _evaluate, _files, _import, _measure, _standards  # noqa: F401  (in the order of the help)
+from symfive.cli import _evaluate, _files, _history, _import, _measure, _standards  # noqa: F401  (in the order of the help)
 from symfive.cli._common import app
 from symfive.errors import InputError
 

@@ -83,6 +83,16 @@ class Watch:
         seen = np.isfinite(step.spread)
         self._count += np.outer(seen, seen)
 
+    def excess(self, variance: Array) -> Array | None:
+        """Covariance (r, r) of the machine's scatter beyond stated variances (r,); None before it is known."""
+        count = float(self._count.min(initial=np.inf))
+        if count - len(self._sum) < 1.0:
+            return None
+        size, axes = np.linalg.eigh(self._sum / np.maximum(self._count, 1.0) - np.eye(len(self._sum)))
+        known = (axes * np.maximum(size, 0.0)) @ axes.T
+        std = np.sqrt(variance)
+        return np.asarray(known * np.outer(std, std))
+
     def look(self, step: Step, rate: float, years: float, number: int) -> Alarm | None:
         """The alarm that this visit raises, if any."""
         seen = np.flatnonzero(np.isfinite(step.spread))

@@ -7,23 +7,32 @@ With Λ₁, Λ₂ the information of the visits and η₁, η₂ their scores, t
 
 The parallel sum Λ₁ : Λ₂ has as its range the intersection of both ranges (W. N. Anderson & R. J. Duffin 1969): a combination
 that one of the visits could not see has no part in the change, whatever the priors made of it there.
+
+A machine with a history scatters from visit to visit by more than its readings explain, and follows its temperature. Both are
+learnt (`Scatter`): with the scatter's covariance Σ a visit says (1 + ΛΣ)⁻¹ Λ, and what the temperature explains is taken off.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaincc
 
 from symfive.errors import InputError
 from symfive.history._alarms import Cause, causes_of
 from symfive.history._information import said_by
-from symfive.history._trend import ITSELF
 from symfive.history._visit import Finding, Visit
 from symfive.numbers import power_of_ten, with_std
 
-__all__ = ["Change", "FindingChange", "change_between"]
+__all__ = ["ITSELF", "Change", "FindingChange", "Scatter", "change_between"]
+
+Array = NDArray[np.float64]
+ITSELF = 0.9
+"""An error is compared by itself where so much of it lies in the directions that both visits determine."""
 
 SMALL = 1e-6
 """Information, in that of the priors, that stands for none where a sum is inverted."""
@@ -31,6 +40,27 @@ UNLIKELY = 0.01
 """A difference that noise makes more often is no change."""
 VISIBLE = 5.0
 """σ by which an effect of usual size shows where a test could see it (the rule of the diagnosis' table of what is visible)."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What a machine does from visit to visit, of `names`: `covariance` (k, k) beyond the stated one, `slope` (k,) per °C and
+    `slope_covariance` (k, k), file units."""
+
+    names: tuple[str, ...]
+    covariance: Array
+    slope: Array
+    slope_covariance: Array
+
+    def of(self, names: Sequence[str], scale: Array) -> tuple[Array, Array, Array]:
+        """The three of other names, in units of `scale`; an error that is not in it does not scatter."""
+        found, k = [self.names.index(n) if n in self.names else -1 for n in names], len(names)
+        here, there = [i for i in range(k) if found[i] >= 0], [i for i in found if i >= 0]
+        covariance, slope, spread = np.zeros((k, k)), np.zeros(k), np.zeros((k, k))
+        covariance[np.ix_(here, here)] = self.covariance[np.ix_(there, there)]
+        spread[np.ix_(here, here)] = self.slope_covariance[np.ix_(there, there)]
+        slope[here] = self.slope[there]
+        return covariance / np.outer(scale, scale), slope / scale, spread / np.outer(scale, scale)
 
 
 @dataclass(frozen=True)
@@ -71,7 +101,8 @@ def _size(finding: Finding | None) -> str:
 class Change:
     """The change from `first` to `second`: `rank` directions that both determine, `chance` that noise alone differs as much;
     `errors` name → (change, 1σ, unit) of those that both determine, `open` names of which that cannot be said; `causes` the
-    fewest errors that explain it, the clearest first; `findings` compared as physics."""
+    fewest errors that explain it, the clearest first; `findings` compared as physics; `learnt` whether the machine's
+    own scatter and temperature were known and taken into account."""
 
     first: Visit
     second: Visit
@@ -81,21 +112,33 @@ class Change:
     open: tuple[str, ...]
     causes: tuple[Cause, ...]
     findings: tuple[FindingChange, ...]
+    learnt: bool = False
 
     @property
     def changed(self) -> bool:
         """Whether the machine changed by more than the stated uncertainties explain."""
         return self.chance < UNLIKELY
 
+    def to_data(self) -> dict[str, Any]:
+        """The change as JSON."""
+        return {
+            "from": self.first.when, "to": self.second.when, "changed": self.changed, "chance": self.chance, "rank": self.rank,
+            "own_scatter": self.learnt, "causes": [asdict(cause) for cause in self.causes],
+            "errors": {name: {"change": d, "std": s, "unit": u} for name, (d, s, u) in self.errors.items()},
+            "not_comparable": list(self.open), "findings": [finding.says for finding in self.findings],
+        }  # fmt: skip
+
     def __str__(self) -> str:
         head = f"From {self.first.date} to {self.second.date}"
         if not self.rank:
             lines = [f"{head}: the two tests determine no common direction, so nothing can be compared."]
         elif self.changed:
-            lines = [f"{head}: changed (chance {power_of_ten(self.chance)} that noise alone differs as much)."]
+            noise = "its usual scatter" if self.learnt else "noise alone"
+            lines = [f"{head}: changed (chance {power_of_ten(self.chance)} that {noise} differs as much)."]
             lines += [f"  {cause_words(cause)}" for cause in self.causes]
         else:
-            lines = [f"{head}: no change beyond the uncertainties ({self.rank} directions compared)."]
+            beyond = "the machine's usual scatter" if self.learnt else "the uncertainties"
+            lines = [f"{head}: no change beyond {beyond} ({self.rank} directions compared)."]
         lines += [f"  {name:<8} {with_std(d, s, u)}" for name, (d, s, u) in self.errors.items()]
         if self.open:
             lines.append(f"  Not comparable, as one of the tests does not determine it alone: {', '.join(self.open)}.")
@@ -112,8 +155,11 @@ def cause_words(cause: Cause) -> str:
     return said
 
 
-def change_between(first: Visit, second: Visit) -> Change:
-    """The change between two visits of one machine. Raises `InputError` for two machines."""
+def change_between(first: Visit, second: Visit, scatter: Scatter | None = None) -> Change:
+    """The change between two visits of one machine, beyond its `scatter` where that is known.
+
+    Raises `InputError` for two machines.
+    """
     if first.machine.key != second.machine.key:
         problem = f"{first.machine} and {second.machine} are two machines"
         raise InputError(problem, remedy="compare visits of one")
@@ -123,6 +169,13 @@ def change_between(first: Visit, second: Visit) -> Change:
         return Change(first, second, 0, 1.0, {}, (), (), findings)
     said = said_by([first, second], names)
     (one, two), (s1, s2), k = said.information, said.score, len(names)
+    if scatter is not None:
+        covariance, slope, spread = scatter.of(names, said.scale)
+        warm = (first.temperature, second.temperature)
+        rise = warm[1] - warm[0] if warm[0] is not None and warm[1] is not None else 0.0
+        s2 = s2 - two @ slope * rise
+        one, s1 = _blurred(one, s1, covariance)
+        two, s2 = _blurred(two, s2, covariance + rise**2 * spread)
     common = two @ np.linalg.inv(one + two + SMALL * np.eye(k))
     information, score = two - common @ two, s2 - common @ (s1 + s2)
     size, axes = np.linalg.eigh(0.5 * (information + information.T))
@@ -141,7 +194,14 @@ def change_between(first: Visit, second: Visit) -> Change:
               said.units[which[0]])
         for which, p, c, s in found
     )  # fmt: skip
-    return Change(first, second, len(size), chance, errors, tuple(n for n in names if n not in errors), causes, findings)
+    return Change(first, second, len(size), chance, errors, tuple(n for n in names if n not in errors), causes, findings,
+                  scatter is not None)  # fmt: skip
+
+
+def _blurred(information: Array, score: Array, covariance: Array) -> tuple[Array, Array]:
+    """What a visit says of the level about which the machine scatters."""
+    less = np.linalg.inv(np.eye(len(score)) + information @ covariance)
+    return less @ information, less @ score
 
 
 def _findings(first: Visit, second: Visit) -> tuple[FindingChange, ...]:

@@ -13,15 +13,18 @@ from typing import Any
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.history._change import Change, change_between
-from symfive.history._fleet import MachineRow, MachineTable, row_of
-from symfive.history._index import Index
+from symfive.history._export import write_table
+from symfive.history._fleet import MachineTable, row_of
+from symfive.history._index import FILE, Index
 from symfive.history._limits import RATE
+from symfive.history._schema import put_damaged_aside
 from symfive.history._take import Details, is_result, taken
 from symfive.history._trend import Trend, trend_of
 from symfive.history._visit import Event, MachineId, Visit
+from symfive.outputs import output_file, write_text
 from symfive.screen import plural
 
-__all__ = ["FOLDER", "Added", "History", "Rebuilt"]
+__all__ = ["FOLDER", "Added", "History", "Rebuilt", "rebuilt"]
 
 FOLDER = "history"
 """Where the index lies unless another folder is named."""
@@ -38,7 +41,9 @@ class Added:
     def __str__(self) -> str:
         machines = {visit.machine for visit in self.visits.values()}
         lines = [f"{plural(len(self.visits), 'visit')} of {plural(len(machines), 'machine')} in the history."]
-        return "\n".join([*lines, *(f"  {v.machine}: {v.date} {v.stage}".rstrip() for v in list(self.visits.values())[:20])])
+        return "\n".join(
+            [*lines, *(f"  {v.machine}: {v.date} {v.stage}".rstrip() for v in list(self.visits.values())[:20])]
+        )
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,9 @@ class History:
         self._index.__enter__()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
         self._index.__exit__()
 
     @property
@@ -130,8 +137,12 @@ class History:
         return trend_of(self._index.visits(known), self._index.events(known), rate=rate, tolerances=tolerances)
 
     def change(self, machine: str | MachineId, *, since: float | None = None, until: float | None = None) -> Change:
-        """The change between two visits: the last one up to `since` (the first, if none) and the last one up to `until`."""
-        visits = self.visits(machine)
+        """The change between two visits: the last one up to `since` (the first, if none) and the last one up to `until`.
+
+        The machine's own scatter and temperature are taken into account as soon as its history knows them.
+        """
+        known = self._known(machine)
+        visits = self.visits(known)
         if len(visits) < 2:
             raise InputError("a change needs two visits", remedy="add results with symfive history add")
         later = [v for v in visits if until is None or v.time <= until] or visits[:1]
@@ -140,11 +151,47 @@ class History:
         first = earlier[-1] if earlier else visits[0]
         if first is second:
             raise InputError("both dates fall on one visit", remedy="name dates before and after a visit")
-        return change_between(first, second)
+        return change_between(first, second, trend_of(visits, self._index.events(known)).scatter)
 
     def fleet(self) -> MachineTable:
         """The table of all machines, from their states in the index."""
         return MachineTable(tuple(row_of(machine, state) for machine, state in self._index.machines()))
+
+    def machine_page(
+        self, machine: str | MachineId, *, tolerances: Mapping[str, float] | None = None, rate: float = RATE
+    ) -> str:
+        """The machine's page, as HTML."""
+        from symfive.history._page import machine_page
+
+        return machine_page(self.trend(machine, tolerances=tolerances, rate=rate))
+
+    def fleet_page(self) -> str:
+        """The fleet's page, as HTML; it links to `KEY.html` of every machine."""
+        from symfive.history._page import fleet_page
+
+        states = dict(self._index.machines())
+        link = {machine.key: f"{machine.key}.html" for machine, state in states.items() if state.get("visits")}
+        return fleet_page(self.fleet(), list(states.values()), link=link)
+
+    def write_pages(self, folder: Path) -> list[Path]:
+        """`fleet.html` and a page of every machine in `folder`; their paths."""
+        pages = {folder / "fleet.html": self.fleet_page()}
+        for row in self.fleet().rows:
+            if row.visits:
+                pages[folder / f"{row.machine.key}.html"] = self.machine_page(row.machine)
+        for path, page in pages.items():
+            write_text(path, page)
+        return list(pages)
+
+    def export(self, path: Path | str) -> int:
+        """Every visit and error as one long table, `.csv` or `.parquet`; the number of its rows."""
+        target = Path(path)
+        visits = (
+            entry for machine in self.machines()
+            for entry in zip(self._index.folders(machine), self._index.visits(machine), strict=True)
+        )  # fmt: skip
+        with output_file(target) as place:
+            return write_table(visits, place, suffix=target.suffix.lower())
 
     def rebuild(self, folders: Sequence[Path | str], *, progress: Progress = lambda message: None) -> Rebuilt:
         """The whole index anew from the records below `folders` and the events beside it; all or nothing."""
@@ -173,6 +220,13 @@ class History:
             yield f'another machine is called "{visit.machine.name}" ({of}); this one has serial {mine}'
         if not visit.converged:
             yield f"{folder.name}: its fit did not converge; its uncertainties may be wrong"
+
+
+def rebuilt(folder: Path | str, results: Sequence[Path | str], *, progress: Progress = lambda message: None) -> Rebuilt:
+    """Rebuild the index in `folder`; one that is damaged is put aside as `index.sqlite.damaged` first. Raises `InputError`."""
+    put_damaged_aside(Path(folder) / FILE)
+    with History(folder, create=True) as history:
+        return history.rebuild(results, progress=progress)
 
 
 def _state(visits: Sequence[Visit], events: Sequence[Event]) -> dict[str, Any]:

@@ -70,7 +70,9 @@ def said_by(visits: Sequence[Visit], names: Sequence[str] | None = None) -> Said
         if not there:
             continue
         some = [visits[number] for number in numbers]
-        covariance = np.array([v.covariance for v in some])[:, there][:, :, there] / np.outer(scale[where], scale[where])
+        covariance = np.array([v.covariance for v in some])[:, there][:, :, there] / np.outer(
+            scale[where], scale[where]
+        )
         shift = np.array([[by.get(own[i], 0.0) for i in there] for by in (shifts(v, visits[0]) for v in some)])
         x = (np.array([v.values for v in some])[:, there] + shift) / scale[where]
         mean = (np.array([v.means for v in some])[:, there] + shift) / scale[where]

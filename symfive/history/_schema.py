@@ -7,7 +7,7 @@ from pathlib import Path
 
 from symfive.errors import InputError
 
-__all__ = ["MIGRATIONS", "NEWEST", "broken", "connect"]
+__all__ = ["MIGRATIONS", "NEWEST", "broken", "connect", "put_damaged_aside"]
 
 MIGRATIONS = (
     # 1: every record by its folder, every event; a folder stands in `pending` while its record is being written
@@ -56,6 +56,29 @@ def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def put_damaged_aside(path: Path) -> bool:
+    """Rename an index that SQLite cannot read, with what belongs to it; whether there was one."""
+    if not path.is_file():
+        return False
+    try:
+        connection = sqlite3.connect(path, timeout=PATIENCE_S)
+        try:
+            (said,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+            if said == "ok":
+                return False
+        finally:
+            connection.close()
+    except sqlite3.OperationalError as error:  # busy or without rights: not damaged
+        raise broken(error, path) from None
+    except sqlite3.DatabaseError:
+        pass
+    for end in ("", "-wal", "-shm"):
+        file = path.with_name(path.name + end)
+        if file.exists():
+            file.replace(path.with_name(f"{path.name}.damaged{end}"))
+    return True
 
 
 def broken(error: sqlite3.Error, path: Path) -> InputError:

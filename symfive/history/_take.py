@@ -104,7 +104,9 @@ def _kept(visit: Visit, known: Visit, details: Details) -> Visit:
 def record_bytes(visit: Visit) -> bytes:
     """What `visit.json` holds, in one line a key; the same visit gives the same bytes."""
     data = visit.to_data()
-    lines = (f"{json.dumps(key)}: {json.dumps(value, allow_nan=False, ensure_ascii=False)}" for key, value in data.items())
+    lines = (
+        f"{json.dumps(key)}: {json.dumps(value, allow_nan=False, ensure_ascii=False)}" for key, value in data.items()
+    )
     return ("{" + ",\n ".join(lines) + "}\n").encode()
 
 
@@ -116,11 +118,15 @@ def read_record(folder: Path) -> Visit:
     except InputError as error:
         raise error.at(path) from None
     except FileNotFoundError:
-        raise InputError("there is no such file", path=path, remedy="add the results with symfive history add") from None
+        raise InputError(
+            "there is no such file", path=path, remedy="add the results with symfive history add"
+        ) from None
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"it cannot be read ({error})", path=path, remedy="add the results again") from None
     manifest = folder / MANIFEST
-    if visit.manifest and (not manifest.is_file() or hashlib.sha256(manifest.read_bytes()).hexdigest() != visit.manifest):
+    if visit.manifest and (
+        not manifest.is_file() or hashlib.sha256(manifest.read_bytes()).hexdigest() != visit.manifest
+    ):
         problem = "the results beside it were replaced since they were added"
         raise InputError(problem, path=path, remedy="add them again with symfive history add")
     return visit

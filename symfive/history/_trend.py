@@ -8,45 +8,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.history._alarms import Alarm, Watch
-from symfive.history._directions import readings_of
+from symfive.history._change import ITSELF, Scatter
+from symfive.history._directions import Readings, readings_of
 from symfive.history._filter import REFERENCE, SPAN, Filter
+from symfive.history._forecast import YEAR, Forecast, errors_at, forecasts_of, years_ahead
 from symfive.history._information import Said, said_by
 from symfive.history._limits import RATE
-from symfive.history._visit import Event, MachineId, Visit
+from symfive.history._visit import Event, MachineId, Visit, time_text
 
-__all__ = ["BAND", "YEAR", "Forecast", "Trend", "trend_of"]
+__all__ = ["Trend", "alarm_data", "trend_of"]
 
 Array = NDArray[np.float64]
-YEAR = 365.25 * 86400.0
-BAND = 0.95
-GRID = 400
-FARTHEST = 10.0
-"""Years ahead that are looked at, and never more than the history is long."""
-ITSELF = 0.9
-"""An error is forecast where so much of it lies in the determined directions."""
-
-
-@dataclass(frozen=True)
-class Forecast:
-    """An error from the last visit on: `level` and `rate` a year with 1σ, file units; the dates (s) at which it passes the
-    `tolerance` at the earliest and the latest (95 % band) and by the most probable path, None where not within the horizon."""
-
-    name: str
-    unit: str
-    level: float
-    level_std: float
-    rate: float
-    rate_std: float
-    tolerance: float | None = None
-    earliest: float | None = None
-    likely: float | None = None
-    latest: float | None = None
-    beyond: bool = False
+SPARK_POINTS = 60
 
 
 @dataclass(frozen=True)
@@ -54,7 +31,8 @@ class Trend:
     """The history of one machine: `said` what each visit says, (n, k); `alarms`; `forecasts` of the determined errors;
     `come_back` the date (s) until which all tolerances hold with 95 %, None without tolerances; `horizon` the last date
     looked at; `rate` false alarms a year that the limits allow. `path` and `band` (n, k) are the level and its 1σ after each
-    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C."""
+    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C;
+    `scatter` what it does from visit to visit, None before it is known."""
 
     machine: MachineId
     visits: tuple[Visit, ...]
@@ -65,11 +43,11 @@ class Trend:
     forecasts: tuple[Forecast, ...]
     path: Array
     band: Array
-    ahead: Array
     rate: float
     horizon: float
     come_back: float | None = None
     temperature: float = REFERENCE
+    scatter: Scatter | None = None
 
     @property
     def open_alarms(self) -> tuple[Alarm, ...]:
@@ -78,6 +56,19 @@ class Trend:
         renewed += [visit.time for visit in self.visits if visit.stage == "as-left"]
         last = max(renewed, default=-np.inf)
         return tuple(alarm for alarm in self.alarms if self.visits[alarm.visit].time > last)
+
+    def to_data(self) -> dict[str, Any]:
+        """The trend as JSON."""
+        machine = {"name": self.machine.name, "serial": self.machine.serial, "structure": self.machine.structure}
+        return {
+            "schema": "symfive.trend/1", "machine": machine, "key": self.machine.key, "visits": len(self.visits),
+            "first": self.visits[0].when, "last": self.visits[-1].when, "false_alarms_a_year": self.rate,
+            "alarms": [alarm_data(alarm, self) for alarm in self.alarms], "open_alarms": len(self.open_alarms),
+            "errors": [forecast.to_data() for forecast in self.forecasts], "temperature_C": self.temperature,
+            "not_determined": [name for name in self.said.names if name not in self.determined],
+            "horizon": time_text(self.horizon),
+            "measure_again_by": None if self.come_back is None else time_text(self.come_back),
+        }  # fmt: skip
 
     def state(self) -> dict[str, Any]:
         """What the fleet's table needs."""
@@ -91,7 +82,26 @@ class Trend:
                 {"name": f.name, "unit": f.unit, "level": f.level, "level_std": f.level_std, "rate": f.rate,
                  "rate_std": f.rate_std} for f in self.forecasts
             ],
+            "spark": self._spark(),
+            "events": [{"when": event.when, "kind": event.kind, "text": event.text} for event in self.events[-20:]],
         }  # fmt: skip
+
+    def _spark(self) -> dict[str, Any] | None:
+        """The error that deserves a look, thinned: of the newest open alarm, else the one whose rate stands out most."""
+        if not self.forecasts:
+            return None
+        by_name = {forecast.name: forecast for forecast in self.forecasts}
+        blamed = [cause.names[0] for alarm in self.open_alarms[-1:] for cause in alarm.causes]
+        restless = max(self.forecasts, key=lambda f: abs(f.rate) / max(f.rate_std, 1e-12)).name
+        name = next((name for name in blamed if name in by_name), restless)
+        i = self.said.names.index(name)
+        which = np.unique(np.linspace(0, len(self.visits) - 1, SPARK_POINTS).round().astype(int))
+        which = which[np.isfinite(self.said.value[which, i])]
+        points = [
+            [self.visits[v].time, float(f"{self.said.value[v, i]:.5g}"), float(f"{self.said.std[v, i]:.3g}")]
+            for v in which
+        ]
+        return {"name": name, "unit": by_name[name].unit, "points": points}
 
 
 def alarm_data(alarm: Alarm, trend: Trend) -> dict[str, Any]:
@@ -99,7 +109,14 @@ def alarm_data(alarm: Alarm, trend: Trend) -> dict[str, Any]:
     causes = [{"names": list(c.names), "probabilities": list(c.probabilities), "change": c.change, "std": c.std,
                "unit": c.unit} for c in alarm.causes]  # fmt: skip
     when, since = trend.visits[alarm.visit].when, trend.visits[alarm.since].when
-    return {"kind": alarm.kind, "when": when, "since": since, "score": alarm.score, "limit": alarm.limit, "causes": causes}
+    return {
+        "kind": alarm.kind,
+        "when": when,
+        "since": since,
+        "score": alarm.score,
+        "limit": alarm.limit,
+        "causes": causes,
+    }
 
 
 def trend_of(
@@ -143,19 +160,23 @@ def trend_of(
         gain = filter_.follow(value, variance, warmth[number], learn=alarm is None and not renewed)
         if alarm is not None:
             gain = None
-        path[number], band[number] = _at(filter_, readings.basis, readings.known[number], said.scale, warmth[number])
+        path[number], band[number] = errors_at(
+            filter_, readings.basis, readings.known[number], said.scale, warmth[number]
+        )
     determined = (readings.basis**2).sum(axis=1) >= ITSELF
-    ahead = np.linspace(0.0, max(min(FARTHEST, (visits[-1].time - visits[0].time) / YEAR), 1.0 / 12.0), GRID)
-    usual = float(warmth.mean())
-    forecasts = _forecasts(filter_, readings.basis, readings.known[-1], said, determined, usual, ahead, visits[-1].time,
-                           tolerances or {})  # fmt: skip
-    horizon = visits[-1].time + float(ahead[-1]) * YEAR
+    usual, last = float(warmth.mean()), visits[-1].time
+    ahead = years_ahead((last - visits[0].time) / YEAR)
+    forecasts = forecasts_of(
+        filter_, readings, said, which=determined, warmth=usual, ahead=ahead, now=last, tolerances=tolerances or {}
+    )
+    horizon = last + float(ahead[-1]) * YEAR
     dates = [f.earliest if f.earliest is not None else horizon for f in forecasts if f.tolerance is not None]
     return Trend(
         machine=visits[-1].machine, visits=tuple(visits), events=tuple(events), said=said,
         determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(alarms),
-        forecasts=forecasts, path=path, band=band, ahead=ahead, rate=rate, horizon=horizon,
+        forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon,
         come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
+        scatter=_scatter(filter_, watch, readings, said),
     )  # fmt: skip
 
 
@@ -170,55 +191,16 @@ def _warmth(visits: Sequence[Visit]) -> Array:
     return np.array(found)
 
 
-def _at(
-    filter_: Filter, basis: Array, known: Array, scale: Array, warmth: float, years: float = 0.0
-) -> tuple[Array, Array]:
-    """The errors (k,) so many years from now and their 1σ, file units; what is not determined stays where it is known."""
-    mean, covariance, memory = filter_.chosen()
-    regressor = np.array([1.0, years, warmth])
-    level = mean @ regressor
-    variance = covariance @ regressor @ regressor * np.exp(np.minimum(years / memory, 50.0))
-    begun = filter_.begun
-    level, variance = np.where(begun, level, basis.T @ known), np.where(begun, variance, 1.0)
-    rest = np.maximum(1.0 - (basis**2).sum(axis=1), 0.0)
-    value = basis @ level + known - basis @ (basis.T @ known)
-    return value * scale, np.sqrt((basis**2) @ variance + rest) * scale
-
-
-def _forecasts(
-    filter_: Filter, basis: Array, known: Array, said: Said, determined: NDArray[np.bool_], warmth: float, ahead: Array,
-    now: float, tolerances: Mapping[str, float],
-) -> tuple[Forecast, ...]:  # fmt: skip
-    mean, covariance, _ = filter_.chosen()
-    slope, slope_std = basis @ mean[:, 1] * said.scale, np.sqrt((basis**2) @ covariance[:, 1, 1]) * said.scale
-    years = ahead if tolerances else ahead[:1]
-    paths = [_at(filter_, basis, known, said.scale, warmth, float(year)) for year in years]
-    dof = float(np.min(filter_.count, initial=np.inf)) if filter_.count.size else 1.0
-    factor = float(stdtrit(max(dof, 1.0), 0.5 + 0.5 * BAND))
-    found = []
-    for i, name in enumerate(said.names):
-        if not determined[i]:
-            continue
-        value, std = np.array([p[0][i] for p in paths]), np.array([p[1][i] for p in paths])
-        tolerance = tolerances.get(name)
-        crossings: tuple[float | None, ...] = (None, None, None)
-        if tolerance is not None:
-            near, far = np.abs(value) - factor * std, np.abs(value) + factor * std
-            crossings = tuple(_crossing(curve, tolerance, ahead, now) for curve in (far, np.abs(value), near))
-        found.append(
-            Forecast(name, said.units[i], float(value[0]), float(std[0]), float(slope[i]), float(slope_std[i]), tolerance,
-                     *crossings, beyond=tolerance is not None and abs(float(value[0])) > tolerance)
-        )  # fmt: skip
-    return tuple(found)
-
-
-def _crossing(curve: Array, tolerance: float, ahead: Array, now: float) -> float | None:
-    """When the curve first passes the tolerance, s; None where it stays within."""
-    over = np.flatnonzero(curve > tolerance)
-    if not over.size:
+def _scatter(filter_: Filter, watch: Watch, readings: Readings, said: Said) -> Scatter | None:
+    """What the machine does beyond the stated uncertainties, in file units; the newest visit states them."""
+    last = readings.variance[-1]
+    if not np.isfinite(last).all():
         return None
-    i = int(over[0])
-    if i == 0:
-        return now
-    share = (tolerance - curve[i - 1]) / (curve[i] - curve[i - 1])
-    return now + float(ahead[i - 1] + share * (ahead[i] - ahead[i - 1])) * YEAR
+    excess = watch.excess(last)
+    if excess is None:
+        return None
+    mean, covariance, _ = filter_.chosen()
+    basis, scale = readings.basis, said.scale
+    slopes = (basis * covariance[:, 2, 2]) @ basis.T / SPAN**2
+    both = np.outer(scale, scale)
+    return Scatter(said.names, basis @ excess @ basis.T * both, basis @ mean[:, 2] * scale / SPAN, slopes * both)

@@ -95,9 +95,10 @@ class Visit:
     """One measured result of a machine.
 
     `time` seconds since 1970 (UTC); `values`, `priors`, `means` (k,) and `covariance` (k, k) in `units`, without the set-up of
-    the runs, over which they are marginal; a prior of infinity is none. `nominal` axis → (origin mm, None of a linear axis; direction) of
-    the machine file that the values deviate from, `corrections` what the control corrected while it was measured. `results` is the hash of
-    the results, `manifest` that of their manifest. `visibility` effect → by how many σ one of usual size would have shown.
+    the runs, over which they are marginal; a prior of infinity is none. `nominal` axis → (origin in mm, None of a linear
+    axis; direction) of the machine file that the values deviate from, `corrections` what the control corrected while it was
+    measured. `results` is the hash of the results, `manifest` that of their manifest. `visibility` effect → by how many σ one
+    of usual size would have shown.
     """
 
     machine: MachineId
@@ -128,7 +129,9 @@ class Visit:
 
     def __post_init__(self) -> None:
         if self.stage not in STAGES:
-            raise InputError(f"stage {shown(self.stage)} is unknown", remedy="write as-found or as-left", keys=("stage",))
+            raise InputError(
+                f"stage {shown(self.stage)} is unknown", remedy="write as-found or as-left", keys=("stage",)
+            )
         for key in ("instrument", "operator", "note", "version"):
             object.__setattr__(self, key, _text(key, getattr(self, key)))
         if self.temperature is not None and not -60.0 <= self.temperature <= 100.0:
@@ -262,7 +265,9 @@ class Event:
             machine = MachineId(**{key: data["machine"][key] for key in ("name", "structure", "serial")})
             return cls(machine=machine, time=instant(data["when"]), kind=data["kind"], text=data["text"])
         except (KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"this is not an event ({error})", remedy="remove the file and add the event again") from None
+            raise InputError(
+                f"this is not an event ({error})", remedy="remove the file and add the event again"
+            ) from None
 
 
 def _finding(entry: Mapping[str, Any]) -> Finding:

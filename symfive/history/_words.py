@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from symfive.history._fleet import alarm_words
-from symfive.history._trend import BAND, Forecast, Trend, alarm_data
+from symfive.history._forecast import BAND, Forecast
+from symfive.history._trend import Trend, alarm_data
 from symfive.history._visit import time_text
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.screen import listed, plural
@@ -27,8 +28,8 @@ def trend_text(trend: Trend) -> str:
     if said:
         lines.append(said)
     lines.append(
-        f"± is 1σ; now and later at {plain_number(trend.temperature)} °C, the visits' average; errors from the nominal machine of "
-        "the first visit."
+        f"± is 1σ; now and later at {plain_number(trend.temperature)} °C, the visits' average; from the nominal machine of the "
+        "first visit."
     )
     return "\n".join(lines)
 
@@ -83,4 +84,7 @@ def advice(trend: Trend) -> str:
     if trend.come_back <= trend.visits[-1].time:
         return "Measure again now: with these uncertainties a tolerance may be exceeded already."
     days = (trend.come_back - trend.visits[-1].time) / 86400.0
-    return f"Measure again by {time_text(trend.come_back)[:10]} ({days:.0f} days after the last visit); a collision is not foreseen."
+    by = time_text(trend.come_back)[:10]
+    if trend.come_back >= trend.horizon:
+        return f"No tolerance is reached before {by}, as far as this history supports a forecast; a collision is not foreseen."
+    return f"Measure again by {by} ({days:.0f} days after the last visit); a collision is not foreseen."

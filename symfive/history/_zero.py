@@ -56,4 +56,3 @@ def _add(found: dict[str, float], axis: str, own: Array) -> None:
         if abs(value * scale) > 1e-9:
             name = f"E{letter}0{axis}"
             found[name] = found.get(name, 0.0) + float(value * scale)
-
