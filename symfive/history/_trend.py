@@ -32,7 +32,7 @@ class Trend:
     `come_back` the date (s) until which all tolerances hold with 95 %, None without tolerances; `horizon` the last date
     looked at; `rate` false alarms a year that the limits allow. `path` and `band` (n, k) are the level and its 1σ after each
     visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C;
-    `scatter` what it does from visit to visit, None before it is known."""
+    `scatter` what it does from visit to visit, None before it is known; alarms begin with the visit number `begins`."""
 
     machine: MachineId
     visits: tuple[Visit, ...]
@@ -48,6 +48,7 @@ class Trend:
     come_back: float | None = None
     temperature: float = REFERENCE
     scatter: Scatter | None = None
+    begins: int = 0
 
     @property
     def open_alarms(self) -> tuple[Alarm, ...]:
@@ -176,7 +177,7 @@ def trend_of(
         determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(alarms),
         forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon,
         come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
-        scatter=_scatter(filter_, watch, readings, said),
+        scatter=_scatter(filter_, watch, readings, said), begins=readings.basis.shape[1] + 2,
     )  # fmt: skip
 
 

@@ -40,11 +40,13 @@ def _row(trend: Trend, forecast: Forecast) -> str:
     last = with_std(float(trend.said.value[-1, i]), float(trend.said.std[-1, i]), forecast.unit)
     now = with_std(forecast.level, forecast.level_std, forecast.unit)
     rate = with_std(forecast.rate, forecast.rate_std, forecast.unit)
-    return f"{forecast.name:<9}  {last:<22}" + (f"  {now:<22}  {rate}" if len(trend.visits) > 1 else "")
+    return (f"{forecast.name:<9}  {last:<22}" + (f"  {now:<22}  {rate}" if len(trend.visits) > 1 else "")).rstrip()
 
 
 def _alarms(trend: Trend) -> list[str]:
     stated = f"at most {plain_number(trend.rate * 10)} false alarms in ten years"
+    if len(trend.visits) < trend.begins:
+        return [f"Alarms begin with visit {trend.begins}, when the machine's own scatter is known; till then compare two dates."]
     if not trend.alarms:
         return [f"No alarm ({stated})."]
     shown = [alarm_sentence(trend, number) for number in range(len(trend.alarms))][::-1]
