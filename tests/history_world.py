@@ -29,12 +29,20 @@ def results(folder: Path, number: int = 0, *, name: str = "plant", values: Seque
     value = np.random.default_rng(number).normal(0.0, 5.0, len(names)) if values is None else np.asarray(values, float)
     std = dict.fromkeys(names, 0.3)
     units = {n: "urad" if t.angular else "um" for n, t in terms.items()}
-    model = FittedModel(machine, (), dict(zip(names, map(float, value), strict=True)), std, units, names, 0.09 * np.eye(len(names)))
+    model = FittedModel(
+        machine, (), dict(zip(names, map(float, value), strict=True)), std, units, names, 0.09 * np.eye(len(names))
+    )
     folder.mkdir(parents=True)
     write_model(model, folder / "model.json")
     entries = {n: {"value": float(v), "std": 0.3, "unit": units[n], "prior": terms[n].sigma, "prior_mean": 0.0}
                for n, v in zip(names, value, strict=True)}  # fmt: skip
-    data = {"schema": "symfive.identification/1", "parameters": entries, "rms_um": 0.4, "rms": {"um": 0.4}, "chi2_dof": 1.0}
+    data = {
+        "schema": "symfive.identification/1",
+        "parameters": entries,
+        "rms_um": 0.4,
+        "rms": {"um": 0.4},
+        "chi2_dof": 1.0,
+    }
     (folder / "identification.json").write_text(json.dumps(data))
     return folder
 

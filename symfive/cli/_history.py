@@ -163,6 +163,42 @@ def export(index: Path, output: Path, quiet: bool) -> None:
         click.echo(f"{count} rows in {output}")
 
 
+@history.command(epilog='Example: symfive history certificate results/ -o dcc.xml --laboratory "Lab" --country DE')
+@click.argument("results", type=PATH, help="The folder of results.")
+@click.option("-o", "--output", type=PATH, required=True, help="The XML file.")
+@click.option("--date", help="When it was measured; else as in the history, or the files' time.")
+@click.option("--laboratory", default="", show_default=False, help="Who certifies.")
+@click.option("--laboratory-city", default="", show_default=False, help="Its city.")
+@click.option("--person", default="", show_default=False, help="Who is responsible and will sign.")
+@click.option("--customer", default="", show_default=False, help="For whom.")
+@click.option("--customer-city", default="", show_default=False, help="Its city.")
+@click.option("--country", default="", show_default=False, help="Two letters, ISO 3166-1.")
+@click.option("--number", default="", show_default=False, help="The certificate's number; else from the results' hash.")
+@click.option("--manufacturer", default="", show_default=False, help="Of the machine.")
+@click.option("--place", default="customer", help="laboratory, customer, laboratoryBranch, customerBranch or other.")
+@quiet
+def certificate(
+    results: Path, output: Path, date: str | None, laboratory: str, laboratory_city: str, person: str, customer: str,
+    customer_city: str, country: str, number: str, manufacturer: str, place: str, quiet: bool,
+) -> None:  # fmt: skip
+    """A digital calibration certificate (PTB's DCC) of one result, unsigned; what is not given is marked in it."""
+    from symfive.history import Details, Office, instant, taken
+    from symfive.history import certificate as certificate_of
+    from symfive.outputs import output_file, write_bytes
+
+    office = Office(
+        laboratory=laboratory, laboratory_city=laboratory_city, person=person, customer=customer, country=country,
+        customer_city=customer_city, number=number, manufacturer=manufacturer, place=place,
+    )  # fmt: skip
+    with output_file(output) as path:
+        visit = taken(results, Details(time=None if date is None else instant(date)))
+        write_bytes(path, certificate_of(visit, office))
+    if not quiet:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in office.open)
+        missing = f"; to be filled in: {options}" if options else ""
+        click.echo(f"note: the certificate is unsigned{missing}.", err=True)
+
+
 @history.command(epilog="Example: symfive history serve")
 @where
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 takes a free one.")

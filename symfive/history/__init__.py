@@ -8,6 +8,7 @@ Results stay where they are and stay the truth: `visit.json` among them is what 
 """
 
 from symfive.history._alarms import Alarm, Cause
+from symfive.history._certificate import Office, certificate
 from symfive.history._change import Change, FindingChange, change_between
 from symfive.history._fleet import MachineRow, MachineTable
 from symfive.history._forecast import Forecast
@@ -21,7 +22,8 @@ from symfive.history._words import trend_text
 
 __all__ = [
     "FOLDER", "KINDS", "RATE", "RECORD", "STAGES", "Added", "Alarm", "Cause", "Change", "Details", "Event", "Finding",
-    "FindingChange", "Forecast", "History", "Limits", "MachineId", "MachineRow", "MachineTable", "Rebuilt", "Server",
-    "Trend", "Visit", "change_between", "ewma_run_length", "instant", "read_record", "rebuilt", "record_bytes", "taken",
+    "FindingChange", "Forecast", "History", "Limits", "MachineId", "MachineRow", "MachineTable", "Office",
+    "Rebuilt", "Server",
+    "Trend", "Visit", "certificate", "change_between", "ewma_run_length", "instant", "read_record", "rebuilt", "record_bytes", "taken",
     "trend_of", "trend_text",
 ]  # fmt: skip

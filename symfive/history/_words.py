@@ -46,7 +46,9 @@ def _row(trend: Trend, forecast: Forecast) -> str:
 def _alarms(trend: Trend) -> list[str]:
     stated = f"at most {plain_number(trend.rate * 10)} false alarms in ten years"
     if len(trend.visits) < trend.begins:
-        return [f"Alarms begin with visit {trend.begins}, when the machine's own scatter is known; till then compare two dates."]
+        return [
+            f"Alarms begin with visit {trend.begins}, when the machine's own scatter is known; till then compare two dates."
+        ]
     if not trend.alarms:
         return [f"No alarm ({stated})."]
     shown = [alarm_sentence(trend, number) for number in range(len(trend.alarms))][::-1]
