@@ -22,8 +22,7 @@ from symfive.history._words import trend_text
 
 __all__ = [
     "FOLDER", "KINDS", "RATE", "RECORD", "STAGES", "Added", "Alarm", "Cause", "Change", "Details", "Event", "Finding",
-    "FindingChange", "Forecast", "History", "Limits", "MachineId", "MachineRow", "MachineTable", "Office",
-    "Rebuilt", "Server",
-    "Trend", "Visit", "certificate", "change_between", "ewma_run_length", "instant", "read_record", "rebuilt", "record_bytes", "taken",
-    "trend_of", "trend_text",
+    "FindingChange", "Forecast", "History", "Limits", "MachineId", "MachineRow", "MachineTable", "Office", "Rebuilt",
+    "Server", "Trend", "Visit", "certificate", "change_between", "ewma_run_length", "instant", "read_record",
+    "rebuilt", "record_bytes", "taken", "trend_of", "trend_text",
 ]  # fmt: skip

@@ -1,8 +1,9 @@
 """Alarms of one machine: what stepped or drifts, when, which error is the cause.
 
 The standardised errors x (r,) of a visit's forecast have an unknown covariance: the readings' own, and whatever the machine does
-from visit to visit. It is learnt from the n visits before, S = Σ x xᵀ; one that raised an alarm counts with no more than
-its limit (R. A. Maronna 1976). An error j moves x along a_j = U_j / spread. Its score
+from visit to visit. It is learnt from the n visits before, S = Σ w x xᵀ, n = Σ w, w the reading's share
+of the forecast's variance: where the level was hardly known, x tells nothing of the scatter. A visit that raised an alarm
+counts with no more than its limit (R. A. Maronna 1976). An error j moves x along a_j = U_j / spread. Its score
 
     F = ν (a' S⁻¹ x)² / (a' S⁻¹ a) / (1 + x' S⁻¹ x - (a' S⁻¹ x)² / (a' S⁻¹ a)),    ν = n - r + 1,
 
@@ -67,6 +68,7 @@ class Watch:
     def __init__(self, basis: Array, names: Sequence[str], units: Sequence[str], scale: Array) -> None:
         self.basis, self.names, self.units, self.scale = basis, tuple(names), tuple(units), scale
         self._candidates = np.flatnonzero((basis**2).sum(axis=1) >= PRESENT)
+        self._patterns = basis[self._candidates]
         self._sum, self._count = np.zeros((2, basis.shape[1], basis.shape[1]))
         self.forget()
 
@@ -78,10 +80,10 @@ class Watch:
     def learn(self, step: Step, alarm: Alarm | None) -> None:
         """Take the visit into the machine's scatter; of an alarm what its limit allows."""
         share = 1.0 if alarm is None else min(alarm.limit / alarm.score, 1.0)
-        x = share * step.error / step.spread
-        self._sum += np.outer(x, x)
-        seen = np.isfinite(step.spread)
-        self._count += np.outer(seen, seen)
+        weight = np.sqrt(step.reading)
+        x = weight * share * step.error / step.spread
+        self._sum += x[:, None] * x
+        self._count += weight[:, None] * weight
 
     def excess(self, variance: Array) -> Array | None:
         """Covariance (r, r) of the machine's scatter beyond stated variances (r,); None before it is known."""
@@ -99,22 +101,24 @@ class Watch:
         if not seen.size or not self._candidates.size:
             return None
         limits = Limits.of(rate, years, len(self._candidates))
-        x = (step.error / step.spread)[seen]
-        pattern = self.basis[np.ix_(self._candidates, seen)] / step.spread[seen]
         whiten, dof = self._whitening(seen)
         if dof < 1.0:
             return None
-        x, now = whiten @ x, pattern @ whiten.T
-        score, weight = _scores(now, x, dof)
+        x = whiten @ (step.error / step.spread)[seen]
+        pattern = self._patterns[:, seen] / step.spread[seen]
+        both = np.concatenate([pattern, pattern * step.kept[seen]]) @ whiten.T
+        scores, weights = _scores(both, x, dof)
+        half = len(pattern)
+        score, weight, now, later = scores[:half], weights[:half], both[:half], both[half:]
         self._drift, self._looks = (1.0 - WEIGHT) * self._drift + WEIGHT * score, self._looks + 1
         tests = [(float(np.abs(score).max()), number, now, x)]
         if self._before is not None:
             first, heavy, shape, errors = self._before
-            later = (pattern * step.kept[seen]) @ whiten.T
-            second, light = _scores(later, x, dof)
-            both = np.abs(heavy * first + light * second) / np.maximum(np.hypot(heavy, light), 1e-300)
+            two = np.abs(heavy * first + weights[half:] * scores[half:]) / np.maximum(
+                np.hypot(heavy, weights[half:]), 1e-300
+            )
             stacked = np.concatenate([shape, later], axis=1), np.concatenate([errors, x])
-            tests.append((float(both.max()), number - 1, *stacked))
+            tests.append((float(two.max()), number - 1, *stacked))
         self._before = score, weight, now, x
         size, since, shape, errors = max(tests, key=lambda test: test[0])
         if size > limits.step:
@@ -134,11 +138,15 @@ class Watch:
 
     def _whitening(self, seen: NDArray[np.intp]) -> tuple[Array, float]:
         """W with W R Wᵀ = 1 for the learnt covariance R of the directions seen, and the degrees of freedom ν."""
-        inner = np.ix_(seen, seen)
-        count = self._count[inner]
-        size, axes = np.linalg.eigh(self._sum[inner] / np.maximum(count, 1.0))
-        floor = np.maximum(size, 1e-12 * max(size[-1], 1e-300))  # directions seen at different visits may leave none
-        return np.asarray((axes / np.sqrt(floor)).T), float(count.min()) - len(seen) + 1.0
+        count = self._count[seen][:, seen]
+        learnt, dof = self._sum[seen][:, seen] / np.maximum(count, 1.0), float(count.min()) - len(seen) + 1.0
+        if dof < 1.0:
+            return learnt, dof
+        try:
+            return np.linalg.inv(np.linalg.cholesky(learnt)), dof
+        except np.linalg.LinAlgError:  # directions seen at different visits may leave no covariance
+            size, axes = np.linalg.eigh(learnt)
+            return np.asarray((axes / np.sqrt(np.maximum(size, 1e-12 * size[-1]))).T), dof
 
     def _causes(self, pattern: Array, errors: Array) -> tuple[Cause, ...]:
         where = self._candidates

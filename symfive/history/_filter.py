@@ -30,15 +30,18 @@ REFERENCE, SPAN = 20.0, 10.0
 class Step:
     """One visit against its forecast along r directions: `error` (r,) over `spread` (r,), what the stated uncertainties make of
     the forecast, in scaled units (0 and infinity where nothing was read); `kept` (r,) the share of a step one visit ago that
-    the forecast has not yet followed."""
+    the forecast has not yet followed; `reading` (r,) the reading's share of the forecast's variance, small where the level
+    itself was hardly known."""
 
     error: Array
     spread: Array
     kept: Array
+    reading: Array
 
 
 class Filter:
-    """The state along r directions, for every memory: mean (M, r, 3) and covariance (M, r, 3, 3) over s², s² (M, r)."""
+    """The state along r directions, for every memory: mean (M, r, 3) and covariance (M, r, 3, 3) over s², s² (M, r);
+    `best` (r,) the memory that each direction uses."""
 
     def __init__(self, count: int) -> None:
         shape = (len(MEMORIES), count)
@@ -46,18 +49,28 @@ class Filter:
         self.covariance[...] = np.eye(3)  # a prior 1σ as level, in a year, in ten degrees
         self.scale, self.evidence = np.ones(shape), np.zeros(shape)
         self.count, self.begun = np.zeros(count), np.zeros(count, dtype=bool)
+        self._each, self.best = np.arange(count), np.zeros(count, dtype=np.intp)
+        self._forecast: tuple[Array, Array, Array] | None = None  # of this visit, until the state follows it
         self._memories = np.array(MEMORIES)[:, None, None, None]
-
-    @property
-    def best(self) -> NDArray[np.int64]:
-        """The memory that each direction uses (r,)."""
-        return np.asarray(self.evidence.argmax(axis=0))
 
     def chosen(self) -> tuple[Array, Array, Array]:
         """Mean (r, 3), covariance (r, 3, 3) in scaled units, and memory (r,) of those."""
-        best, each = self.best, np.arange(len(self.count))
+        best, each = self.best, self._each
         covariance = self.covariance[best, each] * self.scale[best, each][:, None, None]
         return self.mean[best, each], covariance, np.array(MEMORIES)[best]
+
+    def now(self, warmth: float) -> tuple[Array, Array]:
+        """Levels (r,) and their variances now, scaled units, at a `warmth`."""
+        best, each = self.best, self._each
+        regressor, covariance = np.array([1.0, 0.0, warmth]), self.covariance[best, each]
+        return self.mean[best, each] @ regressor, (covariance @ regressor @ regressor) * self.scale[best, each]
+
+    def ahead(self, years: Array, warmth: float) -> tuple[Array, Array]:
+        """Levels (n, r) and their variances so many years (n,) from now, scaled units, at a `warmth`."""
+        mean, covariance, memory = self.chosen()
+        regressors = np.stack([np.ones_like(years), years, np.full_like(years, warmth)], axis=1)
+        variance = np.einsum("ni,rij,nj->nr", regressors, covariance, regressors)
+        return regressors @ mean.T, variance * np.exp(np.minimum(years[:, None] / memory, 50.0))
 
     def elapse(self, years: float) -> None:
         """Time goes by: levels follow their rates, the past counts less."""
@@ -70,32 +83,40 @@ class Filter:
     def renew(self) -> None:
         """The levels may have changed by as much as the priors allow."""
         self.covariance[..., 0, 0] += 1.0 / self.scale
+        self._forecast = None
 
     def forecast(self, value: Array, variance: Array, warmth: float, before: Array | None) -> Step:
         """The visit's readings (r,) against the forecast; `before` the gain by which the state followed the visit before."""
-        regressor = np.array([1.0, 0.0, warmth])
         seen = np.isfinite(value)
         self._begin(value, seen)
-        best, each = self.best, np.arange(len(self.count))
-        covariance, mean = self.covariance[best, each], self.mean[best, each]
-        size = covariance @ regressor @ regressor + np.where(seen, variance, 1.0)
-        error = np.where(seen, value - mean @ regressor, 0.0)
-        kept = np.ones(len(each)) if before is None else 1.0 - before[best, each] @ regressor
-        return Step(error, np.where(seen, np.sqrt(size), np.inf), kept)
+        self._forecast = _, size, error = self._expected(value, variance, warmth)
+        best, each = self.best, self._each
+        kept = np.ones(len(each)) if before is None else 1.0 - before[best, each] @ np.array([1.0, 0.0, warmth])
+        own = size[best, each]
+        return Step(error[best, each], np.where(seen, np.sqrt(own), np.inf), kept, np.where(seen, variance / own, 0.0))
 
     def follow(self, value: Array, variance: Array, warmth: float, *, learn: bool = True) -> Array:
         """Take the visit's readings in; `learn` the scale and the memory from it, too. Returns the gain used (M, r, 3)."""
-        regressor = np.array([1.0, 0.0, warmth])
-        seen = np.isfinite(value)
-        towards = self.covariance @ regressor
-        size = towards @ regressor + np.where(seen, variance, 1.0)
-        error = np.where(seen, value - self.mean @ regressor, 0.0)
-        gain = np.where(seen[None, :, None], towards / size[..., None], 0.0)
+        towards, size, error = self._forecast or self._expected(value, variance, warmth)
+        self._forecast = None
+        gain = towards / size[..., None]
         self.mean += gain * error[..., None]
-        self.covariance -= gain[..., :, None] * gain[..., None, :] * size[..., None, None]
+        root = towards / np.sqrt(size)[..., None]
+        self.covariance -= (
+            root[..., :, None] * root[..., None, :]
+        )  # exactly symmetric: what is not grows by the discount
         if learn:
-            self._learn(error**2 / (size * self.scale), size, seen)
+            self._learn(error**2 / (size * self.scale), size, np.isfinite(value))
         return gain
+
+    def _expected(self, value: Array, variance: Array, warmth: float) -> tuple[Array, Array, Array]:
+        """Covariance of state and forecast (M, r, 3), the forecast's variance over s² and its error (M, r); a direction that is
+        not read has an infinite variance and no error."""
+        seen = np.isfinite(value)
+        towards = self.covariance[..., 0] + warmth * self.covariance[..., 2]  # times the regressor (1, 0, warmth)
+        size = towards[..., 0] + warmth * towards[..., 2] + np.where(seen, variance, np.inf)
+        error = np.where(seen, value - self.mean[..., 0] - warmth * self.mean[..., 2], 0.0)
+        return towards, size, error
 
     def _begin(self, value: Array, seen: NDArray[np.bool_]) -> None:
         """A direction that is seen for the first time begins at its reading."""
@@ -105,10 +126,16 @@ class Filter:
             self.begun |= new
 
     def _learn(self, square: Array, size: Array, seen: NDArray[np.bool_]) -> None:
-        n = np.maximum(self.count, 1.0)
-        density = gammaln(0.5 * (n + 1.0)) - gammaln(0.5 * n) - 0.5 * np.log(n * size * self.scale)
-        density -= 0.5 * (n + 1.0) * np.log1p(square / n)
         learnt = seen & (self.count > 0.0)  # the first reading forecasts nothing
-        self.evidence += np.where(learnt, density, 0.0)
-        self.scale *= np.where(learnt, (n + square) / (n + 1.0), 1.0)
+        if learnt.any():
+            n, square = self.count[learnt], square[:, learnt]
+            density = _half_steps(n) - 0.5 * np.log(n * size[:, learnt] * self.scale[:, learnt])
+            self.evidence[:, learnt] += density - 0.5 * (n + 1.0) * np.log1p(square / n)
+            self.scale[:, learnt] *= (n + square) / (n + 1.0)
+            self.best = self.evidence.argmax(axis=0)
         self.count += seen
+
+
+def _half_steps(n: Array) -> Array:
+    """ln Γ((n + 1)/2) - ln Γ(n/2), of Student's density."""
+    return np.asarray(gammaln(0.5 * (n + 1.0)) - gammaln(0.5 * n))

@@ -54,18 +54,17 @@ def years_ahead(length: float) -> Array:
 
 
 def errors_at(
-    filter_: Filter, basis: Array, known: Array, scale: Array, warmth: float, years: float = 0.0
+    readings: Readings, scale: Array, known: Array, mean: Array, covariance: Array, begun: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """The errors (k,) so many years from now and their 1σ, file units; what is not determined stays where it is `known`."""
-    mean, covariance, memory = filter_.chosen()
-    regressor = np.array([1.0, years, warmth])
-    level = mean @ regressor
-    variance = covariance @ regressor @ regressor * np.exp(np.minimum(years / memory, 50.0))
-    begun = filter_.begun
-    level, variance = np.where(begun, level, basis.T @ known), np.where(begun, variance, 1.0)
+    """Errors (n, k) and their 1σ, file units, from n levels (n, r) and their variances (n, r) along the readings' directions.
+
+    What no direction tells stays where it is `known` (n, k); a direction that has not `begun` (n, r) is as open as its prior.
+    """
+    basis = readings.basis
+    level, variance = np.where(begun, mean, known @ basis), np.where(begun, covariance, 1.0)
     rest = np.maximum(1.0 - (basis**2).sum(axis=1), 0.0)
-    value = basis @ level + known - basis @ (basis.T @ known)
-    return value * scale, np.sqrt((basis**2) @ variance + rest) * scale
+    value = level @ basis.T + known - (known @ basis) @ basis.T
+    return value * scale, np.sqrt(variance @ (basis**2).T + rest) * scale
 
 
 def forecasts_of(
@@ -77,11 +76,13 @@ def forecasts_of(
     mean, covariance, _ = filter_.chosen()
     slope, slope_std = basis @ mean[:, 1] * said.scale, np.sqrt((basis**2) @ covariance[:, 1, 1]) * said.scale
     years = ahead if tolerances else ahead[:1]
-    paths = [errors_at(filter_, basis, known, said.scale, warmth, float(year)) for year in years]
+    levels, variances = filter_.ahead(years, warmth)
+    every = np.broadcast_to(filter_.begun, levels.shape)
+    paths, spreads = errors_at(readings, said.scale, np.tile(known, (len(years), 1)), levels, variances, every)
     factor = float(stdtrit(max(float(np.min(filter_.count, initial=np.inf)), 1.0), 0.5 + 0.5 * BAND))
     found = []
     for i in np.flatnonzero(which):
-        name, value, std = said.names[i], np.array([p[0][i] for p in paths]), np.array([p[1][i] for p in paths])
+        name, value, std = said.names[i], paths[:, i], spreads[:, i]
         tolerance = tolerances.get(name)
         dates: dict[str, float | None] = {}
         if tolerance is not None:

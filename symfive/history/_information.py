@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 FLAT = 1e3
 """1σ that stands for no prior, in the parameter's own 1σ: it outweighs no data."""
 
+ROUNDING = 1e-9
+"""Share of the information that rounding may take away in a direction that has none."""
+
 
 @dataclass(frozen=True)
 class Said:
@@ -98,7 +101,10 @@ def _without(precision: Array, weight: Array) -> Array:
     """The precision less the prior's; rounding below zero is zero."""
     own = precision - weight[:, :, None] * np.eye(weight.shape[1])
     own = 0.5 * (own + own.transpose(0, 2, 1))
-    size, axes = np.linalg.eigh(own)
-    if (size >= 0.0).all():
+    slack = ROUNDING * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(weight.shape[1])
+    try:
+        np.linalg.cholesky(own + slack)
         return own
+    except np.linalg.LinAlgError:
+        size, axes = np.linalg.eigh(own)
     return np.asarray((axes * np.maximum(size, 0.0)[:, None, :]) @ axes.transpose(0, 2, 1))

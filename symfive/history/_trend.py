@@ -135,50 +135,76 @@ def trend_of(
         if name not in said.names:
             problem = f"no visit identified {shown(name)}"
             raise InputError(problem, remedy=f"use one of {', '.join(said.names[:12])}")
-    readings = readings_of(said)
-    filter_, watch = Filter(readings.basis.shape[1]), Watch(readings.basis, said.names, said.units, said.scale)
-    alarms, path, band = list[Alarm](), np.full_like(said.value, np.nan), np.full_like(said.value, np.nan)
-    renewals, warmth = sorted(event.time for event in events if event.renews), _warmth(visits)
-    gain: Array | None = None
-    for number, visit in enumerate(visits):
-        before = visits[number - 1] if number else visit
-        years = (visit.time - before.time) / YEAR
-        filter_.elapse(years)
-        renewed = visit.stage == "as-left" or any(before.time < time <= visit.time for time in renewals)
-        if renewed:
-            filter_.renew()
-            watch.forget()
-            gain = None
-        value, variance = readings.value[number], readings.variance[number]
-        step = filter_.forecast(value, variance, warmth[number], gain)
-        alarm = watch.look(step, rate, years, number) if number and not renewed else None
-        if alarm is not None:
-            alarms.append(alarm)
-            filter_.renew()
-            watch.forget()
-        if number and not renewed:
-            watch.learn(step, alarm)
-        gain = filter_.follow(value, variance, warmth[number], learn=alarm is None and not renewed)
-        if alarm is not None:
-            gain = None
-        path[number], band[number] = errors_at(
-            filter_, readings.basis, readings.known[number], said.scale, warmth[number]
-        )
+    readings, warmth = readings_of(said), _warmth(visits)
+    watched = _watched(visits, events, said, readings, warmth, rate)
+    path, band = errors_at(readings, said.scale, readings.known, watched.levels, watched.variances, watched.begun)
     determined = (readings.basis**2).sum(axis=1) >= ITSELF
     usual, last = float(warmth.mean()), visits[-1].time
     ahead = years_ahead((last - visits[0].time) / YEAR)
     forecasts = forecasts_of(
-        filter_, readings, said, which=determined, warmth=usual, ahead=ahead, now=last, tolerances=tolerances or {}
+        watched.filter,
+        readings,
+        said,
+        which=determined,
+        warmth=usual,
+        ahead=ahead,
+        now=last,
+        tolerances=tolerances or {},
     )
     horizon = last + float(ahead[-1]) * YEAR
     dates = [f.earliest if f.earliest is not None else horizon for f in forecasts if f.tolerance is not None]
     return Trend(
         machine=visits[-1].machine, visits=tuple(visits), events=tuple(events), said=said,
-        determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(alarms),
+        determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(watched.alarms),
         forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon,
         come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
-        scatter=_scatter(filter_, watch, readings, said), begins=readings.basis.shape[1] + 2,
+        scatter=_scatter(watched.filter, watched.watch, readings, said), begins=readings.basis.shape[1] + 2,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """Filter and watch after the last visit, the alarms, and the levels after each visit (n, r) with their variances."""
+
+    filter: Filter
+    watch: Watch
+    alarms: list[Alarm]
+    levels: Array
+    variances: Array
+    begun: NDArray[np.bool_]
+
+
+def _watched(
+    visits: Sequence[Visit], events: Sequence[Event], said: Said, readings: Readings, warmth: Array, rate: float
+) -> _Watched:
+    """Visit after visit: time goes by, the forecast is judged, the state follows; nothing looks ahead."""
+    filter_, watch = Filter(readings.basis.shape[1]), Watch(readings.basis, said.names, said.units, said.scale)
+    alarms, (levels, variances) = list[Alarm](), np.empty((2, *readings.value.shape))
+    begun = np.zeros(readings.value.shape, dtype=bool)
+    renewals = sorted(event.time for event in events if event.renews)
+    gain: Array | None = None
+    for number, visit in enumerate(visits):
+        before = visits[number - 1] if number else visit
+        years = (visit.time - before.time) / YEAR
+        filter_.elapse(years)
+        alarm, renewed = None, visit.stage == "as-left" or any(before.time < time <= visit.time for time in renewals)
+        value, variance = readings.value[number], readings.variance[number]
+        if renewed:
+            filter_.renew()
+            watch.forget()
+        step = filter_.forecast(value, variance, warmth[number], None if renewed else gain)
+        if number and not renewed:
+            alarm = watch.look(step, rate, years, number)
+            watch.learn(step, alarm)
+        if alarm is not None:
+            alarms.append(alarm)
+            filter_.renew()
+            watch.forget()
+        gain = filter_.follow(value, variance, warmth[number], learn=alarm is None and not renewed)
+        gain = None if alarm is not None else gain
+        levels[number], variances[number] = filter_.now(warmth[number])
+        begun[number] = filter_.begun
+    return _Watched(filter_, watch, alarms, levels, variances, begun)
 
 
 def _warmth(visits: Sequence[Visit]) -> Array:

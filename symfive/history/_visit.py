@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -167,7 +168,7 @@ class Visit:
 
     def to_data(self) -> dict[str, Any]:
         """`visit.json`: numbers to 12 digits, of the covariance the upper triangle by rows."""
-        upper = np.triu_indices(len(self.names))
+        upper = _upper(len(self.names))
         return {
             "schema": VISIT,
             "machine": {"name": self.machine.name, "serial": self.machine.serial, "structure": self.machine.structure},
@@ -193,7 +194,7 @@ class Visit:
             raise InputError(f'its schema is not "{VISIT}"', remedy="add the results again with symfive history add")
         try:
             names = tuple(map(str, data["names"]))
-            upper = np.triu_indices(len(names))
+            upper = _upper(len(names))
             covariance = np.zeros((len(names), len(names)))
             covariance[upper] = data["covariance"]
             covariance.T[upper] = covariance[upper]
@@ -292,7 +293,17 @@ def _text(key: str, value: Any) -> str:
     if not isinstance(value, str) or len(value) > MOST_TEXT:
         problem = f"{key} is not a text of at most {MOST_TEXT} characters"
         raise InputError(problem, remedy="write it shorter", keys=(key,))
-    return one_line(value)
+    return _one_line(value)
+
+
+@lru_cache
+def _one_line(text: str) -> str:
+    return one_line(text)
+
+
+@lru_cache
+def _upper(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    return np.triu_indices(count)
 
 
 def _numbers(values: Array) -> list[float]:

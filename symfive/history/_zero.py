@@ -30,6 +30,8 @@ def shifts(visit: Visit, zero: Visit) -> dict[str, float]:
     are added: the machine's error is what is left and what was corrected.
     """
     found: dict[str, float] = dict(visit.corrections)
+    if visit.nominal == zero.nominal:
+        return found
     structure = Structure.parse(zero.machine.structure)
     for side in (tuple(reversed(structure.workpiece)), structure.tool):
         before: tuple[Array, Sequence[float]] | None = None
