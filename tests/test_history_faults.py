@@ -42,11 +42,12 @@ def begin():
 
 def records():
     """Folders whose record is on the disk, and the events."""
-    return sorted(str(p.parent) for p in place.rglob("visit.json")), sorted(map(str, (place / "history" / "events").glob("*.json")))
+    events = (place / "history" / "events").glob("*.json")
+    return sorted(str(p.parent) for p in place.rglob("visit.json")), sorted(map(str, events))
 
 def seen(history):
-    folders = [str(f) for m in history.machines() for f in history._index.folders(m)]
-    return sorted(folders), sum(len(history._index.events(m)) for m in history.machines())
+    folders = [str(f) for m in history.machines() for f in history.folders(m)]
+    return sorted(folders), sum(len(history.events(m)) for m in history.machines())
 
 def child(number, mode):
     pid = os.fork()

@@ -70,6 +70,7 @@ class Watch:
         self._candidates = np.flatnonzero((basis**2).sum(axis=1) >= PRESENT)
         self._patterns = basis[self._candidates]
         self._sum, self._count = np.zeros((2, basis.shape[1], basis.shape[1]))
+        self._pending: tuple[Array, Array] | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -78,12 +79,16 @@ class Watch:
         self._before: tuple[Array, Array, Array, Array] | None = None
 
     def learn(self, step: Step, alarm: Alarm | None) -> None:
-        """Take the visit into the machine's scatter; of an alarm what its limit allows."""
+        """Take the visit into the machine's scatter, one visit late: a step is judged without itself. Of an alarm's visits what
+        its limit allows."""
         share = 1.0 if alarm is None else min(alarm.limit / alarm.score, 1.0)
+        if self._pending is not None:
+            x, weight = self._pending
+            x = x * (share if alarm is not None and alarm.since < alarm.visit else 1.0)
+            self._sum += x[:, None] * x
+            self._count += weight[:, None] * weight
         weight = np.sqrt(step.reading)
-        x = weight * share * step.error / step.spread
-        self._sum += x[:, None] * x
-        self._count += weight[:, None] * weight
+        self._pending = weight * share * step.error / step.spread, weight
 
     def excess(self, variance: Array) -> Array | None:
         """Covariance (r, r) of the machine's scatter beyond stated variances (r,); None before it is known."""

@@ -70,7 +70,8 @@ class Filter:
         mean, covariance, memory = self.chosen()
         regressors = np.stack([np.ones_like(years), years, np.full_like(years, warmth)], axis=1)
         variance = np.einsum("ni,rij,nj->nr", regressors, covariance, regressors)
-        return regressors @ mean.T, variance * np.exp(np.minimum(years[:, None] / memory, 50.0))
+        grown = variance * np.exp(np.minimum(years[:, None] / memory, 50.0))
+        return regressors @ mean.T, np.minimum(grown, np.maximum(variance, 1.0))
 
     def elapse(self, years: float) -> None:
         """Time goes by: levels follow their rates, the past counts less."""
@@ -78,7 +79,9 @@ class Filter:
         c = self.covariance
         c[..., 0, :] += years * c[..., 1, :]
         c[..., :, 0] += years * c[..., :, 1]
-        c[..., :2, :2] *= np.exp(np.minimum(years / self._memories, 50.0))
+        widest = np.maximum(c[..., 0, 0], c[..., 1, 1])
+        most = np.maximum(1.0 / (self.scale * widest), 1.0)  # nothing is known less than the priors know it
+        c[..., :2, :2] *= np.minimum(np.exp(np.minimum(years / self._memories, 50.0)), most[..., None, None])
 
     def renew(self) -> None:
         """The levels may have changed by as much as the priors allow."""

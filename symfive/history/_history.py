@@ -129,6 +129,14 @@ class History:
         """The machine's visits in the order of their dates."""
         return self._index.visits(self._known(machine))
 
+    def folders(self, machine: str | MachineId) -> list[Path]:
+        """Where their results lie, in the same order."""
+        return self._index.folders(self._known(machine))
+
+    def events(self, machine: str | MachineId) -> list[Event]:
+        """What happened to the machine, in the order of the dates."""
+        return self._index.events(self._known(machine))
+
     def trend(
         self, machine: str | MachineId, *, tolerances: Mapping[str, float] | None = None, rate: float = RATE
     ) -> Trend:

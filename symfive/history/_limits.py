@@ -17,8 +17,8 @@ from scipy.special import ndtr, ndtri
 
 __all__ = ["RATE", "WEIGHT", "Limits", "ewma_run_length"]
 
-RATE = 0.05
-"""False alarms of a machine and year: one in twenty years."""
+RATE = 0.1
+"""False alarms of a machine and year: one in ten years."""
 WEIGHT = 0.2
 """Weight of the newest visit in the EWMA (J. M. Lucas & M. S. Saccucci 1990: 0.05 to 0.25; the larger, the sooner)."""
 MOST = 0.05

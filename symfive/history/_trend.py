@@ -158,7 +158,7 @@ def trend_of(
         determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(watched.alarms),
         forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon,
         come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
-        scatter=_scatter(watched.filter, watched.watch, readings, said), begins=readings.basis.shape[1] + 2,
+        scatter=_scatter(watched.filter, watched.watch, readings, said), begins=readings.basis.shape[1] + 3,
     )  # fmt: skip
 
 

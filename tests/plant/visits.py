@@ -46,7 +46,9 @@ class Test:
         """The test of one of the plant's topologies with two rotary axes."""
         from .machines import TOPOLOGIES
 
-        machine = topology(name, location_errors(TOPOLOGIES[name][0]), origins={"B": [0.0, 0.0, -50.0], "A": [0.0, 0.0, -50.0]})
+        machine = topology(
+            name, location_errors(TOPOLOGIES[name][0]), origins={"B": [0.0, 0.0, -50.0], "A": [0.0, 0.0, -50.0]}
+        )
         axes = tuple(a.name for a in parse_structure(machine["structure"], machine["axes"]).axes if a.rotary)
         tilt, turn = (0, 1) if axes[1] == "C" else (1, 0)
         grid = np.array([(a, c) for a in (-90.0, -45.0, 0.0, 45.0, 90.0) for c in range(0, 360, 60)], float)
@@ -54,7 +56,16 @@ class Test:
         poses[:, tilt], poses[:, turn] = grid[:, 0], grid[:, 1]
         nests = [(90.0, -20.0, 50.0), (-40.0, 60.0, 100.0), (30.0, -70.0, 150.0)]
         runs = [
-            r_test(machine, f"nest{i}", nest=nest, poses=poses, axes=axes, noise_um=NOISE_UM, sigma_um=NEST_UM, start_s=300.0 * i)
+            r_test(
+                machine,
+                f"nest{i}",
+                nest=nest,
+                poses=poses,
+                axes=axes,
+                noise_um=NOISE_UM,
+                sigma_um=NEST_UM,
+                start_s=300.0 * i,
+            )
             for i, nest in enumerate(nests)
         ]
         for run in runs:
@@ -124,7 +135,9 @@ def life(test: Test, visits: int, rng: np.random.Generator, *, days: float = 7.0
     years = day / DAYS_A_YEAR
     warm = 20.0 + 6.0 * np.sin(2.0 * np.pi * (years - rng.random())) + rng.normal(0.0, 1.0, visits)
     truth = 0.5 * prior * rng.normal(size=k) + np.outer(years, rng.normal(0.0, 1.0, k) * size)
-    truth = truth + np.outer(warm - 20.0, rng.normal(0.0, 0.3, k) * size) + scatter * size * rng.normal(size=(visits, k))
+    truth = (
+        truth + np.outer(warm - 20.0, rng.normal(0.0, 0.3, k) * size) + scatter * size * rng.normal(size=(visits, k))
+    )
     steps, repaired = ([step] if step else []), []
     for visit in np.flatnonzero(rng.random(visits) < collisions * days / DAYS_A_YEAR):
         j = int(rng.integers(k))
