@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import multiprocessing
 import os
@@ -84,20 +85,16 @@ def test_the_same_results_in_two_folders_are_counted_once(world):
 
 def test_results_that_were_replaced_are_found_out(world):
     folder = world / "results" / "r2"
-    (folder / "manifest.json").write_text(
-        '{"schema": "symfive.manifest/1", "command": "x", "inputs": {}, "outputs": {}, "to_edit": {}}'
-    )
+    manifest = {"schema": "symfive.manifest/1", "command": "x", "inputs": {}, "outputs": {}, "to_edit": {}}
+    for name in ("model.json", "identification.json"):
+        manifest["outputs"][name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+    (folder / "manifest.json").write_text(json.dumps(manifest))
     with History(world / "history") as history:
         history.add(folder)
-    (folder / "manifest.json").write_text(
-        '{"schema": "symfive.manifest/1", "command": "y", "inputs": {}, "outputs": {}, "to_edit": {}}'
-    )
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "command": "y"}))
     found = rebuilt(world / "history", [world / "results"])
-    assert (
-        found.count == 2
-        and "were replaced since they were added" in found.problems[0]
-        and str(folder) in found.problems[0]
-    )
+    assert found.count == 2 and str(folder) in found.problems[0]
+    assert "were replaced since they were added" in found.problems[0]
     with History(world / "history") as history:
         history.add(folder)
         assert len(history.visits("plant")) == 3
@@ -120,7 +117,7 @@ def test_two_machines_of_one_name_are_kept_apart_by_their_serials(world):
     with History(world / "history") as history:
         added = history.add(results(world / "results" / "twin", 9), Details(serial="A17", time=instant("2026-01-01")))
         assert any('another machine is called "plant"' in note and "A17" in note for note in added.notes)
-        with pytest.raises(InputError, match="2 machines are called 'plant'.*name it by NAME#SERIAL"):
+        with pytest.raises(InputError, match=r"2 machines are called 'plant'.*name it by NAME#SERIAL"):
             history.machine("plant")
         assert len(history.visits("plant#A17")) == 1
         assert len(history.visits(history.machine(next(m.key for m in history.machines() if not m.serial)))) == 3
@@ -205,7 +202,7 @@ def test_a_damaged_index_is_said_put_aside_and_rebuilt(world):
     before = digest(world)
     for file in (world / "history").glob("index.sqlite*"):
         file.unlink() if file.name != "index.sqlite" else file.write_bytes(b"junk" * 2000)
-    with pytest.raises(InputError, match="the index is damaged.*rebuild it"), History(world / "history"):
+    with pytest.raises(InputError, match=r"the index is damaged.*rebuild it"), History(world / "history"):
         pass
     rebuilt(world / "history", [world / "results"])
     assert digest(world) == before and (world / "history" / "index.sqlite.damaged").is_file()
@@ -219,7 +216,8 @@ def test_a_history_that_is_not_there_is_said(tmp_path):
 @pytest.mark.parametrize(
     "spoil", [
         lambda data: data.update(schema="other"), lambda data: data.pop("names"), lambda data: data["values"].append(1.0),
-        lambda data: data.update(when="never"), lambda data: data.update(stage="later"), lambda data: data.update(covariance=[1.0]),
+        lambda data: data.update(when="never"), lambda data: data.update(stage="later"),
+        lambda data: data.update(covariance=[1.0, 2.0]),
         lambda data: data["values"].__setitem__(0, 1e300), lambda data: data.update(results="../x"),
     ],
 )  # fmt: skip

@@ -17,7 +17,7 @@ where = click.option(
 rate = click.option(
     "--false-alarms",
     type=Number(1e-6, 100.0),
-    default=0.05,
+    default=0.1,
     help="False alarms of a machine and year that are allowed.",
 )
 

@@ -68,7 +68,7 @@ def taken(folder: Path, details: Details) -> Visit:
             priors[i], means[i] = float(entry["prior"]), float(entry["prior_mean"])
         elif term is not None:
             priors[i], means[i] = term.sigma, term.mean
-    known = read_record(folder) if (folder / RECORD).is_file() else None
+    known = _known(folder)
     when = details.time if details.time is not None else (folder / "model.json").stat().st_mtime
     if details.time is None and known is not None:
         when = known.time
@@ -88,6 +88,14 @@ def taken(folder: Path, details: Details) -> Visit:
         chi2_dof=float(identified.get("chi2_dof", 1.0)), converged=bool(identified.get("converged", True)),
     )  # fmt: skip
     return visit if known is None else _kept(visit, known, details)
+
+
+def _known(folder: Path) -> Visit | None:
+    """What an earlier call wrote, also of results that were replaced since; None where it is damaged."""
+    try:
+        return Visit.from_data(json.loads((folder / RECORD).read_bytes()))
+    except (OSError, ValueError, RecursionError):
+        return None
 
 
 def _kept(visit: Visit, known: Visit, details: Details) -> Visit:
