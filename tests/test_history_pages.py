@@ -116,7 +116,7 @@ def test_nobody_else_is_answered(server):
     assert ask(server, "/", Cookie="symfive-history=guess")[0] == 403
     assert ask(server, f"/?token={server.token}", Host=f"evil.example:{server.port}")[0] == 421  # DNS rebinding
     assert ask(server, "/", "POST")[0] == 501
-    assert ask(server, f"//evil.example/?token={server.token}")[1].get("Location", "/") == "/"
+    assert not ask(server, f"//evil.example/?token={server.token}")[1].get("Location", "/").startswith("//")
 
 
 def test_it_listens_on_the_loopback_alone_and_says_a_taken_port(server, tmp_path):
