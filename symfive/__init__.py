@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from symfive._api import *
 
 __all__ = [
-    "Campaign", "InputError", "Machine", "Model", "Run", "SetupSigma", "assess", "check", "codegen", "convert",
+    "Campaign", "History", "InputError", "Machine", "Model", "Run", "SetupSigma", "assess", "check", "codegen", "convert",
     "diagnose", "fitted_model", "identify", "identify_by_position", "identify_sequentially", "make_effect", "plan", "predict",
     "preset", "presets", "read_campaign", "read_machine", "read_model", "redundancies", "simulate", "write_campaign",
     "write_machine", "write_model",

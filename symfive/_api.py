@@ -8,6 +8,7 @@ from symfive.design import assess, plan
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
+from symfive.history import History
 from symfive.identify import (
     fitted_model,
     identify,
@@ -21,7 +22,7 @@ from symfive.model import Model, read_model, write_model
 from symfive.simulate import simulate
 
 __all__ = [
-    "Campaign", "InputError", "Machine", "Model", "Run", "SetupSigma", "assess", "check", "codegen", "convert",
+    "Campaign", "History", "InputError", "Machine", "Model", "Run", "SetupSigma", "assess", "check", "codegen", "convert",
     "diagnose", "fitted_model", "identify", "identify_by_position", "identify_sequentially", "make_effect", "plan", "predict",
     "preset", "presets", "read_campaign", "read_machine", "read_model", "redundancies", "simulate", "write_campaign",
     "write_machine", "write_model",

@@ -9,6 +9,7 @@ import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import click
 import pytest
 
 from symfive.campaign import Campaign, Run, write_campaign
@@ -132,6 +133,9 @@ def _check_symfive(words: list[str]) -> None:
     if words and not words[0].startswith("-"):
         assert words[0] in COMMANDS.commands, f"there is no verb {words[0]}"
         command, options = COMMANDS.commands[words[0]], words[1:]
+        if isinstance(command, click.Group) and options and not options[0].startswith("-"):
+            assert options[0] in command.commands, f"{words[0]} has no verb {options[0]}"
+            command, options = command.commands[options[0]], options[1:]
     known = {name for p in command.params for name in (*p.opts, *p.secondary_opts)} | {"--help", "-h"}
     for word in options:
         assert not word.startswith("-") or word in known, f"{words[0]} has no option {word}"

@@ -171,7 +171,7 @@ class Identification(OnScreen):
         for i, p in enumerate(self.parameters):
             entry = {"value": float(self.values[i]), "std": float(self.std[i]), "unit": p.unit}
             if p.run is None:
-                shared[p.name] = entry
+                shared[p.name] = {**entry, "prior": p.sigma, "prior_mean": p.mean}
             else:
                 setup[p.run][p.name.removeprefix(f"setup.{p.run}.")] = entry
         return {

@@ -1,0 +1,237 @@
+"""Many machines, many years: the history of what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from symfive.cli._common import PATH, Number, Progress, app, as_json, overwrite, quiet, tell
+
+__all__ = ["history"]
+
+where = click.option(
+    "--history", "index", type=PATH, default="history", envvar="SYMFIVE_HISTORY", help="The folder of the index."
+)
+rate = click.option(
+    "--false-alarms",
+    type=Number(1e-6, 100.0),
+    default=0.1,
+    help="False alarms of a machine and year that are allowed.",
+)
+
+
+@app.group(name="history", cls=type(app), no_args_is_help=True)
+def history() -> None:
+    """What changed on a machine and since when: results of many dates, alarms, forecasts, pages."""
+
+
+@history.command(epilog="Example: symfive history add results/ --date 2026-03-04 --temperature 21.5 --serial A17")
+@click.argument("results", type=PATH, nargs=-1, required=True, help="Folders of results, or folders that hold some.")
+@where
+@click.option("--date", help="When it was measured, as 2026-03-04 or 2026-03-04T08:30 (UTC); else the files' time.")
+@click.option("--serial", default="", show_default=False, help="Serial number: two machines may bear one name.")
+@click.option("--as-found", "stage", flag_value="as-found", help="Before an adjustment.")
+@click.option("--as-left", "stage", flag_value="as-left", help="After it: the machine's errors begin anew.")
+@click.option("--instrument", default="", show_default=False, help="Which instrument, as it is to be found again.")
+@click.option("--operator", default="", show_default=False, help="Who measured.")
+@click.option("--temperature", type=Number(-60.0, 100.0), help="The machine's temperature, °C.")
+@click.option("--note", default="", show_default=False, help="What else is to be remembered.")
+@click.option(
+    "--corrected", "corrections", multiple=True, help="NAME=VALUE (µm, µrad) that the control corrected meanwhile."
+)
+@quiet
+def add(
+    results: tuple[Path, ...], index: Path, date: str | None, serial: str, stage: str | None, instrument: str, operator: str,
+    temperature: float | None, note: str, corrections: tuple[str, ...], quiet: bool,
+) -> None:  # fmt: skip
+    """Take results into the history; visit.json among them keeps what is said here."""
+    from symfive.history import Details, History, instant
+
+    details = Details(
+        time=None if date is None else instant(date), serial=serial, stage=stage or "", instrument=instrument,
+        operator=operator, temperature=temperature, note=note, corrections=_numbers("--corrected", corrections),
+    )  # fmt: skip
+    with History(index, create=True) as opened:
+        added = opened.add(results, details, progress=Progress(quiet))
+    if not quiet:
+        for sentence in added.notes:
+            click.echo(f"note: {sentence}.", err=True)
+        click.echo(str(added))
+
+
+@history.command(
+    epilog='Example: symfive history event "tilting table BC" "new spindle" --kind repair --date 2026-04-01'
+)
+@click.argument("machine", help="Name, NAME#SERIAL or key of the machine.")
+@click.argument("text", help="What happened.")
+@where
+@click.option(
+    "--kind", type=click.Choice(["repair", "adjustment", "collision", "note"]), default="note",
+    help="After a repair or an adjustment the errors begin anew.",
+)  # fmt: skip
+@click.option("--date", help="When; else now.")
+@quiet
+def event(machine: str, text: str, index: Path, kind: str, date: str | None, quiet: bool) -> None:
+    """Write down what happened to a machine."""
+    from symfive.history import History, instant
+
+    with History(index) as opened:
+        found = opened.event(machine, text, kind=kind, when=None if date is None else instant(date))
+    if not quiet:
+        click.echo(f"{found.machine}: {found.kind} on {found.when[:10]}: {found.text}")
+
+
+@history.command(epilog='Example: symfive history show "tilting table BC" --since 2026-03-01 --tolerance EX0C=10')
+@click.argument("machine", help="Name, NAME#SERIAL or key of the machine.")
+@where
+@click.option("--since", help="Also the change since the last visit up to this date.")
+@click.option("--until", help="The change until the last visit up to this date, instead of the newest.")
+@click.option("--tolerance", "tolerances", multiple=True, help="NAME=VALUE (µm, µrad): when the error passes ±VALUE.")
+@rate
+@click.option("-o", "--output", type=PATH, help="A folder for the machine's page, history.html.")
+@overwrite
+@as_json
+def show(
+    machine: str, index: Path, since: str | None, until: str | None, tolerances: tuple[str, ...], false_alarms: float,
+    output: Path | None, overwrite: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """A machine over the years: alarms with their causes, errors and rates, forecast, when to measure again."""
+    from symfive.history import History, instant, trend_text
+    from symfive.outputs import output_folder, write_text
+
+    limits = _numbers("--tolerance", tolerances)
+    with History(index) as opened:
+        trend = opened.trend(machine, tolerances=limits, rate=false_alarms)
+        text, data = trend_text(trend), trend.to_data()
+        if since is not None or until is not None:
+            change = opened.change(machine, since=_instant(instant, since), until=_instant(instant, until))
+            text, data = f"{text}\n\n{change}", {**data, "change": change.to_data()}
+        if output is not None:
+            with output_folder(output, overwrite=overwrite) as folder:
+                write_text(folder / "history.html", opened.machine_page(machine, tolerances=limits, rate=false_alarms))
+    tell(data, text, as_json)
+
+
+@history.command(epilog="Example: symfive history fleet -o pages/")
+@where
+@click.option("-o", "--output", type=PATH, help="A folder for fleet.html and a page of every machine.")
+@overwrite
+@as_json
+def fleet(index: Path, output: Path | None, overwrite: bool, as_json: bool) -> None:
+    """All machines: which has an open alarm, since when, and of what."""
+    from symfive.history import History
+    from symfive.outputs import output_folder
+
+    with History(index) as opened:
+        table = opened.fleet()
+        if output is not None:
+            with output_folder(output, overwrite=overwrite) as folder:
+                opened.write_pages(folder)
+    tell(table.to_data(), str(table), as_json)
+
+
+@history.command(epilog="Example: symfive history rebuild results/")
+@click.argument("folders", type=PATH, nargs=-1, required=True, help="Folders below which results lie.")
+@where
+@quiet
+def rebuild(folders: tuple[Path, ...], index: Path, quiet: bool) -> None:
+    """Make the index anew from the records among the results; all or nothing."""
+    from symfive.history import rebuilt
+
+    found = rebuilt(index, folders, progress=Progress(quiet))
+    for sentence in found.problems:
+        click.echo(f"symfive: {sentence}", err=True)
+    if not quiet:
+        click.echo(f"{found.count} records in {index}")
+    if found.problems:
+        raise click.exceptions.Exit(2)
+
+
+@history.command(epilog="Example: symfive history export -o history.parquet")
+@where
+@click.option("-o", "--output", type=PATH, required=True, help="The table: .csv, or .parquet with symfive[history].")
+@quiet
+def export(index: Path, output: Path, quiet: bool) -> None:
+    """Every visit and error as one long table, for DuckDB, pandas or a spreadsheet."""
+    from symfive.history import History
+
+    with History(index) as opened:
+        count = opened.export(output)
+    if not quiet:
+        click.echo(f"{count} rows in {output}")
+
+
+@history.command(epilog='Example: symfive history certificate results/ -o dcc.xml --laboratory "Lab" --country DE')
+@click.argument("results", type=PATH, help="The folder of results.")
+@click.option("-o", "--output", type=PATH, required=True, help="The XML file.")
+@click.option("--date", help="When it was measured; else as in the history, or the files' time.")
+@click.option("--laboratory", default="", show_default=False, help="Who certifies.")
+@click.option("--laboratory-city", default="", show_default=False, help="Its city.")
+@click.option("--person", default="", show_default=False, help="Who is responsible and will sign.")
+@click.option("--customer", default="", show_default=False, help="For whom.")
+@click.option("--customer-city", default="", show_default=False, help="Its city.")
+@click.option("--country", default="", show_default=False, help="Two letters, ISO 3166-1.")
+@click.option("--number", default="", show_default=False, help="The certificate's number; else from the results' hash.")
+@click.option("--manufacturer", default="", show_default=False, help="Of the machine.")
+@click.option("--place", default="customer", help="laboratory, customer, laboratoryBranch, customerBranch or other.")
+@quiet
+def certificate(
+    results: Path, output: Path, date: str | None, laboratory: str, laboratory_city: str, person: str, customer: str,
+    customer_city: str, country: str, number: str, manufacturer: str, place: str, quiet: bool,
+) -> None:  # fmt: skip
+    """A digital calibration certificate (PTB's DCC) of one result, unsigned; what is not given is marked in it."""
+    from symfive.history import Details, Office, instant, taken
+    from symfive.history import certificate as certificate_of
+    from symfive.outputs import output_file, write_bytes
+
+    office = Office(
+        laboratory=laboratory, laboratory_city=laboratory_city, person=person, customer=customer, country=country,
+        customer_city=customer_city, number=number, manufacturer=manufacturer, place=place,
+    )  # fmt: skip
+    with output_file(output) as path:
+        visit = taken(results, Details(time=None if date is None else instant(date)))
+        write_bytes(path, certificate_of(visit, office))
+    if not quiet:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in office.open)
+        missing = f"; to be filled in: {options}" if options else ""
+        click.echo(f"note: the certificate is unsigned{missing}.", err=True)
+
+
+@history.command(epilog="Example: symfive history serve")
+@where
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 takes a free one.")
+def serve(index: Path, port: int) -> None:
+    """The pages live on this computer, for who has the printed address; Ctrl-C ends it."""
+    from symfive.history import Server
+
+    server = Server(index, port)
+    click.echo(server.address)
+    server.serve()
+
+
+def _instant(instant: Callable[[str], float], text: str | None) -> float | None:
+    """A date; one without a time is its whole day."""
+    if text is None:
+        return None
+    return instant(text) + (86399.0 if "T" not in text and " " not in text.strip() else 0.0)
+
+
+def _numbers(option: str, entries: Sequence[str]) -> dict[str, float]:
+    """NAME=VALUE as a table. Raises `InputError` for text."""
+    from symfive.errors import InputError
+    from symfive.files import shown
+    from symfive.separated import LARGEST
+
+    found = {}
+    for entry in entries:
+        name, sign, text = entry.rpartition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not (sign and name.strip() and abs(value) <= LARGEST):
+            raise InputError(f"{option} {shown(entry)} is not NAME=VALUE", remedy=f"write {option} EX0C=10")
+        found[name.strip()] = value
+    return found

@@ -1,0 +1,185 @@
+"""One self-contained HTML page of a machine, one of the fleet: no network, light and dark, narrow and on paper."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+from symfive import __version__
+from symfive.drawing import PAGE_STYLE
+from symfive.history._change import Change, change_between
+from symfive.history._charts import Spark, charts_of, spark
+from symfive.history._fleet import MachineRow, MachineTable, alarm_words
+from symfive.history._forecast import YEAR
+from symfive.history._trend import Trend, alarm_data
+from symfive.history._visit import Visit, instant
+from symfive.history._words import advice, alarm_sentence, forecast_sentence
+from symfive.numbers import plain_number, unit_words, with_std
+from symfive.screen import plural
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+__all__ = ["fleet_page", "machine_page"]
+
+SHOWN = 60
+"""Visits in the open table; the older ones are folded away."""
+
+
+def machine_page(trend: Trend) -> str:
+    """The page of one machine's trend as HTML."""
+    last, count = trend.visits[-1], len(trend.open_alarms)
+    newest = [trend.alarms.index(alarm) for alarm in trend.open_alarms][-3:][::-1]
+    headline = f"{plural(count, 'open alarm')}" if count else "No open alarm"
+    if last.temperature is not None:
+        headline += f"; last visit {last.date} at {plain_number(last.temperature)} °C"
+    sentences = [f"{alarm_sentence(trend, number)}." for number in newest]
+    sentences += [forecast_sentence(f, trend) for f in trend.forecasts if f.tolerance is not None]
+    sentences += [advice(trend)] if trend.come_back is not None else []
+    stated = f"The limits allow at most {plain_number(10 * trend.rate)} false alarms in ten years."
+    return _filled(
+        "machine.html", f"History of {trend.machine.name}", machine=trend.machine, visits=trend.visits, open=count,
+        headline=f"{headline}.", sentences=sentences, changes=_changes(trend), charts=charts_of(trend),
+        undetermined=[n for n in trend.said.names if n not in trend.determined], errors=_errors(trend),
+        alarms=[_alarm(trend, number) for number in range(len(trend.alarms))][::-1], stated=stated,
+        findings=_findings(trend.visits), events=list(trend.events)[::-1], visit_parts=_visits(trend.visits),
+    )  # fmt: skip
+
+
+def fleet_page(
+    table: MachineTable, states: Sequence[Mapping[str, Any]], *, link: Mapping[str, str] | None = None
+) -> str:
+    """The page of all machines; `states` as the index keeps them, in the order of the rows; `link` key → address."""
+    order = sorted(range(len(table.rows)), key=lambda i: (-table.rows[i].open, table.rows[i].machine.name))
+    rows = [_row(table.rows[i], states[i], (link or {}).get(table.rows[i].machine.key)) for i in order]
+    alarmed = [row for row in table.rows if row.open]
+    tiles = [("machines", len(table.rows)), ("visits", sum(row.visits for row in table.rows)),
+             ("with an open alarm", len(alarmed)),
+             ("last visit", max((row.last[:10] for row in table.rows), default=""))]  # fmt: skip
+    headline = f"{plural(len(alarmed), 'machine')} with an open alarm." if alarmed else "No machine has an open alarm."
+    return _filled("fleet.html", f"History of {plural(len(table.rows), 'machine')}", tiles=tiles, alarmed=alarmed, rows=rows,
+                   headline=headline, sentences=[])  # fmt: skip
+
+
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader("symfive.history", "pages")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+
+
+def _filled(name: str, title: str, **values: Any) -> str:
+    from markupsafe import Markup
+
+    def own(file: str) -> str:
+        return (files("symfive.history") / "pages" / file).read_text(encoding="utf-8")
+
+    script = own("page.js")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return _environment().get_template(name).render(
+        title=title, version=__version__, style=Markup(PAGE_STYLE), own_style=Markup(own("history.css")),
+        script=Markup(script), script_hash=f"sha256-{digest}", **values,
+    )  # fmt: skip
+
+
+def _changes(trend: Trend) -> list[dict[str, Any]]:
+    """Since the visit before, and since the one a year before."""
+    visits = trend.visits
+    if len(visits) < 2:
+        return []
+    pairs = {"Since the visit before": visits[-2]}
+    year = [visit for visit in visits[:-1] if visit.time <= visits[-1].time - 0.95 * YEAR]
+    if year and year[-1] is not visits[-2]:
+        pairs["Since a year before"] = year[-1]
+    return [_change(title, change_between(first, visits[-1], trend.scatter)) for title, first in pairs.items()]
+
+
+def _change(title: str, change: Change) -> dict[str, Any]:
+    head, *lines = str(change).split("\n")
+    warm = (change.first.temperature, change.second.temperature)
+    if change.changed and not change.learnt and None not in warm and abs(warm[1] - warm[0]) >= 1.0:  # type: ignore[operator]
+        head += f" The machine had {warm[0]:.1f} °C before and {warm[1]:.1f} °C now: part of it may be temperature."
+    shown = [line.strip() for line in lines[: len(change.causes)]] if change.changed else []
+    return {"title": title, "head": head, "lines": [*shown, *(f"{finding.says}." for finding in change.findings)]}
+
+
+def _errors(trend: Trend) -> dict[str, Any]:
+    """The table of errors now."""
+    rows = []
+    for f in trend.forecasts:
+        i = trend.said.names.index(f.name)
+        last, std = float(trend.said.value[-1, i]), float(trend.said.std[-1, i])
+        cells = [_cell(f.name), _cell(with_std(last, std, f.unit), last), _cell(with_std(f.level, f.level_std, f.unit), f.level),
+                 _cell(with_std(f.rate, f.rate_std, f.unit), f.rate)]  # fmt: skip
+        if any(other.tolerance is not None for other in trend.forecasts):
+            cells.append(_cell(f"±{plain_number(f.tolerance)}" if f.tolerance is not None else "", f.tolerance or 0.0))
+        rows.append(cells)
+    heads = ["error", "last visit", "now", "a year", "tolerance"][: len(rows[0]) if rows else 4]
+    note = (
+        f"± is 1σ. Now and a year at {plain_number(trend.temperature)} °C, from the nominal machine of the first visit."
+    )
+    return {"heads": heads, "rows": rows, "note": note}
+
+
+def _cell(text: str, sort: float | None = None) -> dict[str, Any]:
+    return {"text": text, "sort": sort}
+
+
+def _alarm(trend: Trend, number: int) -> dict[str, Any]:
+    alarm = trend.alarms[number]
+    kind, _, cause = alarm_words(alarm_data(alarm, trend)).partition(" of " if alarm.kind != "several" else ": ")
+    return {"when": trend.visits[alarm.visit].date, "since": trend.visits[alarm.since].date, "kind": kind, "cause": cause,
+            "score": alarm.score, "limit": alarm.limit, "score_text": plain_number(alarm.score),
+            "limit_text": plain_number(alarm.limit), "open": alarm in trend.open_alarms}  # fmt: skip
+
+
+def _findings(visits: Sequence[Visit]) -> list[dict[str, Any]]:
+    """Every finding that any visit had."""
+    found: dict[str, list[tuple[Visit, Any]]] = {}
+    for visit in visits:
+        for finding in visit.findings:
+            found.setdefault(finding.words, []).append((visit, finding))
+    diagnosed = sum(visit.diagnosed for visit in visits)
+    return [
+        {"words": words, "first": entries[0][0].date, "last": entries[-1][0].date, "count": len(entries), "of": diagnosed,
+         "size": ", ".join(f"{name.replace('_', ' ')} {with_std(v, s, u)}"
+                           for name, (v, s, u) in entries[-1][1].parameters.items())}
+        for words, entries in found.items()
+    ]  # fmt: skip
+
+
+def _visits(visits: Sequence[Visit]) -> list[dict[str, Any]]:
+    rows = [
+        {"date": v.date, "stage": v.stage, "instrument": v.instrument, "temperature": v.temperature, "operator": v.operator,
+         "rms": v.rms, "rms_text": f"{plain_number(v.rms, v.rms_unit)} {unit_words(v.rms_unit)}",
+         "findings": ", ".join(f.words for f in v.findings), "note": v.note, "version": v.version, "manifest": v.manifest[:10]}
+        for v in reversed(visits)
+    ]  # fmt: skip
+    parts: list[dict[str, Any]] = [{"summary": "", "rows": rows[:SHOWN]}]
+    if len(rows) > SHOWN:
+        parts.append({"summary": f"{len(rows) - SHOWN} earlier visits", "rows": rows[SHOWN:]})
+    return parts
+
+
+def _row(row: MachineRow, state: Mapping[str, Any], link: str | None) -> dict[str, Any]:
+    return {
+        "name": row.machine.name, "serial": row.machine.serial, "open": row.open, "says": row.says, "last": row.last[:10],
+        "visits": row.visits, "rms": row.rms or 0.0, "findings": ", ".join(row.findings), "link": link,
+        "rms_text": "" if row.rms is None else f"{plain_number(row.rms, row.rms_unit)} {unit_words(row.rms_unit)}",
+        "spark": _spark(state),
+    }  # fmt: skip
+
+
+def _spark(state: Mapping[str, Any]) -> Spark | None:
+    data = state.get("spark")
+    if not data:
+        return None
+    marks = [(instant(a["when"]), "alarm", f"{a['when'][:10]} alarm: {alarm_words(a)}") for a in state["alarms"]]
+    marks += [
+        (instant(e["when"]), f"event {e['kind']}", f"{e['when'][:10]} {e['kind']}: {e['text']}")
+        for e in state["events"]
+    ]
+    return spark(data["points"], data["name"], data["unit"], marks)

@@ -1,0 +1,233 @@
+"""A machine over the years: its errors at every visit, alarms, where they go from here, and when to come back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.errors import InputError
+from symfive.files import shown
+from symfive.history._alarms import Alarm, Watch
+from symfive.history._change import ITSELF, Scatter
+from symfive.history._directions import Readings, readings_of
+from symfive.history._filter import REFERENCE, SPAN, Filter
+from symfive.history._forecast import YEAR, Forecast, errors_at, forecasts_of, years_ahead
+from symfive.history._information import Said, said_by
+from symfive.history._limits import RATE
+from symfive.history._visit import Event, MachineId, Visit, time_text
+
+__all__ = ["Trend", "alarm_data", "trend_of"]
+
+Array = NDArray[np.float64]
+SPARK_POINTS = 60
+
+
+@dataclass(frozen=True)
+class Trend:
+    """The history of one machine: `said` what each visit says, (n, k); `alarms`; `forecasts` of the determined errors;
+    `come_back` the date (s) until which all tolerances hold with 95 %, None without tolerances; `horizon` the last date
+    looked at; `rate` false alarms a year that the limits allow. `path` and `band` (n, k) are the level and its 1σ after each
+    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C;
+    `scatter` what it does from visit to visit, None before it is known; alarms begin with the visit number `begins`."""
+
+    machine: MachineId
+    visits: tuple[Visit, ...]
+    events: tuple[Event, ...]
+    said: Said
+    determined: tuple[str, ...]
+    alarms: tuple[Alarm, ...]
+    forecasts: tuple[Forecast, ...]
+    path: Array
+    band: Array
+    rate: float
+    horizon: float
+    come_back: float | None = None
+    temperature: float = REFERENCE
+    scatter: Scatter | None = None
+    begins: int = 0
+
+    @property
+    def open_alarms(self) -> tuple[Alarm, ...]:
+        """Alarms since the last repair or adjustment."""
+        renewed = [event.time for event in self.events if event.renews]
+        renewed += [visit.time for visit in self.visits if visit.stage == "as-left"]
+        last = max(renewed, default=-np.inf)
+        return tuple(alarm for alarm in self.alarms if self.visits[alarm.visit].time > last)
+
+    def to_data(self) -> dict[str, Any]:
+        """The trend as JSON."""
+        machine = {"name": self.machine.name, "serial": self.machine.serial, "structure": self.machine.structure}
+        return {
+            "schema": "symfive.trend/1", "machine": machine, "key": self.machine.key, "visits": len(self.visits),
+            "first": self.visits[0].when, "last": self.visits[-1].when, "false_alarms_a_year": self.rate,
+            "alarms": [alarm_data(alarm, self) for alarm in self.alarms], "open_alarms": len(self.open_alarms),
+            "errors": [forecast.to_data() for forecast in self.forecasts], "temperature_C": self.temperature,
+            "not_determined": [name for name in self.said.names if name not in self.determined],
+            "horizon": time_text(self.horizon),
+            "measure_again_by": None if self.come_back is None else time_text(self.come_back),
+        }  # fmt: skip
+
+    def state(self) -> dict[str, Any]:
+        """What the fleet's table needs."""
+        last = self.visits[-1] if self.visits else None
+        return {
+            "visits": len(self.visits), "first": self.visits[0].when if last else None, "last": last.when if last else None,
+            "alarms": [alarm_data(alarm, self) for alarm in self.alarms[-20:]], "alarm_count": len(self.alarms),
+            "open": len(self.open_alarms), "rms": last.rms if last else None, "rms_unit": last.rms_unit if last else "um",
+            "findings": [finding.words for finding in last.findings] if last else [],
+            "forecasts": [
+                {"name": f.name, "unit": f.unit, "level": f.level, "level_std": f.level_std, "rate": f.rate,
+                 "rate_std": f.rate_std} for f in self.forecasts
+            ],
+            "spark": self._spark(),
+            "events": [{"when": event.when, "kind": event.kind, "text": event.text} for event in self.events[-20:]],
+        }  # fmt: skip
+
+    def _spark(self) -> dict[str, Any] | None:
+        """The error that deserves a look, thinned: of the newest open alarm, else the one whose rate stands out most."""
+        if not self.forecasts:
+            return None
+        by_name = {forecast.name: forecast for forecast in self.forecasts}
+        blamed = [cause.names[0] for alarm in self.open_alarms[-1:] for cause in alarm.causes]
+        restless = max(self.forecasts, key=lambda f: abs(f.rate) / max(f.rate_std, 1e-12)).name
+        name = next((name for name in blamed if name in by_name), restless)
+        i = self.said.names.index(name)
+        which = np.unique(np.linspace(0, len(self.visits) - 1, SPARK_POINTS).round().astype(int))
+        which = which[np.isfinite(self.said.value[which, i])]
+        points = [
+            [self.visits[v].time, float(f"{self.said.value[v, i]:.5g}"), float(f"{self.said.std[v, i]:.3g}")]
+            for v in which
+        ]
+        return {"name": name, "unit": by_name[name].unit, "points": points}
+
+
+def alarm_data(alarm: Alarm, trend: Trend) -> dict[str, Any]:
+    """An alarm as JSON."""
+    causes = [{"names": list(c.names), "probabilities": list(c.probabilities), "change": c.change, "std": c.std,
+               "unit": c.unit} for c in alarm.causes]  # fmt: skip
+    when, since = trend.visits[alarm.visit].when, trend.visits[alarm.since].when
+    return {
+        "kind": alarm.kind,
+        "when": when,
+        "since": since,
+        "score": alarm.score,
+        "limit": alarm.limit,
+        "causes": causes,
+    }
+
+
+def trend_of(
+    visits: Sequence[Visit], events: Sequence[Event], *, rate: float = RATE, tolerances: Mapping[str, float] | None = None,
+) -> Trend:  # fmt: skip
+    """The trend of one machine's visits, in the order of their dates. `tolerances` ± of errors by name, file units.
+
+    Raises `InputError` where there is no visit, or a tolerance is of an error that no visit holds.
+    """
+    if not visits:
+        raise InputError("the machine has no visits", remedy="add results with symfive history add")
+    visits = sorted(visits, key=lambda visit: visit.order)
+    said = said_by(visits)
+    for name in tolerances or {}:
+        if name not in said.names:
+            problem = f"no visit identified {shown(name)}"
+            raise InputError(problem, remedy=f"use one of {', '.join(said.names[:12])}")
+    readings, warmth = readings_of(said), _warmth(visits)
+    watched = _watched(visits, events, said, readings, warmth, rate)
+    path, band = errors_at(readings, said.scale, readings.known, watched.levels, watched.variances, watched.begun)
+    determined = (readings.basis**2).sum(axis=1) >= ITSELF
+    usual, last = float(warmth.mean()), visits[-1].time
+    ahead = years_ahead((last - visits[0].time) / YEAR)
+    forecasts = forecasts_of(
+        watched.filter,
+        readings,
+        said,
+        which=determined,
+        warmth=usual,
+        ahead=ahead,
+        now=last,
+        tolerances=tolerances or {},
+    )
+    horizon = last + float(ahead[-1]) * YEAR
+    dates = [f.earliest if f.earliest is not None else horizon for f in forecasts if f.tolerance is not None]
+    return Trend(
+        machine=visits[-1].machine, visits=tuple(visits), events=tuple(events), said=said,
+        determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(watched.alarms),
+        forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon,
+        come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
+        scatter=_scatter(watched.filter, watched.watch, readings, said), begins=readings.basis.shape[1] + 3,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """Filter and watch after the last visit, the alarms, and the levels after each visit (n, r) with their variances."""
+
+    filter: Filter
+    watch: Watch
+    alarms: list[Alarm]
+    levels: Array
+    variances: Array
+    begun: NDArray[np.bool_]
+
+
+def _watched(
+    visits: Sequence[Visit], events: Sequence[Event], said: Said, readings: Readings, warmth: Array, rate: float
+) -> _Watched:
+    """Visit after visit: time goes by, the forecast is judged, the state follows; nothing looks ahead."""
+    filter_, watch = Filter(readings.basis.shape[1]), Watch(readings.basis, said.names, said.units, said.scale)
+    alarms, (levels, variances) = list[Alarm](), np.empty((2, *readings.value.shape))
+    begun = np.zeros(readings.value.shape, dtype=bool)
+    renewals = sorted(event.time for event in events if event.renews)
+    gain: Array | None = None
+    for number, visit in enumerate(visits):
+        before = visits[number - 1] if number else visit
+        years = (visit.time - before.time) / YEAR
+        filter_.elapse(years)
+        alarm, renewed = None, visit.stage == "as-left" or any(before.time < time <= visit.time for time in renewals)
+        value, variance = readings.value[number], readings.variance[number]
+        if renewed:
+            filter_.renew()
+            watch.forget()
+        step = filter_.forecast(value, variance, warmth[number], None if renewed else gain)
+        if number and not renewed:
+            alarm = watch.look(step, rate, years, number)
+            watch.learn(step, alarm)
+        if alarm is not None:
+            alarms.append(alarm)
+            filter_.renew()
+            watch.forget()
+        gain = filter_.follow(value, variance, warmth[number], learn=alarm is None and not renewed)
+        gain = None if alarm is not None else gain
+        levels[number], variances[number] = filter_.now(warmth[number])
+        begun[number] = filter_.begun
+    return _Watched(filter_, watch, alarms, levels, variances, begun)
+
+
+def _warmth(visits: Sequence[Visit]) -> Array:
+    """How far each visit was from 20 °C, in ten degrees; one that was not recorded as warm as those before it on average."""
+    found, known = [], list[float]()
+    for visit in visits:
+        if visit.temperature is not None:
+            known.append(visit.temperature)
+        here = visit.temperature if visit.temperature is not None else (np.mean(known) if known else REFERENCE)
+        found.append((float(here) - REFERENCE) / SPAN)
+    return np.array(found)
+
+
+def _scatter(filter_: Filter, watch: Watch, readings: Readings, said: Said) -> Scatter | None:
+    """What the machine does beyond the stated uncertainties, in file units; the newest visit states them."""
+    last = readings.variance[-1]
+    if not np.isfinite(last).all():
+        return None
+    excess = watch.excess(last)
+    if excess is None:
+        return None
+    mean, covariance, _ = filter_.chosen()
+    basis, scale = readings.basis, said.scale
+    slopes = (basis * covariance[:, 2, 2]) @ basis.T / SPAN**2
+    both = np.outer(scale, scale)
+    return Scatter(said.names, basis @ excess @ basis.T * both, basis @ mean[:, 2] * scale / SPAN, slopes * both)

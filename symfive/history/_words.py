@@ -1,0 +1,94 @@
+"""A machine's trend in words, for a screen."""
+
+from __future__ import annotations
+
+from symfive.history._fleet import alarm_words
+from symfive.history._forecast import BAND, Forecast
+from symfive.history._trend import Trend, alarm_data
+from symfive.history._visit import time_text
+from symfive.numbers import plain_number, unit_words, with_std
+from symfive.screen import listed, plural
+
+__all__ = ["advice", "alarm_sentence", "forecast_sentence", "trend_text"]
+
+
+def trend_text(trend: Trend) -> str:
+    """The machine, its alarms, its errors now with their rates, and when to come back."""
+    first, last = trend.visits[0], trend.visits[-1]
+    head = f"{trend.machine}: {plural(len(trend.visits), 'visit')}, {first.date} to {last.date}"
+    lines = [head, *(f"  {sentence}" for sentence in _alarms(trend))]
+    lines += ["", "error      last visit              now                     a year"]
+    rows = [_row(trend, f) for f in trend.forecasts]
+    lines += listed(rows, "history.trend(machine).forecasts")
+    open_ = [name for name in trend.said.names if name not in trend.determined]
+    if open_:
+        lines.append(f"Not determined alone by these tests: {', '.join(open_[:12])}.")
+    lines += [forecast_sentence(f, trend) for f in trend.forecasts if f.tolerance is not None]
+    said = advice(trend)
+    if said:
+        lines.append(said)
+    lines.append(
+        f"± is 1σ; now and later at {plain_number(trend.temperature)} °C, the visits' average; from the nominal machine of the "
+        "first visit."
+    )
+    return "\n".join(lines)
+
+
+def _row(trend: Trend, forecast: Forecast) -> str:
+    """An error: at the last visit, now and its rate, these two from the second visit on."""
+    i = trend.said.names.index(forecast.name)
+    last = with_std(float(trend.said.value[-1, i]), float(trend.said.std[-1, i]), forecast.unit)
+    now = with_std(forecast.level, forecast.level_std, forecast.unit)
+    rate = with_std(forecast.rate, forecast.rate_std, forecast.unit)
+    return (f"{forecast.name:<9}  {last:<22}" + (f"  {now:<22}  {rate}" if len(trend.visits) > 1 else "")).rstrip()
+
+
+def _alarms(trend: Trend) -> list[str]:
+    stated = f"at most {plain_number(trend.rate * 10)} false alarms in ten years"
+    if len(trend.visits) < trend.begins:
+        return [
+            f"Alarms begin with visit {trend.begins}, when the machine's own scatter is known; till then compare two dates."
+        ]
+    if not trend.alarms:
+        return [f"No alarm ({stated})."]
+    shown = [alarm_sentence(trend, number) for number in range(len(trend.alarms))][::-1]
+    return [f"{plural(len(trend.alarms), 'alarm')}, {len(trend.open_alarms)} open ({stated}), the newest first:",
+            *listed(shown, "history.trend(machine).alarms", 8)]  # fmt: skip
+
+
+def alarm_sentence(trend: Trend, number: int) -> str:
+    """`2026-03-04: step of EX0C +2.1 ± 0.3 µm, since 2026-02-25`."""
+    alarm = trend.alarms[number]
+    when, since = trend.visits[alarm.visit].date, trend.visits[alarm.since].date
+    later = f", since {since}" if since != when else ""
+    return f"{when}: {alarm_words(alarm_data(alarm, trend))}{later}"
+
+
+def forecast_sentence(forecast: Forecast, trend: Trend) -> str:
+    """When an error passes its tolerance, with the band; "" for one without a tolerance."""
+    if forecast.tolerance is None:
+        return ""
+    limit = f"±{plain_number(forecast.tolerance)} {unit_words(forecast.unit)}"
+    if forecast.beyond:
+        return f"{forecast.name} is beyond {limit} today."
+    if forecast.earliest is None:
+        return f"{forecast.name} stays within {limit} until {time_text(trend.horizon)[:10]}."
+    likely = time_text(forecast.likely)[:10] if forecast.likely is not None else "not in sight"
+    latest = time_text(forecast.latest)[:10] if forecast.latest is not None else "perhaps never"
+    band = f"{100 * BAND:.0f} % band {time_text(forecast.earliest)[:10]} to {latest}"
+    return f"{forecast.name} passes {limit}: {likely} ({band})."
+
+
+def advice(trend: Trend) -> str:
+    """When to measure again; "" without tolerances."""
+    if trend.come_back is None:
+        return ""
+    if any(f.beyond for f in trend.forecasts):
+        return "Correct the machine now: a tolerance is exceeded."
+    if trend.come_back <= trend.visits[-1].time:
+        return "Measure again now: with these uncertainties a tolerance may be exceeded already."
+    days = (trend.come_back - trend.visits[-1].time) / 86400.0
+    by = time_text(trend.come_back)[:10]
+    if trend.come_back >= trend.horizon:
+        return f"No tolerance is reached before {by}, as far as this history supports a forecast; a collision is not foreseen."
+    return f"Measure again by {by} ({days:.0f} days after the last visit); a collision is not foreseen."

@@ -1,0 +1,130 @@
+"""The digital calibration certificate: its schema, its numbers, what it leaves open, and that it says it is unsigned."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from history_world import Past
+from pages import HOSTILE
+
+from symfive import cli
+from symfive.errors import InputError
+from symfive.history import Office, Visit, certificate
+
+DATA = Path(__file__).parent / "data"
+NS = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+FULL = Office(laboratory="Lab & Co", laboratory_city="Aachen", person="E. Meyer", customer="Shop <1>", customer_city="Ulm",
+              country="DE", number="K-17", manufacturer="Maker")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def visit() -> Visit:
+    drawn = Past(1, visits=1).drawn()[0]
+    return replace(
+        drawn, instrument="R-test 7", version="0.1.0", stage="as-left", machine=replace(drawn.machine, serial="A17")
+    )
+
+
+def profiles() -> list:
+    own = [pytest.param(DATA / "dcc_profile.xsd", id="profile")]
+    official = os.environ.get("SYMFIVE_DCC_XSD")
+    skipped = pytest.mark.skipif(
+        not official, reason="Skipped (optional): SYMFIVE_DCC_XSD does not name PTB's dcc.xsd 3.3.0."
+    )
+    return [*own, pytest.param(Path(official or "dcc.xsd"), marks=skipped, id="official")]
+
+
+@pytest.mark.parametrize("schema", profiles())
+@pytest.mark.parametrize("office", [FULL, Office()], ids=["full", "empty"])
+def test_the_certificate_is_valid(visit, schema, office):
+    xmlschema = pytest.importorskip("xmlschema", reason="Skipped (optional): xmlschema is not installed.")
+    checker = xmlschema.XMLSchema(str(schema))
+    for one in (
+        visit,
+        replace(visit, temperature=None, stage="", instrument="", machine=replace(visit.machine, serial="")),
+    ):
+        checker.validate(ET.ElementTree(ET.fromstring(certificate(one, office))))
+
+
+def test_the_profile_refuses_what_is_out_of_order(visit):
+    xmlschema = pytest.importorskip("xmlschema", reason="Skipped (optional): xmlschema is not installed.")
+    checker = xmlschema.XMLSchema(str(DATA / "dcc_profile.xsd"))
+    text = certificate(visit, FULL).decode()
+    for good, bad in (("\\micro\\metre", "um"), ("<dcc:countryCodeISO3166_1>DE", "<dcc:countryCodeISO3166_1>Germany"),
+                      ('schemaVersion="3.3.0"', 'schemaVersion="2.0"'), ("si:coverageFactor", "si:factor")):  # fmt: skip
+        assert good in text
+        assert not checker.is_valid(ET.ElementTree(ET.fromstring(text.replace(good, bad))))
+
+
+def test_every_number_is_that_of_the_visit_with_k_2(visit):
+    root = ET.fromstring(certificate(visit, FULL))
+    found = {}
+    for real in root.findall(".//dcc:result//si:real", NS):
+        label, value, unit = (real.findtext(f"si:{tag}", namespaces=NS) for tag in ("label", "value", "unit"))
+        expanded = real.findtext(".//si:valueExpandedMU", namespaces=NS)
+        assert real.findtext(".//si:coverageFactor", namespaces=NS) == "2"
+        assert real.findtext(".//si:coverageProbability", namespaces=NS) == "0.9545"
+        found[label] = float(value), float(expanded), unit
+    assert set(found) == set(visit.names)
+    for i, name in enumerate(visit.names):
+        unit = r"\micro\metre" if visit.units[i] == "um" else r"\micro\radian"
+        assert found[name] == (
+            pytest.approx(visit.values[i], rel=1e-5),
+            pytest.approx(2 * visit.std[i], rel=1e-5),
+            unit,
+        )
+    assert root.findtext(".//dcc:status", namespaces=NS) == "afterAdjustment"
+
+
+def test_what_is_not_determined_has_no_value_and_is_named(visit):
+    open_ = replace(visit, covariance=visit.covariance + np.diag([80.0**2, *[0.0] * 7]))
+    text = certificate(open_, FULL).decode()
+    root = ET.fromstring(text)
+    assert "EX0B" not in [label.text for label in root.findall(".//si:label", NS)]
+    assert "does not determine EX0B;" in text
+    with pytest.raises(InputError, match="determine no error"):
+        certificate(replace(visit, covariance=visit.covariance + np.eye(8) * 1e4), FULL)
+
+
+def test_it_is_unsigned_and_says_what_is_missing(visit):
+    text = certificate(visit, Office()).decode()
+    assert "This certificate is unsigned" in text and "TO BE FILLED IN" in text
+    assert text.count("<dcc:cryptElectronicSignature>false") == 1
+    assert "laboratory, laboratory city, person, customer, customer city, country" in text
+    assert "TO BE FILLED IN" not in certificate(visit, FULL).decode()
+
+
+def test_text_of_users_is_escaped(visit):
+    hostile = replace(FULL, customer=HOSTILE, person=HOSTILE)
+    root = ET.fromstring(certificate(replace(visit, machine=replace(visit.machine, name=HOSTILE)), hostile))
+    assert HOSTILE in [c.text for c in root.iter("{https://ptb.de/dcc}content")]
+    for wrong in ({"country": "Germany"}, {"place": "moon"}):
+        with pytest.raises(InputError):
+            Office(**wrong)
+
+
+def test_the_command(tmp_path, capsys):
+    from history_world import results
+
+    folder = results(tmp_path / "r")
+    words = [
+        "history",
+        "certificate",
+        str(folder),
+        "-o",
+        str(tmp_path / "dcc.xml"),
+        "--date",
+        "2026-03-04",
+        "--country",
+        "DE",
+    ]
+    assert cli.main(words) == 0
+    said = capsys.readouterr()
+    assert "unsigned" in said.err and "--laboratory" in said.err
+    assert "2026-03-04" in (tmp_path / "dcc.xml").read_text()
+    assert cli.main(words) == 2 and "exists" in capsys.readouterr().err
