@@ -220,8 +220,9 @@ def _with_ways(lay: Callable[[Rows], Schedule], design: Rows) -> tuple[Schedule,
     schedule = lay(design)
     machine = schedule.campaign.machine
     if any(name not in LETTERS for name in machine.axis_names):
-        return schedule, Post(unsafe=schedule.unsafe)
-    post = cleared(machine, schedule.campaign.runs, schedule.unsafe)
+        return schedule, Post(unsafe=schedule.unsafe, via=schedule.via)
+    detours = {name: moves.via for name, moves in schedule.moves.items()}
+    post = cleared(machine, schedule.campaign.runs, schedule.unsafe, Post(via=schedule.via), detours)
     return retimed(schedule, post), post
 
 

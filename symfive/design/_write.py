@@ -108,7 +108,8 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
 
 def _driven(plan: Plan, post: Post) -> Plan:
     """The plan with what the user decided about its programs: the same ways unless another retract is wished, its own times."""
-    own = replace(post, unsafe=plan.post.unsafe, ways=plan.post.ways, tested=plan.post.tested)
+    driven = plan.post
+    own = replace(post, via=driven.via, unsafe=driven.unsafe, ways=driven.ways, tested=driven.tested)
     if post.retract_mm != plan.post.retract_mm:
         own = cleared(plan.machine, plan.campaign.runs, plan.unsafe, own)
     if not set(plan.machine.axis_names) <= set(LETTERS):

@@ -13,6 +13,7 @@ from symfive.nc._pace import CAUTION, pace
 from symfive.nc._post import LETTERS, Post, arrival_times, outside_s, program_steps
 from symfive.nc._probing import CYCLES, Probing, cycle_seconds, probing_steps
 from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
+from symfive.nc._seat import Seat
 from symfive.nc._warning import UNCHECKED, collision_warning, which_point
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
@@ -21,7 +22,7 @@ from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
 
 __all__ = [
-    "CAUTION", "CYCLES", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Step", "Way",
+    "CAUTION", "CYCLES", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way",
     "arrival_times", "at_the_top", "collision_warning", "cycle_seconds", "dialect_of", "lifts", "outside_s", "over_the_top",
     "pace", "program", "program_steps", "top_of", "turned_home", "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip

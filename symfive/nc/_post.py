@@ -59,6 +59,7 @@ class Post:
     ISO 841. `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
     `retract_mm` out of the nest; `dwell_s` at each pose, long enough for machine and instrument to settle; `at_pose` what comes
     then: nothing (`dwell`), a `stop` that shows the number of the pose, or your own lines `trigger` that start a reading;
+    `via` run → row → intermediate positions of the seated move to it, which is straight between them;
     `unsafe` run → rows to which the way leads around, out of the nest and over the top; `ways` run → row → the way there, from
     lifted pose to lifted pose (row 0: the lifted pose before the first one, the number of rows: that after the last one, the
     top, rotary axes home), the usual ones where nothing is given; `tested`: whether all ways were tested for collisions.
@@ -72,6 +73,7 @@ class Post:
     dwell_s: float = DWELL_S
     at_pose: str = "dwell"
     trigger: str = ""
+    via: Mapping[str, Mapping[int, Way]] = field(default_factory=dict)
     unsafe: Mapping[str, Sequence[int]] = field(default_factory=dict)
     ways: Mapping[str, Mapping[int, Way]] = field(default_factory=dict)
     tested: bool = False
@@ -166,7 +168,7 @@ class Writer:
         self.places = self.seat.places
         self.bar = "ball_bar" in run.instrument
         self.seated = self.centred = False
-        self._known: dict[bool, dict[int, tuple[Array, Array, Array]]] = {}
+        self._known: dict[bool, dict[int, list[tuple[Array, Array, Array]]]] = {}
         self.circle = circle_of(machine, run)
 
     def steps(self) -> list[Step]:
@@ -281,24 +283,32 @@ class Writer:
         to rest."""
         if self._stays(row):
             return [self._pose(row, max(seconds, 0.0))], 0.0
-        commands, places, path = self._blocks(row)
-        least, more = spread(*pace(self.machine, path), seconds)
-        each = least / len(places)
+        legs = self._blocks(row)
+        paces = [pace(self.machine, path) for *_, path in legs]
+        least, more = spread(*(sum(part) for part in zip(*paces, strict=True)), seconds)
+        share = least / max(sum(own for own, _ in paces), 1e-12)
         steps = [
-            self._feed(dict(zip(self.names, ends, strict=True)), place, each, row)
-            for ends, place in zip(commands[:-1].tolist(), places[:-1], strict=True)
+            self._feed(dict(zip(self.names, ends, strict=True)), place, share * own / len(places), row)
+            for (commands, places, _), (own, _) in zip(legs, paces, strict=True)
+            for ends, place in zip(commands.tolist(), places, strict=True)
         ]
-        return [*steps, self._pose(row, each)], more
+        return [*steps[:-1], self._pose(row, steps[-1].seconds)], more
 
     def _stays(self, row: int) -> bool:
         return all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names)
 
-    def _blocks(self, row: int) -> tuple[Array, Array, Array]:
-        """The way to a row with the ball in its nest (`Seat.blocks`); those of all rows are found at once."""
+    def _blocks(self, row: int) -> list[tuple[Array, Array, Array]]:
+        """The legs of the way to a row with the ball in its nest (`Seat.blocks`); those of all rows are found at once."""
         if self.centred not in self._known:
             around = self.post.unsafe.get(self.run.id, ())
             rows = [r for r in range(1, self.run.rows) if r not in around and not self._stays(r)]
-            self._known[self.centred] = dict(zip(rows, self.seat.blocks(rows, self.centred), strict=True))
+            via = self.post.via.get(self.run.id, {})
+            stands = [[self._commands(r - 1), *via.get(r, ()), self._commands(r)] for r in rows]
+            legs = [(a, b, r) for r, places in zip(rows, stands, strict=True) for a, b in itertools.pairwise(places)]
+            known: dict[int, list[tuple[Array, Array, Array]]] = {r: [] for r in rows}
+            for (*_, r), blocks in zip(legs, self.seat.blocks(legs, self.centred), strict=True):
+                known[r].append(blocks)
+            self._known[self.centred] = known
         return self._known[self.centred][row]
 
     def _recording(self) -> list[Step]:
