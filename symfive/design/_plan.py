@@ -21,12 +21,13 @@ from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._certificate import Certificate, certify
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
+from symfive.design._joint import chosen_with_moves
 from symfive.design._optimise import optimise, value_of
 from symfive.design._reach import Reach, with_ways_out
 from symfive.design._refine import Rows
 from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior, robust_exchange, survive_a_lost_pose
-from symfive.design._rounding import not_rounded, one_tool, rounded
+from symfive.design._rounding import not_rounded, on_grid, one_tool, rounded
 from symfive.design._schedule import Schedule, retimed, scheduled
 from symfive.design._space import Space, make_space
 from symfive.design._ways import cleared
@@ -193,7 +194,12 @@ def plan(
         progress("making it survive the loss of a pose")
         rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
     progress("ways between the poses")
-    schedule, post = _with_ways(lay, fitted(with_ways_out(reach, task, rows)))
+
+    def laid(design: Rows) -> tuple[Schedule, Post]:
+        return _with_ways(lay, with_ways_out(reach, task, design))
+
+    first = _with_ways(lay, fitted(with_ways_out(reach, task, rows)))
+    schedule, post = chosen_with_moves(space, task, first, lambda: _grid_on_steps(space, first[0].rows), laid)
     while minutes is not None and schedule.seconds > 60.0 * minutes:
         over = schedule.seconds - 60.0 * minutes
         estimate = lay(schedule.rows)
@@ -232,6 +238,15 @@ def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool) 
         return certificate
     bound = min(certificate.bound, bound_anywhere(space, task, rows, runs))
     return replace(certificate, anywhere=min(1.0, math.exp(bound - certificate.value)))
+
+
+def _grid_on_steps(space: Space, rows: Rows) -> Candidates:
+    """Poses of a grid in the set-ups of a design, as a person can set them."""
+    grid = _grid_in(space, rows)
+    z = grid.z.copy()
+    z[:, : rows.poses] = on_grid(space, z[:, : rows.poses])
+    fits = space.feasible(z, grid.k)
+    return Candidates(z[fits], grid.k[fits], grid.group[fits], space.kernel.rows(z[fits], grid.k[fits]))
 
 
 def _grid_in(space: Space, rows: Rows) -> Candidates:
@@ -286,10 +301,24 @@ def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:
     return notes
 
 
+def _removals(schedule: Schedule, name: str, count: int) -> str:
+    """How often the instrument comes off within a run, and why."""
+    run = next(run for run in schedule.campaign.runs if run.id == name)
+    bar = run.length is not None
+    what = "remove the bar" if bar else "leave the nest"
+    stops = " (program stops there)" if bar else ""
+    seated = "bar on" if bar else "ball in the nest"
+    return (
+        f"run {name}: {what} before {count} of the poses{stops}; no clear move with the {seated} was found, and another pose "
+        "would tell less than the time is worth"
+    )
+
+
 def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
     notes = [
-        f"run {run}: the way to {len(rows)} of its poses leads out of the nest and around"
+        _removals(schedule, run, len(rows))
         for run, rows in schedule.unsafe.items()
+        if schedule.moves[run].seated.follows
     ]
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")

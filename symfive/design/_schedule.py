@@ -17,6 +17,7 @@ from symfive.design._refine import Rows
 from symfive.design._seated import Clear, Seated, bars_of
 from symfive.design._space import Space
 from symfive.machine import Machine
+from symfive.motion import approach
 from symfive.nc import Post, Way, arrival_times, cycle_seconds, outside_s
 
 __all__ = ["SETUP_S", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
@@ -47,14 +48,16 @@ class Schedule:
 
 @dataclass(frozen=True)
 class RunMoves:
-    """Seated moves to the rows of a run, which visits the poses of `seated` in an `order`."""
+    """Seated moves to the rows of a run, which visits the poses of `seated` in an `order`; `sides` (rows, R) from which its
+    rotary axes come."""
 
     seated: Seated
     order: Indices
+    sides: Array
 
     def via(self, row: int, clear: Clear | None = None) -> Way | None:
         """Intermediate positions on the way from the row before, () where it is straight, None where the ball has to leave."""
-        return self.seated.via(int(self.order[row - 1]), int(self.order[row]), clear)
+        return self.seated.via(int(self.order[row - 1]), int(self.order[row]), self.sides[row], clear)
 
 
 def scheduled(space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float) -> Schedule:
@@ -89,7 +92,7 @@ def _laid_out(
             length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None,
             noise_um=noise_um, setup_sigma_um=space.setup_sigma,
         )  # fmt: skip
-        moves[name] = RunMoves(own, order)
+        moves[name] = RunMoves(own, order, _sides(space.machine, run))
         ways = {i: moves[name].via(i) for i in range(1, len(order)) if order[i] != order[i - 1]}
         unsafe |= {name: around} if (around := tuple(i for i, way in ways.items() if way is None)) else {}
         via |= {name: bent} if (bent := {i: way for i, way in ways.items() if way}) else {}
@@ -100,6 +103,12 @@ def _laid_out(
     campaign = Campaign(machine=space.machine, runs=tuple(runs), name="plan")
     drift = _drift(space, rows, np.concatenate(places), np.concatenate(instants), repeats)
     return Schedule(campaign, clock, unsafe, via, moves, drift, rows)
+
+
+def _sides(machine: Machine, run: Run) -> Array:
+    """From which side each rotary axis comes to the rows of a run (rows, R): -1 or 1, 0 of one that never turns."""
+    found = [approach(q) for name, q in run.commands.items() if machine.axes[name].rotary]
+    return np.stack(found, axis=1) if found else np.zeros((run.rows, 0))
 
 
 def _order(seated: Seated, ordering: Callable[[Indices], Indices], returns: int) -> Indices:

@@ -1,8 +1,8 @@
 """Moves with the ball in its nest or the bar on where the straight one is blocked: by way of intermediate positions.
 
-A probabilistic roadmap (L. E. Kavraki et al. 1996) of one set-up: its nodes are the run's poses and positions of a grid, its edges
-straight seated moves that keep all limits at some positions in between. The shortest path in time joins two poses; whether the
-bodies themselves keep apart along it is tested only for the paths that are used (lazily, R. Bohlin & L. E. Kavraki 2000).
+A probabilistic roadmap (L. E. Kavraki et al. 1996) of one set-up: its nodes are the run's poses and positions of a grid, its
+edges straight seated moves that keep all limits at some positions in between. The shortest path in time joins two poses; whether
+the bodies themselves keep apart along it is tested only for the paths that are used (lazily, R. Bohlin & L. E. Kavraki 2000).
 """
 
 from __future__ import annotations
@@ -32,10 +32,12 @@ BETWEEN = np.linspace(0.0, 1.0, 37)[1:-1]
 FEWER = BETWEEN[2::5]
 MANY = 60
 """Poses in one run beyond which the moves between all pairs are looked at less closely; those taken always are."""
-PLACES = 500
+PLACES = 1000
 """Positions of the grid that are tried as nodes."""
-NEIGHBOURS = 12
+NEIGHBOURS = 20
 """Edges of a node to the nearest others, in time."""
+BESIDE_DEG = 2.0
+"""From so far beside it a pose is reached from the side that its row says."""
 Clear = Callable[[Positions, Positions], bool]
 """Whether a straight seated move from one place to another is clear of everything."""
 LEAST_S = 0.1
@@ -71,13 +73,13 @@ class Seated:
             return self.straight
         return np.asarray(dijkstra(self._graph, indices=range(self.count))[:, : self.count])
 
-    def via(self, first: int, last: int, clear: Clear | None = None) -> Way | None:
+    def via(self, first: int, last: int, sides: Array, clear: Clear | None = None) -> Way | None:
         """Intermediate positions of the shortest move from one pose to another, () of a straight one, None where there is none.
 
-        `clear` of a straight seated move decides finally; what it refuses is not tried again. On the last leg every rotary axis
-        turns the way that the poses themselves say, since a static row counts as approached from the side of the row before.
+        `sides` (R,) from which the rotary axes have to reach the pose, -1 or 1: a static row counts as approached from the side
+        of the rows before it. `clear` of a straight seated move decides finally; what it refuses is not tried again.
         """
-        while (path := self._path(first, last)) is not None:
+        while (path := self._path(first, last, sides)) is not None:
             legs = list(itertools.pairwise(path))
             bad = [leg for leg in legs if clear is not None and not clear(*map(self._position, leg))]
             if not bad:
@@ -85,7 +87,12 @@ class Seated:
             self._blocked |= {*bad, *((b, a) for a, b in bad)}
         return None
 
-    def _path(self, first: int, last: int) -> list[int] | None:
+    def reached_from(self, pose: int, z: Array) -> NDArray[np.bool_]:
+        """Whether the straight moves from a pose to other rows (m, nz) of the set-up keep all limits (m,)."""
+        both, k = np.concatenate([self.z[pose : pose + 1], z]), np.repeat(self.k[:1], len(z) + 1, axis=0)
+        return ~_leaves(self.space, both, k, np.zeros(len(z), dtype=np.int64), np.arange(1, len(z) + 1), BETWEEN)
+
+    def _path(self, first: int, last: int, sides: Array) -> list[int] | None:
         """Nodes of the shortest move, not through a leg that was refused."""
         if self.direct[first, last] and (first, last) not in self._blocked:
             return [first, last]
@@ -96,25 +103,34 @@ class Seated:
             a, b = np.array(list(self._blocked)).T
             graph[a, b] = 0.0
             graph.eliminate_zeros()
-        reached, before = dijkstra(graph, indices=first, return_predecessors=True)
         into = graph[[last]].tocoo()  # the edges of the last node, the same both ways
-        nodes, total = into.coords[1], reached[into.coords[1]] + into.data
-        wanted = np.sign(self._rotary[last] - self._rotary[first])
-        turned = np.sign(self._rotary[last] - self._rotary[nodes])
+        nodes = into.coords[1]
+        graph[nodes, last] = 0.0  # nothing leads through it
+        graph.eliminate_zeros()
+        reached, before = dijkstra(graph, indices=first, return_predecessors=True)
+        total = reached[nodes] + into.data
         for i in np.argsort(total):
-            if not np.isfinite(total[i]) or not np.array_equal(turned[i], wanted):
-                continue
+            if not np.isfinite(total[i]):
+                break
             path = [last, int(nodes[i])]
             while path[-1] != first:
                 path.append(int(before[path[-1]]))
-            if path.count(last) == 1:
-                return path[::-1]
+            path.reverse()
+            turned = np.diff(self._rotary[path], axis=0)
+            if np.all((np.sign(turned[-1]) == sides) | ~turned.any(axis=0)):
+                return path
         return None
 
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
-        """Variables and constants of the poses and, behind them, of the grid's positions within all limits."""
-        poses = on_grid(self.space, pose_grid(self.space, PLACES))
+        """Variables and constants of the poses and, behind them, of positions within all limits: beside every pose in each
+        direction of the rotary axes, so that it can be reached from any side, and on a grid."""
+        axes = self.space.machine.axes
+        rotary = sum(axis.rotary for axis in axes.values())
+        steps = np.array(list(itertools.product((0.0, -1.0, 1.0), repeat=rotary)))[1:] * np.radians(BESIDE_DEG)
+        beside = np.repeat(self.z[:, : self.space.poses], len(steps), axis=0)
+        beside[:, :rotary] += np.tile(steps, (self.count, 1))
+        poses = on_grid(self.space, np.concatenate([beside, pose_grid(self.space, PLACES)]))
         setup = np.broadcast_to(self.z[0, self.space.poses :], (len(poses), self.z.shape[1] - self.space.poses))
         z, k = np.hstack([poses, setup]), np.repeat(self.k[:1], len(poses), axis=0)
         fits = self.space.feasible(z, k)
@@ -153,8 +169,8 @@ class Seated:
 
 
 def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, shares: Array) -> NDArray[np.bool_]:
-    """Whether the seated moves from some rows to others leave the limits: rotary axes straight, the ball in its nest or the bar on
-    the shorter arc, as the program drives."""
+    """Whether the seated moves from some rows to others leave the limits: rotary axes straight, the ball in its nest or the bar
+    on the shorter arc, as the program drives."""
     a, b = z[first], z[last]
     bad = np.zeros(len(first), dtype=bool)
     for share in shares:

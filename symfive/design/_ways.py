@@ -155,7 +155,7 @@ def _without_rests(way: Way) -> Way:
 
 
 Detour = Callable[[int, Callable[[Positions, Positions], bool]], Way | None]
-"""Intermediate positions of a seated move to a row, of whose legs a function says whether they are clear; None where there is none."""
+"""Intermediate positions of a seated move to a row, of whose legs a function says whether they are clear; None: there is none."""
 
 
 def cleared(

@@ -80,6 +80,9 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         "efficiency_over_the_prior": {"mean": _number(plan.over_prior[0]), "worst": _number(plan.over_prior[1])},
         "retract_mm": plan.post.retract_mm,
         "spindle_drawn_back_before_rows": {run: [i + FIRST_LINE for i in rows] for run, rows in plan.unsafe.items()},
+        "seated_moves_by_way_of_further_positions_before_rows": {
+            run: [i + FIRST_LINE for i in sorted(rows)] for run, rows in plan.post.via.items()
+        },
         "notes": list(plan.notes),
     }
 

@@ -285,8 +285,9 @@ class Writer:
             return [self._pose(row, max(seconds, 0.0))], 0.0
         legs = self._blocks(row)
         paces = [pace(self.machine, path) for *_, path in legs]
-        least, more = spread(*(sum(part) for part in zip(*paces, strict=True)), seconds)
-        share = least / max(sum(own for own, _ in paces), 1e-12)
+        needed = sum(own for own, _ in paces)
+        least, more = spread(needed, sum(ramp for _, ramp in paces), seconds)
+        share = least / max(needed, 1e-12)
         steps = [
             self._feed(dict(zip(self.names, ends, strict=True)), place, share * own / len(places), row)
             for (commands, places, _), (own, _) in zip(legs, paces, strict=True)

@@ -29,7 +29,7 @@ Leg = tuple[Mapping[str, float], Mapping[str, float], int]
 
 @dataclass(frozen=True)
 class _Ways:
-    """Legs as arrays: `ends` (legs, 2, axes), `balls` (legs, 2, 3) mm in the workpiece frame, and the `rows` that they lead to."""
+    """Legs as arrays: `ends` (legs, 2, axes), `balls` (legs, 2, 3) mm in the workpiece frame, the `rows` that they lead to."""
 
     ends: Array
     balls: Array
@@ -77,7 +77,7 @@ class Seat:
             for i, n in enumerate(self.names)
             if self.machine.axes[n].rotary
         }
-        places = np.stack([self._way(*ways.balls[leg], share) for leg in legs])
+        places = np.stack([self._way(ways.balls[leg, 0], ways.balls[leg, 1], share) for leg in legs])
 
         def what(pose: int) -> str:
             return f"the way to line {ways.rows[legs[pose // len(share)]] + FIRST_LINE} of run {self.run.id}"
