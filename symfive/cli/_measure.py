@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from symfive.effects import Effect
     from symfive.machine import Machine
 
+CIRCULAR_TEST = "iso-230-4"
 __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 
 
@@ -76,7 +77,12 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
 @click.option("--survive", is_flag=True, help="Stay good if any one pose is lost.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
-@click.option("--circles", help="Instead of poses, circles: synchronous or planar (needs --effect).")
+@click.option(
+    "--circles", help="Instead of poses, circles: iso-230-4 (the circular test), or synchronous or planar (chosen for --effect)."
+)
+@click.option("--plane", "planes", multiple=True, help="With --circles: XY (default), YZ or ZX; may be repeated.")
+@click.option("--feed", "feeds", type=POSITIVE, multiple=True, help="With --circles: mm/min along the circle; may be repeated.")
+@click.option("--sweep", type=POSITIVE, help="With --circles iso-230-4: degree of the arc, 360 or less, as 220.")
 @click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
 @click.option(
@@ -132,6 +138,9 @@ def plan(
     survive: bool,
     robust: str,
     circles: str | None,
+    planes: tuple[str, ...],
+    feeds: tuple[float, ...],
+    sweep: float | None,
     effects: tuple[str, ...],
     count: int,
     tool_centre_on: str,
@@ -150,6 +159,7 @@ def plan(
     quiet: bool,
 ) -> None:
     """The optimal measurement plan: a campaign without readings, certificate, NC programs, set-up sheet."""
+    from symfive.design import circular_test
     from symfive.design import plan as make_plan
     from symfive.design import plan_circles
     from symfive.executors import executor
@@ -170,10 +180,17 @@ def plan(
             trigger=trigger,
         )
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
-        if circles is not None:
-            result: Any = plan_circles(
+        result: Any
+        if circles == CIRCULAR_TEST:
+            result = circular_test(
+                data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=_one_bar(bars), sweep_deg=sweep,
+                noise_um=noise_um,
+            )  # fmt: skip
+        elif circles is not None:
+            result = plan_circles(
                 data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
-                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data),
+                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data), planes=planes or ("XY",),
+                feeds=feeds or (500.0, 1000.0),
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:
@@ -196,6 +213,14 @@ def _rotary(machine: Machine, names: str) -> tuple[str, ...]:
             rotary = ", ".join(n for n, axis in machine.axes.items() if axis.rotary) or "none"
             raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {rotary}")
     return found
+
+
+def _one_bar(bars: Sequence[float]) -> float | None:
+    from symfive.errors import InputError
+
+    if len(bars) > 1:
+        raise InputError(f"a circular test has one bar, {len(bars)} are given", remedy="give --bar once")
+    return bars[0] if bars else None
 
 
 def _bars_of(machine: Machine) -> tuple[float, ...]:

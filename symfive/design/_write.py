@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symfive.campaign import FIRST_LINE, Run, write_campaign_files
+from symfive.campaign import FIRST_LINE, Campaign, Run, write_campaign_files
 from symfive.design._assess import Assessment, assess
 from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
 from symfive.design._schedule import on_ways
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from symfive.design._dynamic import CirclePlan
     from symfive.design._plan import Plan
 
-__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_circles", "write_plan", "write_sheet", "write_test"]
+__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_circles", "write_plan", "write_recordings", "write_sheet", "write_test"]
 
 SCHEMA = "symfive.plan/1"
 DRAWN = 36
@@ -130,12 +131,18 @@ def _driven(plan: Plan, post: Post) -> Plan:
 def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
     """Campaign, plan.json, programs, set-up sheet and its pictures into a folder that exists. Raises `InputError` where a program
     has no clear way."""
-    expected = assess(plan.campaign, effects=plan.effects)
-    machine = plan.campaign.machine
-    own = cleared(machine, plan.campaign.runs, {}, post) if set(machine.axis_names) <= set(LETTERS) else post
-    sheet = Sheet(campaign=plan.campaign, post=own or Post(), assessment=expected)
-    _write_files(sheet, folder, nc)
-    write_json(folder / "plan.json", plan.to_data())
+    write_recordings(plan.campaign, assess(plan.campaign, effects=plan.effects), plan.to_data(), folder, nc, post)
+
+
+def write_recordings(
+    campaign: Campaign, expected: Assessment, data: Mapping[str, Any], folder: Path, nc: tuple[str, ...], post: Post | None
+) -> None:  # fmt: skip
+    """Recordings as a plan: campaign, plan.json of `data`, programs and set-up sheet. Raises `InputError` where a program has no
+    clear way."""
+    machine = campaign.machine
+    own = cleared(machine, campaign.runs, {}, post) if set(machine.axis_names) <= set(LETTERS) else post
+    _write_files(Sheet(campaign=campaign, post=own or Post(), assessment=expected), folder, nc)
+    write_json(folder / "plan.json", data)
 
 
 def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
