@@ -78,10 +78,13 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--survive", is_flag=True, help="Stay good if any one pose is lost.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
 @click.option(
-    "--circles", help="Instead of poses, circles: iso-230-4 (the circular test), or synchronous or planar (chosen for --effect)."
+    "--circles",
+    help="Instead of poses, circles: iso-230-4 (the circular test), or synchronous or planar (chosen for --effect).",
 )
 @click.option("--plane", "planes", multiple=True, help="With --circles: XY (default), YZ or ZX; may be repeated.")
-@click.option("--feed", "feeds", type=POSITIVE, multiple=True, help="With --circles: mm/min along the circle; may be repeated.")
+@click.option(
+    "--feed", "feeds", type=POSITIVE, multiple=True, help="With --circles: mm/min along the circle; may be repeated."
+)
 @click.option("--sweep", type=POSITIVE, help="With --circles iso-230-4: degree of the arc, 360 or less, as 220.")
 @click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
@@ -92,6 +95,17 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     help="Your control's line that switches tool-centre control on, as TRAORI.",
 )
 @click.option("--tool-centre-off", default="", show_default=False, help="The line that switches it off, as TRAFOOF.")
+@click.option(
+    "--tool-centre",
+    is_flag=True,
+    help="Tool-centre control in the words of iso (G43.4 H) and siemens (TRAORI).",
+)
+@click.option(
+    "--tool",
+    type=click.IntRange(1, 9999),
+    default=1,
+    help="With --tool-centre: the tool whose length is the ball's.",
+)
 @click.option(
     "--reversed", "reversed_axes", default="", show_default=False, help="Rotary axes that turn against ISO 841, as B,C."
 )
@@ -143,6 +157,8 @@ def plan(
     sweep: float | None,
     effects: tuple[str, ...],
     count: int,
+    tool_centre: bool,
+    tool: int,
     tool_centre_on: str,
     tool_centre_off: str,
     reversed_axes: str,
@@ -159,9 +175,8 @@ def plan(
     quiet: bool,
 ) -> None:
     """The optimal measurement plan: a campaign without readings, certificate, NC programs, set-up sheet."""
-    from symfive.design import circular_test
+    from symfive.design import circular_test, plan_circles
     from symfive.design import plan as make_plan
-    from symfive.design import plan_circles
     from symfive.executors import executor
     from symfive.given import machine_given
     from symfive.nc import Post
@@ -171,6 +186,8 @@ def plan(
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
         post = Post(
+            tool_centre=tool_centre,
+            tool_number=tool,
             tool_centre_on=tool_centre_on,
             tool_centre_off=tool_centre_off,
             reversed_axes=_rotary(data, reversed_axes),

@@ -19,7 +19,7 @@ from symfive.design._plan import Plan, plan
 from symfive.design._write import assessment_data, write_test
 
 __all__ = [
-    "APART", "CRITERIA", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "CircularTest", "Criterion",
-    "Discrimination", "Plan", "Separation", "assess", "assessment_data", "best_ratio", "circle_information", "circular_test", "criterion_of",
-    "discriminate", "in_addition", "in_common", "plan", "plan_circles", "write_test",
+    "APART", "CRITERIA", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "CircularTest",
+    "Criterion", "Discrimination", "Plan", "Separation", "assess", "assessment_data", "best_ratio", "circle_information",
+    "circular_test", "criterion_of", "discriminate", "in_addition", "in_common", "plan", "plan_circles", "write_test",
 ]  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any
 
 from symfive.campaign import Campaign, Run
 from symfive.design._assess import Assessment, assess
+from symfive.design._circle_words import sigma_words
 from symfive.design._write import SCHEMA, assessment_data, write_recordings
 from symfive.errors import InputError
 from symfive.given import machine_given
@@ -22,6 +23,8 @@ from symfive.threads import one_thread
 __all__ = ["CircularTest", "circular_test"]
 
 WHOLE_DEG = 360.0
+SEEN = 0.5
+"""What a test tells: 1σ at most this share of the prior's."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,7 +57,10 @@ class CircularTest(OnScreen):
     def __str__(self) -> str:
         lines = [f"circular test, {len(self.campaign.runs)} recordings, {self.minutes:.1f} min without set-up"]
         lines += listed([f"  {run.id}: {_words(run)}" for run in self.campaign.runs], "test.campaign.runs")
-        return "\n".join([*lines, str(self.assessment), *self.notes])
+        sigma = self.assessment.sigma
+        told = [p for p in self.assessment.parameters if p.kind != "setup" and sigma[p.name] < SEEN * p.sigma]
+        lines += sigma_words(told, sigma)
+        return "\n".join([*lines, *self.notes])
 
 
 def _words(run: Run) -> str:
@@ -70,8 +76,8 @@ def circular_test(
 ) -> CircularTest:  # fmt: skip
     """Circles by the control's own interpolation in each of `planes`, at each of `feeds` (mm/min), in both directions.
 
-    `radius` mm, the bar's length; `sweep_deg` of the data: 360 is the test of ISO 230-4, 220 what goes where the table or the end of
-    an axis is in the way (default: 360 in XY, 220 in the upright planes); `centre` mm, the table ball in the workpiece frame.
+    `radius` mm, the bar's length; `sweep_deg` of the data: 360 is the test of ISO 230-4, 220 what goes where the table or the end
+    of an axis is in the way (default: 360 in XY, 220 in the upright planes); `centre` mm, the table ball in the workpiece frame.
     Raises `InputError` where an axis cannot follow or does not get around.
     """
     machine = machine_given(machine)

@@ -25,7 +25,16 @@ if TYPE_CHECKING:
     from symfive.design._dynamic import CirclePlan
     from symfive.design._plan import Plan
 
-__all__ = ["SCHEMA", "assessment_data", "plan_data", "write_circles", "write_plan", "write_recordings", "write_sheet", "write_test"]
+__all__ = [
+    "SCHEMA",
+    "assessment_data",
+    "plan_data",
+    "write_circles",
+    "write_plan",
+    "write_recordings",
+    "write_sheet",
+    "write_test",
+]
 
 SCHEMA = "symfive.plan/1"
 DRAWN = 36

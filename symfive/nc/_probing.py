@@ -19,7 +19,8 @@ from symfive.errors import InputError
 from symfive.instruments import touches_of
 from symfive.machine import Machine
 from symfive.nc._base import Step
-from symfive.nc._post import Post, Writer
+from symfive.nc._post import Post
+from symfive.nc._writer import Writer
 
 __all__ = ["CYCLES", "Probing", "cycle_seconds", "probing_steps"]
 
