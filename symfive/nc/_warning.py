@@ -53,8 +53,8 @@ def which_point(machine: Machine, run: Run, post: Post) -> str:
         return f"X Y Z are of {nose}, no tool length called; the ball's centre is {length} below it"
     if not post.tool_centre_on:
         return (
-            f"While tool-centre control is on X Y Z are of the ball's centre in the workpiece frame, its length {length} called with it; "
-            f"elsewhere they are of {nose}, no tool length called"
+            f"While tool-centre control is on X Y Z are of the ball's centre in the workpiece frame, its length {length} called "
+            f"with it; elsewhere they are of {nose}, no tool length called"
         )
     on, off = (" ".join(text.split()) for text in (post.tool_centre_on, post.tool_centre_off))
     return (
