@@ -126,6 +126,13 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     show_default=False,
     help="Your control's line that starts a reading, as M64 P0 (with trigger).",
 )
+@click.option(
+    "--frame",
+    default="workpiece",
+    help="Of an R-test's readings: workpiece (nest on the table), machine or tool (head in the spindle).",
+)
+@click.option("--sphere-radius", type=POSITIVE, default=12.5, help="Of a touch probe's sphere, mm.")
+@click.option("--tip-radius", type=POSITIVE, default=3.0, help="Of a touch probe's tip, mm.")
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: none but this one.")
@@ -166,6 +173,9 @@ def plan(
     dwell: float,
     at_pose: str,
     trigger: str,
+    frame: str,
+    sphere_radius: float,
+    tip_radius: float,
     starts: int,
     seed: int,
     workers: int,
@@ -179,10 +189,10 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.executors import executor
     from symfive.given import machine_given
-    from symfive.nc import Post
+    from symfive.nc import CYCLES, Post
     from symfive.outputs import output_folder
 
-    dialects = dialects_of(nc)
+    dialects = dialects_of(nc or (tuple(CYCLES) if instrument == "touch_probe" else ()))
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
         post = Post(
@@ -195,6 +205,8 @@ def plan(
             dwell_s=dwell,
             at_pose=at_pose,
             trigger=trigger,
+            sphere_radius=sphere_radius,
+            tip_radius=tip_radius,
         )
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
         result: Any
@@ -213,7 +225,7 @@ def plan(
             with executor(workers, scheduler) as pool:
                 result = make_plan(
                     data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
-                    setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um,
+                    setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um, frame=frame,
                     survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
                     given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip

@@ -42,6 +42,7 @@ from symfive.threads import one_thread
 __all__ = ["Plan", "plan"]
 
 Array = NDArray[np.float64]
+FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
 REPORTED_DRAWS, DRAWS = 2, 6
 """Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
@@ -125,8 +126,8 @@ def plan(
     for_: Iterable[str] = (), given: Campaign | Path | str | None = None, setups: int | None = None,
     lengths: Sequence[float] = (), minutes: float | None = None,
     per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
-    setup_sigma: SetupSigma | None = None, survive: bool = False, robust: str = "nominal", starts: int = 6,
-    anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
+    setup_sigma: SetupSigma | None = None, frame: str = "workpiece", survive: bool = False, robust: str = "nominal",
+    starts: int = 6, anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
@@ -137,7 +138,8 @@ def plan(
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
-    `repeats` readings of each pose; `survive` prefers a plan that stays good if any one pose is lost; `robust` `nominal`, or
+    `repeats` readings of each pose; `frame` of an R-test's readings, `workpiece` of a nest on the table, `machine` or `tool` of a
+    head in the spindle; `survive` prefers a plan that stays good if any one pose is lost; `robust` `nominal`, or
     the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
     certificate also compares with all other set-ups (a few seconds); `pool` any executor (`symfive.executors`), whose workers
     share the starts.
@@ -153,7 +155,9 @@ def plan(
         raise InputError(f'robust = "{robust}" is unknown', remedy=f"use one of {', '.join(ROBUST)}")
     if not (noise_um > 0.0 and math.isfinite(noise_um)):
         raise InputError(f"noise_um = {noise_um:g} is not positive", remedy="give the instrument's 1σ in µm")
-    space = make_space(machine, instrument, noise_um=noise_um / math.sqrt(repeats), setup_sigma=setup_sigma)
+    options = _options_of(instrument, frame)
+    noise = noise_um / math.sqrt(repeats)
+    space = make_space(machine, instrument, noise_um=noise, setup_sigma=setup_sigma, options=options)
     names = tuple(p.name for p in space.shared)
     wanted = interest_of(names, tuple(for_))
     task = task_of(space, criterion, wanted, given)
@@ -219,6 +223,17 @@ def plan(
         wanted,
         over_prior(drawn, task, schedule.rows),
     )
+
+
+def _options_of(instrument: str, frame: str) -> dict[str, str]:
+    """The instrument's options in a campaign. Raises `InputError`."""
+    if frame not in FRAMES:
+        raise InputError(f'frame = "{frame}" is unknown', remedy=f"use one of {', '.join(FRAMES)}")
+    if frame == FRAMES[0]:
+        return {}
+    if instrument != "r_test":
+        raise InputError(f"readings of {instrument} have no frame", remedy="use instrument r_test")
+    return {"frame": frame}
 
 
 def _with_ways(lay: Callable[[Rows], Schedule], design: Rows) -> tuple[Schedule, Post]:

@@ -18,7 +18,7 @@ from symfive.design._seated import Clear, Seated, bars_of
 from symfive.design._space import Space
 from symfive.machine import Machine
 from symfive.motion import approach
-from symfive.nc import Post, Way, arrival_times, cycle_seconds, outside_s
+from symfive.nc import Post, Way, arrival_times, cycle_seconds, outside_s, probing_of
 
 __all__ = ["SETUP_S", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
 
@@ -90,7 +90,7 @@ def _laid_out(
             commands={axis: values[order] for axis, values in own.commands.items()},
             table_ball=space.table_ball(rows.z[first]), tool_ball=space.tool_ball(rows.z[first]),
             length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None,
-            noise_um=noise_um, setup_sigma_um=space.setup_sigma,
+            noise_um=noise_um, setup_sigma_um=space.setup_sigma, options=space.options,
         )  # fmt: skip
         moves[name] = RunMoves(own, order, _sides(space.machine, run))
         ways = {i: moves[name].via(i) for i in range(1, len(order)) if order[i] != order[i - 1]}
@@ -137,7 +137,7 @@ def on_ways(campaign: Campaign, post: Post) -> tuple[Campaign, float]:
 
 def _timed(machine: Machine, run: Run, post: Post, clock: float) -> tuple[Run, float]:
     """A run that is set up from `clock` on, at the times of its program, and when it is done, s."""
-    rest = cycle_seconds(run) if "touch_probe" in run.instrument else 0.0
+    rest = cycle_seconds(run, probing_of(post)) if "touch_probe" in run.instrument else 0.0
     time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose, rest)
     around = math.ceil(outside_s(machine, run, post))
     start = clock + SETUP_S + around
