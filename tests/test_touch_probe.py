@@ -211,7 +211,7 @@ def test_a_play_of_the_tilting_axis_is_named_from_probed_centres(tmp_path: Path)
         setup_sigma_um=SetupSigma(tool_ball=5.0),
     )
     planned = Campaign(machine=machine, runs=(run,))
-    measured = simulate(planned, truth={}, effects=[make_effect("backlash", "B", width=60.0)], seed=3).campaign
+    measured = simulate(planned, truth={"backlash.B.width": 60.0}, effects=[make_effect("backlash", "B")], seed=3).campaign
     (finding,) = diagnose(measured).findings
     assert (finding.name, finding.axis) == ("backlash", "B")
     assert finding.parameters["width"].value == pytest.approx(60.0, rel=0.05)
