@@ -85,7 +85,7 @@ def test_the_control_reads_it(tmp_path):
 
 def test_other_controls_and_touches_from_below_are_refused():
     machine, run = probe_run("table-bc")
-    with pytest.raises(InputError, match="heidenhain is not written"):
+    with pytest.raises(InputError, match="not written for heidenhain: its probing cycles depend"):
         program(machine, run, "heidenhain")
     below = [[0, 0, 1], [1, 0, 0], [-1, 0, -0.2], [0, 1, 0], [0, -1, 0]]
     machine, run = probe_run("table-bc", touches=below)

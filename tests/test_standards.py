@@ -13,14 +13,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.campaign import Campaign, SetupSigma, write_campaign
+from symfive.campaign import Campaign, Run, SetupSigma, write_campaign
 from symfive.cli import main
 from symfive.convert import data_folder
 from symfive.convert._iso230 import iso230_run
 from symfive.errors import InputError
 from symfive.identify import identify
-from symfive.machine import preset
-from symfive.procedures import campaign_of, linear_positioning, planar_circle, r_test_grid, rotary_circle
+from symfive.machine import Machine, preset
+from symfive.procedures import (
+    campaign_of,
+    cone_circle,
+    linear_positioning,
+    planar_circle,
+    r_test_grid,
+    rotary_circle,
+    synchronous_circle,
+)
 from symfive.simulate import simulate
 from symfive.standards import (
     FAIL,
@@ -265,3 +273,25 @@ def test_decisions_of_iso_14253_1(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert main([*words, "--json", *option]) == 2
         error = capsys.readouterr().err
         assert problem in error and error.count("\n") == 1
+
+
+def _named(machine: Machine, run: Run) -> str:
+    """What a test of flat readings is called."""
+    flat = run.with_readings({"dL_um": np.zeros(run.rows)})
+    (value,) = standard_values(Campaign(machine=machine, runs=(flat,)))
+    return value.name
+
+
+@pytest.mark.parametrize(("name", "annex"), [("head-bc", "AK"), ("mixed-bc", "CK"), ("table-bc", "BK")])
+def test_rotary_tests_have_their_numbers(name: str, annex: str) -> None:
+    """Tilting axis 1, turning axis 2, with one linear axis 3, all five axes 4."""
+    machine = preset(name)
+    for axis, number in (("B", "1"), ("C", "2")):
+        run = rotary_circle(machine, axis=axis, rate_hz=10.0)[0]
+        assert _named(machine, run) == f"{annex}{number}"
+    assert _named(machine, cone_circle(machine, inclination_deg=10.0, rate_hz=10.0)[0]) == f"{annex}4"
+
+
+def test_a_table_that_turns_while_one_axis_moves_is_number_3() -> None:
+    machine = preset("table-bc")
+    assert _named(machine, synchronous_circle(machine, x_t=60.0, radius=50.0, rate_hz=10.0)[0]) == "BK3"

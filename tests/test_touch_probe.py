@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import plant
 import pytest
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign
+from symfive.cli import main
 from symfive.design import assess, plan
+from symfive.diagnose import diagnose
+from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.machine import machine_from_data, preset
 from symfive.model import Model
+from symfive.procedures import r_test_grid
 from symfive.simulate import simulate
 
 LOCATION = {
@@ -186,3 +193,51 @@ def test_a_recording_is_no_probing(trunnion, tmp_path):
     plant.write_campaign(tmp_path, trunnion, [probe_run(trunnion, sampling="dynamic")], readings=False)
     with pytest.raises(InputError, match="at rest"):
         read_campaign(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_play_of_the_tilting_axis_is_named_from_probed_centres(tmp_path: Path) -> None:
+    """Centres approached from both sides: B's play behind its drive, and nothing beside it."""
+    table = preset("table-bc")
+    machine = replace(table, errors={n: t for n, t in table.errors.items() if t.is_location}, text="")
+    angles = {"B": (-45.0, -15.0, 15.0, 45.0), "C": (0.0, 90.0, 180.0, 270.0)}
+    (found,) = r_test_grid(machine, grid=angles, nests=((90.0, -25.0, 80.0),), returning=True)
+    run = replace(
+        found,
+        id="sphere-1",
+        file="",
+        instrument=("touch_probe",),
+        noise_um=0.5,
+        setup_sigma_um=SetupSigma(tool_ball=5.0),
+    )
+    planned = Campaign(machine=machine, runs=(run,))
+    measured = simulate(
+        planned, truth={"backlash.B.width": 60.0}, effects=[make_effect("backlash", "B")], seed=3
+    ).campaign
+    (finding,) = diagnose(measured).findings
+    assert (finding.name, finding.axis) == ("backlash", "B")
+    assert finding.parameters["width"].value == pytest.approx(60.0, rel=0.05)
+
+
+def test_sphere_and_tip_are_the_users_on_the_command_line(tmp_path: Path) -> None:
+    words = ["--instrument", "touch_probe", "--points", "4", "--setups", "1", "--starts", "1", "--returns", "0", "-q"]
+    words += ["--sphere-radius", "15", "--tip-radius", "2", "--nc", "linuxcnc"]
+    assert main(["plan", "table-bc", "-o", str(tmp_path / "plan"), *words]) == 0
+    text = next((tmp_path / "plan" / "nc" / "linuxcnc").iterdir()).read_text()
+    assert "sphere radius 15, tip radius 2" in text
+
+
+@pytest.mark.parametrize(("instrument", "frame"), [("r_test", "table"), ("touch_probe", "tool")])
+def test_a_frame_that_cannot_be_is_refused(instrument: str, frame: str) -> None:
+    with pytest.raises(InputError, match="frame"):
+        plan("table-bc", instrument=instrument, points=4, frame=frame)
+
+
+def test_a_head_in_the_spindle_is_planned_in_its_frame() -> None:
+    """In the tool's frame the table ball is a nuisance that turns with the table."""
+    machine = preset("table-bc")
+    machine = replace(machine, errors={n: t for n, t in machine.errors.items() if t.is_location}, text="")
+    made = plan(machine, points=8, setups=1, starts=1, anywhere=False, frame="tool")
+    assert all(run.options["frame"] == "tool" for run in made.campaign.runs)
+    names = [p.name for p in made.assessment.parameters]
+    assert "setup.nest-1.table_ball.x" in names and "setup.nest-1.tool_ball.x" not in names

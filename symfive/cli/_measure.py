@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from symfive.effects import Effect
     from symfive.machine import Machine
 
+CIRCULAR_TEST = "iso-230-4"
 __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 
 
@@ -76,10 +77,16 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
 @click.option("--survive", is_flag=True, help="Remain good if any one pose is lost.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
-@click.option("--circles", help="Instead of poses, circles: synchronous or planar (needs --effect).")
 @click.option(
-    "--effect", "effects", multiple=True, help="Effect to be found by circles, as backlash:C; may be repeated."
+    "--circles",
+    help="Instead of poses, circles: iso-230-4 (the circular test), or synchronous or planar (chosen for --effect).",
 )
+@click.option("--plane", "planes", multiple=True, help="With --circles: XY (default), YZ or ZX; may be repeated.")
+@click.option(
+    "--feed", "feeds", type=POSITIVE, multiple=True, help="With --circles: mm/min along the circle; may be repeated."
+)
+@click.option("--sweep", type=POSITIVE, help="With --circles iso-230-4: degree of the arc, 360 or less, as 220.")
+@click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
 @click.option(
     "--tool-centre-on",
@@ -88,6 +95,17 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     help="Your control's line that switches tool-centre control on, as TRAORI.",
 )
 @click.option("--tool-centre-off", default="", show_default=False, help="The line that switches it off, as TRAFOOF.")
+@click.option(
+    "--tool-centre",
+    is_flag=True,
+    help="Tool-centre control in the words of iso (G43.4 H) and siemens (TRAORI).",
+)
+@click.option(
+    "--tool",
+    type=click.IntRange(1, 9999),
+    default=1,
+    help="With --tool-centre: the tool whose length is the ball's.",
+)
 @click.option(
     "--reversed", "reversed_axes", default="", show_default=False, help="Rotary axes that turn against ISO 841, as B,C."
 )
@@ -106,6 +124,13 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     show_default=False,
     help="Your control's line that starts a reading, as M64 P0 (with trigger).",
 )
+@click.option(
+    "--frame",
+    default="workpiece",
+    help="Of an R-test's readings: workpiece (nest on the table), machine or tool (head in the spindle).",
+)
+@click.option("--sphere-radius", type=POSITIVE, default=12.5, help="Of a touch probe's sphere, mm.")
+@click.option("--tip-radius", type=POSITIVE, default=3.0, help="Of a touch probe's tip, mm.")
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: only this one.")
@@ -132,8 +157,13 @@ def plan(
     survive: bool,
     robust: str,
     circles: str | None,
+    planes: tuple[str, ...],
+    feeds: tuple[float, ...],
+    sweep: float | None,
     effects: tuple[str, ...],
     count: int,
+    tool_centre: bool,
+    tool: int,
     tool_centre_on: str,
     tool_centre_off: str,
     reversed_axes: str,
@@ -141,6 +171,9 @@ def plan(
     dwell: float,
     at_pose: str,
     trigger: str,
+    frame: str,
+    sphere_radius: float,
+    tip_radius: float,
     starts: int,
     seed: int,
     workers: int,
@@ -150,17 +183,19 @@ def plan(
     quiet: bool,
 ) -> None:
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
+    from symfive.design import circular_test, plan_circles
     from symfive.design import plan as make_plan
-    from symfive.design import plan_circles
     from symfive.executors import executor
     from symfive.given import machine_given
-    from symfive.nc import Post
+    from symfive.nc import CYCLES, Post
     from symfive.outputs import output_folder
 
-    dialects = dialects_of(nc)
+    dialects = dialects_of(nc or (tuple(CYCLES) if instrument == "touch_probe" else ()))
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
         post = Post(
+            tool_centre=tool_centre,
+            tool_number=tool,
             tool_centre_on=tool_centre_on,
             tool_centre_off=tool_centre_off,
             reversed_axes=_rotary(data, reversed_axes),
@@ -168,18 +203,27 @@ def plan(
             dwell_s=dwell,
             at_pose=at_pose,
             trigger=trigger,
+            sphere_radius=sphere_radius,
+            tip_radius=tip_radius,
         )
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
-        if circles is not None:
-            result: Any = plan_circles(
+        result: Any
+        if circles == CIRCULAR_TEST:
+            result = circular_test(
+                data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=_one_bar(bars), sweep_deg=sweep,
+                noise_um=noise_um,
+            )  # fmt: skip
+        elif circles is not None:
+            result = plan_circles(
                 data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
-                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data),
+                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data), planes=planes or ("XY",),
+                feeds=feeds or (500.0, 1000.0),
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:
                 result = make_plan(
                     data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
-                    setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um,
+                    setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um, frame=frame,
                     survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
                     given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
@@ -196,6 +240,14 @@ def _rotary(machine: Machine, names: str) -> tuple[str, ...]:
             rotary = ", ".join(n for n, axis in machine.axes.items() if axis.rotary) or "none"
             raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {rotary}")
     return found
+
+
+def _one_bar(bars: Sequence[float]) -> float | None:
+    from symfive.errors import InputError
+
+    if len(bars) > 1:
+        raise InputError(f"a circular test has one bar, {len(bars)} are given", remedy="give --bar once")
+    return bars[0] if bars else None
 
 
 def _bars_of(machine: Machine) -> tuple[float, ...]:

@@ -3,6 +3,7 @@
 from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._certificate import Certificate
+from symfive.design._circular_test import CircularTest, circular_test
 from symfive.design._criteria import CRITERIA, Criterion, criterion_of
 from symfive.design._discriminate import (
     APART,
@@ -19,7 +20,7 @@ from symfive.design._plan import Plan, plan
 from symfive.design._write import write_test
 
 __all__ = [
-    "APART", "CRITERIA", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "Criterion",
-    "Discrimination", "Plan", "Separation", "assess", "assessment_data", "best_ratio", "circle_information", "criterion_of",
-    "discriminate", "in_addition", "in_common", "plan", "plan_circles", "write_test",
+    "APART", "CRITERIA", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "CircularTest",
+    "Criterion", "Discrimination", "Plan", "Separation", "assess", "assessment_data", "best_ratio", "circle_information",
+    "circular_test", "criterion_of", "discriminate", "in_addition", "in_common", "plan", "plan_circles", "write_test",
 ]  # fmt: skip

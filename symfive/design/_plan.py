@@ -21,12 +21,13 @@ from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._certificate import Certificate, certify
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
+from symfive.design._joint import chosen_with_moves
 from symfive.design._optimise import optimise, value_of
 from symfive.design._reach import Reach, with_ways_out
 from symfive.design._refine import Rows
 from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior, robust_exchange, survive_a_lost_pose
-from symfive.design._rounding import not_rounded, one_tool, rounded
+from symfive.design._rounding import not_rounded, on_grid, one_tool, rounded
 from symfive.design._schedule import Schedule, retimed, scheduled
 from symfive.design._space import Space, make_space
 from symfive.design._ways import cleared
@@ -41,6 +42,7 @@ from symfive.threads import one_thread
 __all__ = ["Plan", "plan"]
 
 Array = NDArray[np.float64]
+FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
 REPORTED_DRAWS, DRAWS = 2, 6
 """Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
@@ -124,8 +126,8 @@ def plan(
     for_: Iterable[str] = (), given: Campaign | Path | str | None = None, setups: int | None = None,
     lengths: Sequence[float] = (), minutes: float | None = None,
     per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
-    setup_sigma: SetupSigma | None = None, survive: bool = False, robust: str = "nominal", starts: int = 6,
-    anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
+    setup_sigma: SetupSigma | None = None, frame: str = "workpiece", survive: bool = False, robust: str = "nominal",
+    starts: int = 6, anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
@@ -136,7 +138,8 @@ def plan(
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
-    `repeats` readings of each pose; `survive` prefers a plan that stays good if any one pose is lost; `robust` `nominal`, or
+    `repeats` readings of each pose; `frame` of an R-test's readings, `workpiece` of a nest on the table, `machine` or `tool` of a
+    head in the spindle; `survive` prefers a plan that stays good if any one pose is lost; `robust` `nominal`, or
     the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
     certificate also compares with all other set-ups (a few seconds); `pool` any executor (`symfive.executors`), whose workers
     share the starts.
@@ -152,7 +155,9 @@ def plan(
         raise InputError(f'robust = "{robust}" is unknown', remedy=f"use one of {', '.join(ROBUST)}")
     if not (noise_um > 0.0 and math.isfinite(noise_um)):
         raise InputError(f"noise_um = {noise_um:g} is not positive", remedy="give the instrument's 1σ in µm")
-    space = make_space(machine, instrument, noise_um=noise_um / math.sqrt(repeats), setup_sigma=setup_sigma)
+    options = _options_of(instrument, frame)
+    noise = noise_um / math.sqrt(repeats)
+    space = make_space(machine, instrument, noise_um=noise, setup_sigma=setup_sigma, options=options)
     names = tuple(p.name for p in space.shared)
     wanted = interest_of(names, tuple(for_))
     task = task_of(space, criterion, wanted, given)
@@ -193,7 +198,12 @@ def plan(
         progress("making it survive the loss of a pose")
         rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
     progress("moves between the poses")
-    schedule, post = _with_ways(lay, fitted(with_ways_out(reach, task, rows)))
+
+    def laid(design: Rows) -> tuple[Schedule, Post]:
+        return _with_ways(lay, with_ways_out(reach, task, design))
+
+    first = _with_ways(lay, fitted(with_ways_out(reach, task, rows)))
+    schedule, post = chosen_with_moves(space, task, first, lambda: _grid_on_steps(space, first[0].rows), laid)
     while minutes is not None and schedule.seconds > 60.0 * minutes:
         over = schedule.seconds - 60.0 * minutes
         estimate = lay(schedule.rows)
@@ -215,13 +225,25 @@ def plan(
     )
 
 
+def _options_of(instrument: str, frame: str) -> dict[str, str]:
+    """The instrument's options in a campaign. Raises `InputError`."""
+    if frame not in FRAMES:
+        raise InputError(f'frame = "{frame}" is unknown', remedy=f"use one of {', '.join(FRAMES)}")
+    if frame == FRAMES[0]:
+        return {}
+    if instrument != "r_test":
+        raise InputError(f"readings of {instrument} have no frame", remedy="use instrument r_test")
+    return {"frame": frame}
+
+
 def _with_ways(lay: Callable[[Rows], Schedule], design: Rows) -> tuple[Schedule, Post]:
     """The order of the poses, the ways of its programs, and its times on these."""
     schedule = lay(design)
     machine = schedule.campaign.machine
     if any(name not in LETTERS for name in machine.axis_names):
-        return schedule, Post(unsafe=schedule.unsafe)
-    post = cleared(machine, schedule.campaign.runs, schedule.unsafe)
+        return schedule, Post(unsafe=schedule.unsafe, via=schedule.via)
+    detours = {name: moves.via for name, moves in schedule.moves.items()}
+    post = cleared(machine, schedule.campaign.runs, schedule.unsafe, Post(via=schedule.via), detours)
     return retimed(schedule, post), post
 
 
@@ -231,6 +253,15 @@ def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool) 
         return certificate
     bound = min(certificate.bound, bound_anywhere(space, task, rows, runs))
     return replace(certificate, anywhere=min(1.0, math.exp(bound - certificate.value)))
+
+
+def _grid_on_steps(space: Space, rows: Rows) -> Candidates:
+    """Poses of a grid in the set-ups of a design, as a person can set them."""
+    grid = _grid_in(space, rows)
+    z = grid.z.copy()
+    z[:, : rows.poses] = on_grid(space, z[:, : rows.poses])
+    fits = space.feasible(z, grid.k)
+    return Candidates(z[fits], grid.k[fits], grid.group[fits], space.kernel.rows(z[fits], grid.k[fits]))
 
 
 def _grid_in(space: Space, rows: Rows) -> Candidates:
@@ -284,10 +315,24 @@ def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:
     return notes
 
 
+def _removals(schedule: Schedule, name: str, count: int) -> str:
+    """How often the instrument comes off within a run, and why."""
+    run = next(run for run in schedule.campaign.runs if run.id == name)
+    bar = run.length is not None
+    what = "remove the bar" if bar else "leave the nest"
+    stops = " (program stops there)" if bar else ""
+    seated = "bar on" if bar else "ball in the nest"
+    return (
+        f"run {name}: {what} before {count} of the poses{stops}; no clear move with the {seated} was found, and another pose "
+        "would tell less than the time is worth"
+    )
+
+
 def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
     notes = [
-        f"run {run}: remove the bar or leave the nest before {len(rows)} of its poses (the program stops there)"
+        _removals(schedule, run, len(rows))
         for run, rows in schedule.unsafe.items()
+        if schedule.moves[run].seated.follows
     ]
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")

@@ -86,7 +86,9 @@ def drawn_spaces(machine: Machine, space: Space, draws: int, seed: int = 0) -> l
         }
         drawn = replace(machine, errors=errors)
         found.append(
-            make_space(drawn, space.instrument, noise_um=space.noise_um, setup_sigma=space.setup_sigma)
+            make_space(
+                drawn, space.instrument, noise_um=space.noise_um, setup_sigma=space.setup_sigma, options=space.options
+            )
         )  # fmt: skip
     return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign, Run
 from symfive.design._criteria import Volume
 from symfive.design._information import Task, inverse
-from symfive.design._order import kept_apart, move_times, out_and_back, round_trip, there_and_back
+from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
 from symfive.design._refine import Rows
+from symfive.design._seated import Clear, Seated, bars_of
 from symfive.design._space import Space
 from symfive.machine import Machine
-from symfive.nc import Post, arrival_times, cycle_seconds, outside_s
+from symfive.motion import approach
+from symfive.nc import Post, Way, arrival_times, cycle_seconds, outside_s, probing_of
 
-__all__ = ["SETUP_S", "Schedule", "on_ways", "retimed", "scheduled"]
+__all__ = ["SETUP_S", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -27,76 +29,101 @@ SETUP_S = 300.0
 UNSAFE_S = 60.0
 """What a move on which the spindle has to be drawn back (or the bar taken off) costs while the order is sought."""
 DRIFT_UM_PER_H = 30.0
-BETWEEN = np.linspace(0.0, 1.0, 37)[1:-1]
-DENSELY = np.linspace(0.0, 1.0, 361)[1:-1]
-MANY = 60
-"""Poses in one run beyond which the ways between all pairs are looked at less closely; those taken always are."""
 
 
 @dataclass(frozen=True)
 class Schedule:
     """The runs of a plan: `campaign`, its `seconds` with set-up, `unsafe` run → rows reached only with the spindle drawn
-    back, `drift` the efficiency left when a linear drift is a nuisance, `rows` the design."""
+    back, `via` run → row → the intermediate positions of a seated move that goes around something, `moves` what answers how else
+    a run's rows are reached, `drift` the efficiency left when a linear drift is a nuisance, `rows` the design."""
 
     campaign: Campaign
     seconds: float
     unsafe: dict[str, tuple[int, ...]]
+    via: dict[str, dict[int, Way]]
+    moves: dict[str, RunMoves]
     drift: float
     rows: Rows
 
 
+@dataclass(frozen=True)
+class RunMoves:
+    """Seated moves to the rows of a run, which visits the poses of `seated` in an `order`; `sides` (rows, R) from which its
+    rotary axes come."""
+
+    seated: Seated
+    order: Indices
+    sides: Array
+
+    def via(self, row: int, clear: Clear | None = None) -> Way | None:
+        """Intermediate positions on the way from the row before, () where it is straight, None where the ball has to leave."""
+        return self.seated.via(int(self.order[row - 1]), int(self.order[row]), self.sides[row], clear)
+
+
 def scheduled(space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float) -> Schedule:
     """Both orders (round trip; there and back) are laid out and the one with more information per minute is taken."""
-    plans = [_laid_out(space, rows, order, returns, repeats, noise_um) for order in (lambda o: o, there_and_back)]
+    groups = [np.flatnonzero(rows.group == g) for g in range(rows.groups)]
+    seated = [Seated(space, rows.z[mine], rows.k[mine]) for mine in groups]
+    orders = (lambda order: order, there_and_back)
+    plans = [_laid_out(space, rows, seated, order, returns, repeats, noise_um) for order in orders]
     # ψ of D per parameter falls by log(time) when twice the time is spent on readings, so time and efficiency compare
     return max(plans, key=lambda p: math.log(max(p.drift, 1e-9)) - math.log(p.seconds))
 
 
 def _laid_out(
-    space: Space, rows: Rows, ordering: Callable[[Indices], Indices], returns: int, repeats: int, noise_um: float
-) -> Schedule:
+    space: Space, rows: Rows, seated: Sequence[Seated], ordering: Callable[[Indices], Indices], returns: int, repeats: int,
+    noise_um: float,
+) -> Schedule:  # fmt: skip
     runs: list[Run] = []
     unsafe: dict[str, tuple[int, ...]] = {}
+    via: dict[str, dict[int, Way]] = {}
+    moves: dict[str, RunMoves] = {}
     clock = 0.0
     instants, places = [], []
     letter = {"r_test": "nest", "touch_probe": "sphere"}.get(space.instrument, "bar")
-    for g in range(rows.groups):
+    for g, own in enumerate(seated):
         mine = np.flatnonzero(rows.group == g)
-        commands = space.commands(rows.z[mine], rows.k[mine])
-        times = move_times(space.machine, commands) + UNSAFE_S * _blocked(space, rows, mine)
-        _, pose = np.unique(np.stack(list(commands.values()), axis=1), axis=0, return_inverse=True)
-        order = kept_apart(out_and_back(ordering(round_trip(times)), returns), pose.ravel(), times)
-        order = np.repeat(order, repeats)
-        commands = {name: values[order] for name, values in commands.items()}
-        leaves = _leaves(space, rows, mine[order[:-1]], mine[order[1:]], DENSELY)
-        leaves |= space.instrument == "touch_probe"  # a tip cannot follow a sphere: it goes out and around
-        rows_unsafe = tuple(int(i) + 1 for i in np.flatnonzero(leaves & (order[:-1] != order[1:])))
-        name = f"{letter}-{g + 1}"
-        first = mine[0]
+        order = np.repeat(_order(own, ordering, returns), repeats)
+        name, first = f"{letter}-{g + 1}", mine[0]
         run = Run(
             id=name, instrument=(space.instrument,), sampling="static", time=np.arange(len(order), dtype=float),
-            commands=commands, table_ball=space.table_ball(rows.z[first]),
-            tool_ball=space.tool_ball(rows.z[first]),
+            commands={axis: values[order] for axis, values in own.commands.items()},
+            table_ball=space.table_ball(rows.z[first]), tool_ball=space.tool_ball(rows.z[first]),
             length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None,
-            noise_um=noise_um, setup_sigma_um=space.setup_sigma,
+            noise_um=noise_um, setup_sigma_um=space.setup_sigma, options=space.options,
         )  # fmt: skip
-        if rows_unsafe:
-            unsafe[name] = rows_unsafe
-        run, clock = _timed(space.machine, run, Post(unsafe=unsafe), clock)
+        moves[name] = RunMoves(own, order, _sides(space.machine, run))
+        ways = {i: moves[name].via(i) for i in range(1, len(order)) if order[i] != order[i - 1]}
+        unsafe |= {name: around} if (around := tuple(i for i, way in ways.items() if way is None)) else {}
+        via |= {name: bent} if (bent := {i: way for i, way in ways.items() if way}) else {}
+        run, clock = _timed(space.machine, run, Post(unsafe=unsafe, via=via), clock)
         runs.append(run)
         instants.append(run.start_s + run.time)
         places.append(mine[order])
     campaign = Campaign(machine=space.machine, runs=tuple(runs), name="plan")
     drift = _drift(space, rows, np.concatenate(places), np.concatenate(instants), repeats)
-    return Schedule(campaign, clock, unsafe, drift, rows)
+    return Schedule(campaign, clock, unsafe, via, moves, drift, rows)
+
+
+def _sides(machine: Machine, run: Run) -> Array:
+    """From which side each rotary axis comes to the rows of a run (rows, R): -1 or 1, 0 of one that never turns."""
+    found = [approach(q) for name, q in run.commands.items() if machine.axes[name].rotary]
+    return np.stack(found, axis=1) if found else np.zeros((run.rows, 0))
+
+
+def _order(seated: Seated, ordering: Callable[[Indices], Indices], returns: int) -> Indices:
+    """The poses of a set-up in the order of the run, return poses included."""
+    times = np.where(np.isfinite(seated.times), seated.times, seated.straight + UNSAFE_S)
+    _, pose = np.unique(np.stack(list(seated.commands.values()), axis=1), axis=0, return_inverse=True)
+    return kept_apart(out_and_back(ordering(round_trip(times)), returns), pose.ravel(), times)
 
 
 def retimed(schedule: Schedule, post: Post) -> Schedule:
     """The schedule with the times that its programs need on the ways of `post`."""
     campaign, seconds = on_ways(schedule.campaign, post)
-    return replace(
-        schedule, campaign=campaign, seconds=seconds, unsafe={run: tuple(rows) for run, rows in post.unsafe.items()}
-    )
+    unsafe = {run: tuple(rows) for run, rows in post.unsafe.items()}
+    via = {run: dict(rows) for run, rows in post.via.items()}
+    return replace(schedule, campaign=campaign, seconds=seconds, unsafe=unsafe, via=via)
 
 
 def on_ways(campaign: Campaign, post: Post) -> tuple[Campaign, float]:
@@ -110,50 +137,11 @@ def on_ways(campaign: Campaign, post: Post) -> tuple[Campaign, float]:
 
 def _timed(machine: Machine, run: Run, post: Post, clock: float) -> tuple[Run, float]:
     """A run that is set up from `clock` on, at the times of its program, and when it is done, s."""
-    rest = cycle_seconds(run) if "touch_probe" in run.instrument else 0.0
+    rest = cycle_seconds(run, probing_of(post)) if "touch_probe" in run.instrument else 0.0
     time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose, rest)
     around = math.ceil(outside_s(machine, run, post))
     start = clock + SETUP_S + around
     return replace(run, time=time, start_s=start), start + float(time[-1])
-
-
-def _blocked(space: Space, rows: Rows, mine: Indices) -> Array:
-    """1 where the way between two poses leaves the limits (n, n)."""
-    n = len(mine)
-    first, second = np.meshgrid(mine, mine, indexing="ij")
-    shares = BETWEEN if n <= MANY else BETWEEN[2::5]
-    return _leaves(space, rows, first.ravel(), second.ravel(), shares).reshape(n, n).astype(float)
-
-
-def _leaves(space: Space, rows: Rows, first: Indices, second: Indices, shares: Array) -> NDArray[np.bool_]:
-    """Whether the way from one row to another leaves the limits: rotary axes straight, the ball in its nest or the bar on
-    the shorter arc, as the program drives."""
-    a, b = rows.z[first], rows.z[second]
-    bad = np.zeros(len(first), dtype=bool)
-    for share in shares:
-        z = a + share * (b - a)
-        if space.instrument == "ball_bar":
-            z[:, space.poses - 2 : space.poses] = _angles(_on_arc(_bars(space, a), _bars(space, b), float(share)))
-        bad |= np.any(space.kernel.limits(z, rows.k[first]) < -1e-6, axis=1)
-    return bad
-
-
-def _on_arc(a: Array, b: Array, share: float) -> Array:
-    """Unit vectors (n, 3) at a share of the shorter arc from a to b."""
-    across = b - np.sum(a * b, axis=1, keepdims=True) * a
-    size = np.linalg.norm(across, axis=1, keepdims=True)
-    upright = np.where(np.abs(a[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    other = np.cross(a, upright)
-    across = np.where(
-        size < 1e-12, other / np.linalg.norm(other, axis=1, keepdims=True), across / np.maximum(size, 1e-12)
-    )
-    angle = share * np.arctan2(size, np.sum(a * b, axis=1, keepdims=True))
-    return np.asarray(np.cos(angle) * a + np.sin(angle) * across)
-
-
-def _angles(bars: Array) -> Array:
-    """Azimuth and elevation (n, 2) of unit vectors."""
-    return np.stack([np.arctan2(bars[:, 1], bars[:, 0]), np.arcsin(np.clip(bars[:, 2], -1.0, 1.0))], axis=1)
 
 
 def _drift(space: Space, rows: Rows, visited: Indices, instants: Array, repeats: int) -> float:
@@ -164,17 +152,10 @@ def _drift(space: Space, rows: Rows, visited: Indices, instants: Array, repeats:
     task = Task(Volume(), np.eye(len(everything)), space.own_sigma, everything)
     plain = task.information(sensitivities, group, rows.groups)
     hours = (instants - instants.mean()) / 3600.0
-    directions = _bars(space, z)[:, :, None] if space.instrument == "ball_bar" else np.eye(3)[None, :, :]
+    directions = bars_of(space, z)[:, :, None] if space.instrument == "ball_bar" else np.eye(3)[None, :, :]
     rate = DRIFT_UM_PER_H / (space.noise_um * math.sqrt(repeats)) * hours[:, None, None] * directions
     whole = task.layout(rows.groups).embed(sensitivities, group)
     cross = np.einsum("npy,ndy->pd", whole, np.broadcast_to(rate, (len(z), 3, whole.shape[2])))
     own = np.einsum("ndy,ney->de", rate, rate) + np.eye(3)
     drifting = plain - cross @ inverse(own) @ cross.T
     return math.exp(task.value(plain) - task.value(drifting))
-
-
-def _bars(space: Space, z: Array) -> Array:
-    azimuth, elevation = z[:, space.poses - 2], z[:, space.poses - 1]
-    return np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
-    )

@@ -17,7 +17,7 @@ from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
-from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, upright_axis, which_point
+from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, series_of, upright_axis, which_point
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
 
@@ -126,6 +126,10 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run, picture: str) -> str:
         steps.append(f"Bar of {run.length:g} mm, calibrated length entered.")
     steps.append(f"Start the program of run {escape(run.id)}; it stops where you seat the instrument.")
     if programmed:
+        for series in series_of(machine, sheet.campaign.runs):
+            names = escape("+".join(r.id for r in series))
+            if run in series:
+                steps.append(f"Or the program {names}: all {len(series)} circles of this mounting, the bar stays on.")
         steps += _moves(machine, sheet.post)
     places = _places(nominal, run, stands) if stands and not stays else ""
     drawing = picture[picture.index("<svg") :] if picture else ""

@@ -15,8 +15,8 @@ post by its least elevation.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -59,7 +59,8 @@ class Space:
 
     `names` of the variables, `lower` and `upper` (nz,), `poses` how many belong to the pose; `shared` the machine's
     parameters, `own` the set-up errors of a run and `own_sigma` their prior 1σ in units of the noise (inf where a zero is
-    wholly unknown stays finite as declared); `centre` J of the tool centre point, (3, shared), µm per prior 1σ.
+    wholly unknown stays finite as declared); `centre` J of the tool centre point, (3, shared), µm per prior 1σ; `options` of the
+    instrument, as the `frame` of an R-test head.
     """
 
     machine: Machine
@@ -78,6 +79,7 @@ class Space:
     centre: Mapped
     axes: Mapped
     limit_names: tuple[str, ...]
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     def commands(self, z: Array, k: Array) -> dict[str, Array]:
         """Commands of every axis, mm and degree."""
@@ -120,8 +122,9 @@ def _written(value: float) -> float:
 
 
 def make_space(
-    machine: Machine, instrument: str, *, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None
-) -> Space:
+    machine: Machine, instrument: str, *, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Space:  # fmt: skip
     """The space of `r_test`, `touch_probe` or `ball_bar` on a machine. Raises `InputError` where there is nothing to decide."""
     if instrument not in ("r_test", "touch_probe", "ball_bar"):
         raise InputError(f"plans with {instrument} are not designed", remedy="use r_test, touch_probe or ball_bar")
@@ -137,16 +140,16 @@ def make_space(
     lower, upper = _bounds(machine, rotary, instrument)
     z, k = ca.SX.sym("z", len(names)), ca.SX.sym("k", 1)
     geometry = _geometry(machine, rotary, instrument, z, k)
-    rows, shared, own, own_sigma = _rows(machine, instrument, geometry, noise_um, sigma)
+    rows, shared, own, own_sigma = _rows(machine, instrument, geometry, noise_um, sigma, options or {})
     limits, limit_names = _limits(machine, instrument, geometry, k)
-    centre, *_ = _rows(machine, "r_test", geometry, 1.0, sigma)
+    centre, *_ = _rows(machine, "r_test", geometry, 1.0, sigma, {})
     scale = [1.0 / machine.axes[name].to_internal for name in machine.axis_names]
     commands = ca.vertcat(*(s * geometry.position[name] for s, name in zip(scale, machine.axis_names, strict=True)))
     return Space(
         machine, instrument, names, lower, upper, len(names) - len(SETUP_VARIABLES),
         lengths if instrument == "ball_bar" else (0.0,), shared, own, own_sigma, noise_um, sigma,
         Kernel(z, k, rows, limits), Mapped(ca.Function("centre", [z, k], [ca.densify(centre[:, : len(shared)])])),
-        Mapped(ca.Function("axes", [z, k], [ca.densify(commands)])), limit_names,
+        Mapped(ca.Function("axes", [z, k], [ca.densify(commands)])), limit_names, dict(options or {}),
     )  # fmt: skip
 
 
@@ -230,13 +233,18 @@ def follow(machine: Machine, position: dict[str, Any], tool_ball: Any, place: An
 
 
 def _rows(
-    machine: Machine, instrument: str, geometry: _Geometry, noise_um: float, sigma: SetupSigma
+    machine: Machine,
+    instrument: str,
+    geometry: _Geometry,
+    noise_um: float,
+    sigma: SetupSigma,
+    options: Mapping[str, Any],
 ) -> tuple[Any, tuple[Parameter, ...], tuple[str, ...], Array]:
     """J (ny, shared + own) at the prior means, from the model's own row function: shared per prior 1σ, own per noise."""
     commands = {name: np.zeros(1) for name in machine.axis_names}
     run = Run(
         id="pose", instrument=(instrument,), sampling="static", time=np.zeros(1), commands=commands,
-        length=100.0 if instrument == "ball_bar" else None, noise_um=noise_um, setup_sigma_um=sigma,
+        length=100.0 if instrument == "ball_bar" else None, noise_um=noise_um, setup_sigma_um=sigma, options=options,
     )  # fmt: skip
     model = Model(Campaign(machine=machine, runs=(run,)))
     effects = tuple(effect for effect in model.effects if effect.applies(run))

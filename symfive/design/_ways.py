@@ -10,17 +10,17 @@ above the first pose.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from symfive.campaign import FIRST_LINE, Run
 from symfive.design._moves import ROUNDING_MM, Moves, blocked_moves
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.nc import Positions, Post, Way, at_the_top, lifts, program_steps, turned_home, upright_axis
+from symfive.nc import Positions, Post, Seat, Way, at_the_top, lifts, program_steps, turned_home, upright_axis
 from symfive.procedures import Nominal, home
 
-__all__ = ["REMEDY", "Ways", "checked_path", "cleared"]
+__all__ = ["REMEDY", "Detour", "Ways", "checked_path", "cleared"]
 
 RETRACTS_MM = (50.0, 80.0, 120.0, 200.0)
 REMEDY = (
@@ -48,12 +48,22 @@ class Ways:
         upright = upright_axis(machine)
         self.rotary = [name for name, axis in machine.axes.items() if axis.rotary]
         self.plane = [name for name in machine.axes if name not in (*self.rotary, upright)]
+        self.seat = Seat(machine, run, self.nominal)
         self._out: dict[tuple[float, ...], _Out | str] = {}
+        self._seated: dict[tuple[float, ...], bool] = {}
 
     def meets(self, before: Positions, after: Positions, *, rapid: bool, bar: bool = False) -> str:
         """What meets on a straight move, "" where it is clear."""
         ends = self.moves.vector(before)[None], self.moves.vector(after)[None]
         return self.moves.met(*ends, rapid=rapid, bar=bar)[0]
+
+    def seated(self, before: Positions, after: Positions) -> bool:
+        """Whether the straight move from one place to another with the ball in its nest, or the bar on, is clear."""
+        key = (*before.values(), *after.values())
+        if key not in self._seated:
+            ((_, _, path),) = self.seat.blocks([(before, after, 0)], centred=False)
+            self._seated[key] = not any(self.moves.met(path[:-1], path[1:], rapid=False, bar=True))
+        return self._seated[key]
 
     def out(self, row: int) -> Way | str:
         """The way out of a row's pose: drawn back, at the top, rotary axes home one by one; else what meets on the first one
@@ -144,28 +154,37 @@ def _without_rests(way: Way) -> Way:
     return tuple(place for i, place in enumerate(way) if i == 0 or place != way[i - 1])
 
 
+Detour = Callable[[int, Callable[[Positions, Positions], bool]], Way | None]
+"""Intermediate positions of a seated move to a row, of whose legs a function says whether they are clear; None: there is none."""
+
+
 def cleared(
-    machine: Machine, runs: Iterable[Run], unsafe: Mapping[str, Sequence[int]], post: Post | None = None
-) -> Post:
-    """The programs with every move clear: rows whose way with the ball seated is not lead around.
+    machine: Machine, runs: Iterable[Run], unsafe: Mapping[str, Sequence[int]], post: Post | None = None,
+    detours: Mapping[str, Detour] | None = None,
+) -> Post:  # fmt: skip
+    """The programs with every move clear: a row whose straight way with the ball seated is not is reached by way of intermediate
+    positions (`detours` by run), and where there are none around, out of the nest.
 
     `unsafe` run → rows that lead around anyway. Raises `InputError` where a pose has no way out, and where something meets along
     a recording.
     """
     post = replace(post or Post(), unsafe={}, ways={}, tested=machine.workspace.spindle_nose is not None)
     for run in runs:
-        post = _cleared(machine, run, {row for row in unsafe.get(run.id, ()) if row}, post)
+        around = {row for row in unsafe.get(run.id, ()) if row}
+        post = _cleared(machine, run, around, post, (detours or {}).get(run.id))
     return post
 
 
-def _cleared(machine: Machine, run: Run, around: set[int], post: Post) -> Post:
+def _cleared(machine: Machine, run: Run, around: set[int], post: Post, detour: Detour | None) -> Post:
     ways = Ways(machine, run, post.retract_mm)
     first, last = (ways.left_by(row).up for row in (0, run.rows - 1))
     led: dict[int, Way] = {0: first[:1], run.rows: last}
+    via = dict(post.via.get(run.id, {}))
     while True:
         led |= {row: ways.around(row) for row in sorted(around - set(led))}
         unsafe = {**post.unsafe, run.id: tuple(sorted(around))} if around else post.unsafe
-        own = replace(post, unsafe=unsafe, ways={**post.ways, run.id: led})
+        bent = {**post.via, run.id: via} if via else {name: rows for name, rows in post.via.items() if name != run.id}
+        own = replace(post, unsafe=unsafe, via=bent, ways={**post.ways, run.id: led})
         met = dict(blocked_moves(machine, run, program_steps(machine, run, own)))
         for row, what in met.items():
             if run.dynamic or row in led:
@@ -174,7 +193,13 @@ def _cleared(machine: Machine, run: Run, around: set[int], post: Post) -> Post:
                 raise InputError(f"run {run.id}: {what} {on} line {line}", remedy=ELSEWHERE if run.dynamic else REMEDY)
         if not met:
             return own
-        around = around | set(met)
+        for row in met:
+            via.pop(row, None)
+            other = detour(row, ways.seated) if detour is not None else None
+            if other:
+                via[row] = other
+            else:
+                around = around | {row}
 
 
 def checked_path(machine: Machine, run: Run) -> Run:

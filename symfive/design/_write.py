@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symfive.campaign import FIRST_LINE, Run, write_campaign_files
-from symfive.design._assess import assess
+from symfive.campaign import FIRST_LINE, Campaign, Run, write_campaign_files
+from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
     from symfive.design._dynamic import CirclePlan
     from symfive.design._plan import Plan
 
-__all__ = ["SCHEMA", "plan_data", "write_circles", "write_plan", "write_sheet", "write_test"]
+__all__ = [
+    "SCHEMA", "plan_data", "write_circles", "write_plan", "write_recordings", "write_sheet", "write_test",
+]  # fmt: skip
 
 SCHEMA = "symfive.plan/1"
 DRAWN = 36
@@ -57,6 +60,9 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         "efficiency_over_the_prior": {"mean": six_digits(plan.over_prior[0]), "worst": six_digits(plan.over_prior[1])},
         "retract_mm": plan.post.retract_mm,
         "spindle_drawn_back_before_rows": {run: [i + FIRST_LINE for i in rows] for run, rows in plan.unsafe.items()},
+        "seated_moves_by_way_of_further_positions_before_rows": {
+            run: [i + FIRST_LINE for i in sorted(rows)] for run, rows in plan.post.via.items()
+        },
         "notes": list(plan.notes),
     }
 
@@ -82,7 +88,8 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
 
 def _driven(plan: Plan, post: Post) -> Plan:
     """The plan with what the user decided about its programs: the same ways unless another retract is wished, its own times."""
-    own = replace(post, unsafe=plan.post.unsafe, ways=plan.post.ways, tested=plan.post.tested)
+    driven = plan.post
+    own = replace(post, via=driven.via, unsafe=driven.unsafe, ways=driven.ways, tested=driven.tested)
     if post.retract_mm != plan.post.retract_mm:
         own = cleared(plan.machine, plan.campaign.runs, plan.unsafe, own)
     if not set(plan.machine.axis_names) <= set(LETTERS):
@@ -100,12 +107,18 @@ def _driven(plan: Plan, post: Post) -> Plan:
 def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
     """Campaign, plan.json, programs, set-up sheet and its pictures into a folder that exists. Raises `InputError` where a program
     has no clear way."""
-    expected = assess(plan.campaign, effects=plan.effects)
-    machine = plan.campaign.machine
-    own = cleared(machine, plan.campaign.runs, {}, post) if set(machine.axis_names) <= set(LETTERS) else post
-    sheet = Sheet(campaign=plan.campaign, post=own or Post(), assessment=expected)
-    _write_files(sheet, folder, nc)
-    write_json(folder / "plan.json", plan.to_data())
+    write_recordings(plan.campaign, assess(plan.campaign, effects=plan.effects), plan.to_data(), folder, nc, post)
+
+
+def write_recordings(
+    campaign: Campaign, expected: Assessment, data: Mapping[str, Any], folder: Path, nc: tuple[str, ...], post: Post | None
+) -> None:  # fmt: skip
+    """Recordings as a plan: campaign, plan.json of `data`, programs and set-up sheet. Raises `InputError` where a program has no
+    clear way."""
+    machine = campaign.machine
+    own = cleared(machine, campaign.runs, {}, post) if set(machine.axis_names) <= set(LETTERS) else post
+    _write_files(Sheet(campaign=campaign, post=own or Post(), assessment=expected), folder, nc)
+    write_json(folder / "plan.json", data)
 
 
 def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:

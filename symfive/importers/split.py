@@ -137,9 +137,11 @@ def moved_pieces(run: Run) -> list[Run]:
 SPLITS: dict[str, Callable[[Run, Machine, float | None], list[Run]]] = {
     "turns": lambda run, machine, step: turns_of(run, machine, step_deg=step),
     "cycles": lambda run, machine, step: cycles_of(run),
-    "rests": lambda run, machine, step: moved_pieces(run),
+    "moves": lambda run, machine, step: moved_pieces(run),
 }
-"""The ways to cut a recording, by the word of the command line."""
+SPLITS["rests"] = SPLITS["moves"]
+"""The ways to cut a recording, by the word of the command line. `rests`, an older word for `moves`, keeps what lies between
+rests; what is read at the rests of a planned run is `symfive.importers.rests`."""
 
 
 def split(

@@ -10,10 +10,13 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._pace import CAUTION, pace
-from symfive.nc._post import LETTERS, Post, arrival_times, outside_s, program_steps
-from symfive.nc._probing import CYCLES, Probing, cycle_seconds, probing_steps
+from symfive.nc._post import Post, worded
+from symfive.nc._probing import CYCLES, Probing, cycle_seconds, probing_of, probing_steps
 from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
+from symfive.nc._seat import Seat
+from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
 from symfive.nc._warning import UNCHECKED, collision_warning, which_point
+from symfive.nc._writer import LETTERS
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
@@ -21,9 +24,10 @@ from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
 
 __all__ = [
-    "CAUTION", "CYCLES", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Step", "Way",
+    "CAUTION", "CYCLES", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way",
     "arrival_times", "at_the_top", "collision_warning", "cycle_seconds", "dialect_of", "lifts", "outside_s", "over_the_top",
-    "pace", "program", "program_steps", "top_of", "turned_home", "upright_axis", "which_point", "write_programs",
+    "pace", "probing_of", "program", "program_steps", "series_of", "top_of", "turned_home", "upright_axis", "which_point",
+    "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
@@ -65,19 +69,25 @@ def _steps(machine: Machine, run: Run, dialect: str, post: Post | None, probing:
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None, probing: Probing | None = None) -> str:
     """The program of one run; `probing`: sphere, tip and feeds of a touch probe. Raises `InputError` for an unknown dialect and
     for axes without an NC address."""
-    return _text(machine, run, dialect_of(dialect), _steps(machine, run, dialect, post, probing), post or Post())
+    chosen = dialect_of(dialect)
+    post = worded(post or Post(), chosen)
+    return _text(machine, run, chosen, _steps(machine, run, dialect, post, probing), post)
 
 
 def write_programs(
     campaign: Campaign, folder: Path | str, dialects: Iterable[str], post: Post | None = None
 ) -> tuple[Path, ...]:
-    """One program per run and dialect into `folder`/dialect, numbered from 1 as the runs; returns their paths."""
-    chosen = [dialect_of(name) for name in dialects]
-    written = []
-    for number, run in enumerate(campaign.runs if chosen else (), start=1):
-        for dialect in chosen:
-            steps = _steps(campaign.machine, run, dialect.name, post)
-            path = Path(folder) / dialect.name / f"{run.id}{dialect.suffix}"
-            write_text(path, _text(campaign.machine, run, dialect, steps, post or Post(), number))
+    """One program per run and dialect into `folder`/dialect, numbered from 1 as the runs, behind these one per series of circles
+    during which the bar stays on, named by its runs; returns their paths."""
+    chosen, machine = [dialect_of(name) for name in dialects], campaign.machine
+    post, written = post or Post(), []
+    series = series_of(machine, campaign.runs) if chosen else []
+    for dialect in chosen:
+        own = worded(post, dialect)
+        programs = [(run.id, run, _steps(machine, run, dialect.name, own)) for run in campaign.runs]
+        programs += [("+".join(r.id for r in runs), runs[0], series_steps(machine, runs, own)) for runs in series]
+        for number, (name, run, steps) in enumerate(programs, start=1):
+            path = Path(folder) / dialect.name / f"{name}{dialect.suffix}"
+            write_text(path, _text(machine, run, dialect, steps, own, number))
             written.append(path)
     return tuple(written)

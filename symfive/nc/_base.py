@@ -80,6 +80,8 @@ class Dialect:
     `decimals` to which positions are written, by `word`; `upper`: the control reads capital letters only.
     `contour` calls a circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
     circle's blocks, by default one a turn.
+    `tool_centre`: the lines that switch tool-centre control on, with the length of tool `{tool}`, and off; None where they depend
+    on the machine's configuration, for which `tool_centre_example` shows what may stand there.
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
@@ -100,6 +102,8 @@ class Dialect:
     rotary: Sequence[str] = ()
     contour: Sequence[str] = ("{plane} G64",)
     arc: Callable[[Block], Sequence[str]] = _block_a_turn
+    tool_centre: tuple[str, str] | None = None
+    tool_centre_example: str = ""
     inverse_time: bool = True
     numbered: bool = False
     upper: bool = False

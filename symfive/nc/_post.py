@@ -1,69 +1,44 @@
-"""From a run of a plan to the steps of a program: approach, every pose with its dwell, retract.
-
-From wherever the machine stands the tool's axis goes alone to its top in machine coordinates, then the rotary axes move, then the
-plane, then the tool's axis comes down; the way back is the same turned round, and so is every way out of the nest and around,
-whose rapids move one axis each: which way several axes take together in a rapid depends on the control.
-Between two poses the ball must stay in its nest (or the bar at its length), so the linear axes follow the rotary ones in
-short straight blocks; with the control's own tool-centre point control (the user's text switches it on) the words are the
-ball's place in the workpiece frame instead and the control does the following.
-
-How recordings are driven is in `_recording`.
-"""
+"""What the user decides about the programs, and which moves they make."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from symfive.campaign import Run
 from symfive.errors import InputError
-from symfive.machine import Machine
-from symfive.nc._arc import circle_of
-from symfive.nc._base import Step
-from symfive.nc._pace import CAUTION, pace, spread, tenths
-from symfive.nc._recording import circular, pulled_out, said, straight_blocks
-from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_the_top, upright_axis, usual_lift
-from symfive.nc._seat import Seat
-from symfive.procedures import Nominal
+from symfive.nc._base import Dialect
+from symfive.nc._route import Way
 
-__all__ = ["LETTERS", "Post", "Writer", "arrival_times", "outside_s", "program_steps"]
+__all__ = ["Post", "worded"]
 
-Array = NDArray[np.float64]
-LETTERS = "XYZABCUVW"
-SEATED = {"ball_bar": "BALL BAR", "grid_encoder": "READING HEAD"}
-"""What the operator seats before a run, by instrument."""
 RETRACT_MM = 50.0
-CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
-"""Feed towards and away from the nest, and on the last millimetres."""
 DWELL_S = 2.0
-HAND_S = 30.0
-"""Time that a stop takes at which the operator takes a bar off or puts it on."""
-SHORT_REST_S = 0.1
 READ_S = 10.0
 """Time that a stop takes at which the operator reads."""
 AT_POSE = ("dwell", "stop", "trigger")
-STANDSTILL = 1e-4
-"""mm or degree: the last digit that every control reads."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Post:
     """What the user decides about the programs, and which ways they take.
 
-    `tool_centre_on`, `tool_centre_off`: the control's lines that switch tool-centre point control (TRAORI, G43.4 H1, M128,
-    M428 …); without them the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against
-    ISO 841. `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
-    `retract_mm` out of the nest; `dwell_s` at each pose, long enough for machine and instrument to settle; `at_pose` what comes
-    then: nothing (`dwell`), a `stop` that shows the number of the pose, or your own lines `trigger` that start a reading;
-    `unsafe` run → rows to which the way leads around, out of the nest and over the top; `ways` run → row → the way there, from
-    lifted pose to lifted pose (row 0: the lifted pose before the first one, the number of rows: that after the last one, the
-    top, rotary axes home), the usual ones where nothing is given; `tested`: whether all ways were tested for collisions.
+    `tool_centre`: tool-centre point control by the dialect's own words, with the length of tool `tool_number`;
+    `tool_centre_on`, `tool_centre_off`: your own lines instead (TRAORI, G43.4 H1, M128, M428 …), which call the length too;
+    without either the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against ISO 841.
+    `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
+    `sphere_radius` and `tip_radius` mm of a touch probe's programs; `retract_mm` out of the nest; `dwell_s` at each pose,
+    long enough for machine and instrument to settle; `at_pose` what comes then: nothing (`dwell`), a `stop` that shows the
+    number of the pose, or your own lines `trigger` that start a reading; `via` run → row → intermediate positions of the
+    seated move to it, which is straight between them; `unsafe` run → rows to which the way leads around, out of the nest and
+    over the top; `ways` run → row → the way there, from lifted pose to lifted pose (row 0: the lifted pose before the first
+    one, the number of rows: that after the last one, the top, rotary axes home), the usual ones where nothing is given;
+    `tested`: whether all ways were tested for collisions.
     """
 
+    tool_centre: bool = False
+    tool_number: int = 1
+    sphere_radius: float = 12.5
+    tip_radius: float = 3.0
     tool_centre_on: str = ""
     tool_centre_off: str = ""
     reversed_axes: tuple[str, ...] = ()
@@ -72,6 +47,7 @@ class Post:
     dwell_s: float = DWELL_S
     at_pose: str = "dwell"
     trigger: str = ""
+    via: Mapping[str, Mapping[int, Way]] = field(default_factory=dict)
     unsafe: Mapping[str, Sequence[int]] = field(default_factory=dict)
     ways: Mapping[str, Mapping[int, Way]] = field(default_factory=dict)
     tested: bool = False
@@ -84,318 +60,27 @@ class Post:
             raise InputError("a trigger needs the lines that start a reading, and lines a trigger", remedy=remedy)
 
     @property
+    def centred(self) -> bool:
+        """Whether the control follows the ball."""
+        return self.tool_centre or bool(self.tool_centre_on)
+
+    @property
     def rest_s(self) -> float:
         """How long a pose takes, the operator's reading included."""
         return self.dwell_s + (READ_S if self.at_pose == "stop" else 0.0)
 
 
-def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:
-    """The steps of a run's program. Raises `InputError` for an axis whose name is no NC address, and where no travel is left to
-    draw the tool back."""
-    for name in machine.axis_names:
-        if name not in LETTERS:
-            raise InputError(f"axis {name} has no NC address", remedy=f"name axes by {', '.join(LETTERS)} for programs")
-    return _without_standstill(Writer(machine, run, post or Post()).steps())
-
-
-def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0, rest_s: float = 0.0) -> Array:
-    """When the program of a static run reaches every pose (rows,), s from the first one: its ways as they are driven, the dwells,
-    stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least `least_s` a
-    pose, to 0.1 s; `rest_s` what is done at each pose where it is no rest of the program."""
-    writer = Writer(machine, run, post)
-    needed = [(rest_s or post.rest_s) + writer.seconds_to(row) for row in range(1, run.rows)]
-    each = np.maximum(
-        np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
-    )  # the program waits on ways around: `tenths`
-    return np.concatenate([[0.0], np.cumsum(each)])
-
-
-def outside_s(machine: Machine, run: Run, post: Post) -> float:
-    """Time of a program's moves before the first pose and from the last dwell on, s, without the stops."""
-    writer = Writer(machine, run, post)
-    steps = [*writer._first_moves(), *writer._last_moves("")]
-    return post.rest_s + sum(step.seconds for step in steps)
-
-
-def _without_standstill(steps: Sequence[Step]) -> list[Step]:
-    """The steps without moves to where the axes stand already.
-
-    While the instrument reads, their time stays: a rest becomes a dwell, a short one is added to the move that follows. A row
-    that is reached stays with the move that reached it.
-    """
-    found: list[Step] = []
-    there: dict[str, float] = {}
-    rest: Step | None = None
-    for step in steps:
-        if step.kind in ("rapid", "feed") and _stands_at(there, step.positions):
-            if step.seated:
-                before = rest.seconds if rest else 0.0
-                rest = replace(step, kind="dwell", positions={}, commands={}, seconds=before + step.seconds)
-            elif step.row is not None:
-                last = max(i for i, s in enumerate(found) if s.positions and s.kind != "text")
-                found[last] = replace(found[last], row=step.row, towards=step.towards)
-            continue
-        if rest is not None and step.kind == "feed" and step.seated and rest.seconds < SHORT_REST_S:
-            step = replace(step, seconds=step.seconds + rest.seconds)
-        elif rest is not None:
-            found.append(rest)
-        rest = None
-        if step.kind in ("text", "retract"):  # the words mean something else, or the place is not known in them
-            there = {}
-        else:
-            there.update(step.positions)
-        found.append(step)
-    return found
-
-
-def _stands_at(there: Positions, positions: Positions) -> bool:
-    return all(name in there and abs(value - there[name]) < STANDSTILL for name, value in positions.items())
-
-
-class Writer:
-    """A run's moves: the ways to its poses and between them."""
-
-    def __init__(self, machine: Machine, run: Run, post: Post) -> None:
-        self.machine, self.run, self.post = machine, run, post
-        self.nominal = Nominal(machine)
-        self.names = machine.axis_names
-        self.rotary = [name for name in self.names if machine.axes[name].rotary]
-        self.upright = upright_axis(machine)
-        self.plane = [name for name in self.names if name not in (*self.rotary, self.upright)]
-        self.seat = Seat(machine, run, self.nominal)
-        self.places = self.seat.places
-        self.bar = "ball_bar" in run.instrument
-        self.seated = self.centred = False
-        self._known: dict[bool, dict[int, tuple[Array, Array, Array]]] = {}
-        self.circle = circle_of(machine, run)
-
-    def steps(self) -> list[Step]:
-        run = self.run
-        ball = next((SEATED[name] for name in run.instrument if name in SEATED), "BALL")
-        found = [
-            Step(kind="comment", text=f"run {run.id}, {run.rows} rows, {', '.join(run.instrument)}"),
-            Step(
-                kind="comment", text=f"table ball {_numbers(run.table_ball)} mm, tool length {-run.tool_ball[2]:g} mm"
-            ),
-            Step(kind="comment", text="work offset: the workpiece frame's origin, all rotary axes at 0"),
-        ]
-        if run.length is not None:
-            found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
-        pulled = self.circle is not None and self.bar
-        found += self._first_moves()
-        found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
-        found.append(Step(kind="stop", text="PUT BAR ON, THEN RECORD" if pulled else f"SEAT {ball}, ZERO IT"))
-        self.seated = True
-        found += self._recording() if run.dynamic else self._poses()
-        self.seated = False
-        found += self._last_moves("STORED? TAKE BAR OFF" if pulled else f"FREE {ball}, START")
-        upright = self.circle is not None and self.circle.plane != "XY"
-        return [*found, Step(kind="contour", text="XY")] if upright else found
-
-    def _first_moves(self) -> list[Step]:
-        """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose; a look at it; creep in."""
-        lifted = self._way_to(0)[-1]
-        pose = self._entry(0)
-        away = self._apart(pose, lifted)
-        return [
-            Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
-            Step(kind="stop", text=f"CLEAR? {self.upright} GOES TO TOP FIRST"),
-            *self._centred(False, {}),
-            self._to_the_top(0),
-            *self._alone(lifted, 0),
-            *self._centred(True, lifted),
-            Step(kind="stop", text=f"BALL STANDS {away:.0f} MM OFF?"),
-            *self._creep(lifted, pose, 0),
-        ]
-
-    def _alone(self, lifted: Positions, row: int) -> list[Step]:
-        """From the top, wherever else the axes stand: rotary axes, plane, tool's axis, each by themselves; only the last way is
-        known, and so its time."""
-        words, top = self._words(lifted, np.zeros(3)), at_the_top(self.machine, lifted)
-        known: tuple[tuple[list[str], Positions], ...] = (
-            (self.rotary, {}),
-            (self.plane, top),
-            ([self.upright], lifted),
+def worded(post: Post, dialect: Dialect) -> Post:
+    """The decisions with the dialect's own words for tool-centre control, where it is wished and the user gives none. Raises
+    `InputError` where they depend on the machine's builder."""
+    if not post.tool_centre or post.tool_centre_on:
+        return post
+    if dialect.tool_centre is None:
+        problem = (
+            f"{dialect.name}: which lines switch tool-centre control with the ball's length depends on your machine"
         )
-        return [
-            Step(
-                kind="rapid",
-                positions={n: v for n, v in words.items() if n in names},
-                commands=dict(there),
-                towards=row,
-                seconds=self._rapidly(top, lifted) if names == [self.upright] else 0.0,
-            )
-            for names, there in known
-            if names
-        ]
-
-    def _last_moves(self, text: str) -> list[Step]:
-        """Creep out, the tool's axis alone to the top, rotary axes home one by one."""
-        rows = self.run.rows
-        lifted, top, *turned = self._way_to(rows)
-        found = [Step(kind="stop", text=text), *self._creep(lifted, self._entry(rows - 1), rows, out=True)]
-        up = replace(self._to_the_top(rows, top), seconds=self._rapidly(lifted, top))
-        found += [*self._centred(False, lifted), up]
-        return [*found, *(self._rapid(before, after, rows) for before, after in itertools.pairwise([top, *turned]))]
-
-    def _to_the_top(self, towards: int, commands: Positions | None = None) -> Step:
-        positions = {self.upright: self.post.machine_top}
-        return Step(kind="retract", positions=positions, commands=dict(commands or {}), towards=towards)
-
-    def _centred(self, wanted: bool, there: Positions) -> list[Step]:
-        """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'. `there`
-        is where the axes stand, so that the way of the next block is known in the words that it is written in."""
-        if wanted and self.circle is not None:
-            return []  # no rotary axis moves: a circle of the linear axes themselves
-        self.centred = wanted and bool(self.post.tool_centre_on)
-        text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
-        words = self._words(there, self._place(there)) if there else {}
-        return [Step(kind="text", text=text, positions=words)] if text else []
-
-    def _poses(self) -> list[Step]:
-        found = [Step(kind="dwell", seconds=self.post.dwell_s), *self._read(0)]
-        around = set(self.post.unsafe.get(self.run.id, ()))
-        for row in range(1, self.run.rows):
-            seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.rest_s
-            found += self._detour(row) if row in around else self._way(row, seconds)[0]
-            early = seconds - self.seconds_to(row) if row in around else 0.0
-            found += [Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)), *self._read(row)]
-        return found
-
-    def _read(self, row: int) -> list[Step]:
-        """What a settled pose is read by."""
-        if self.post.at_pose == "stop":
-            return [Step(kind="stop", text=f"READ POSE {row + 1} OF {self.run.rows}")]
-        return [Step(kind="trigger", text=self.post.trigger)] if self.post.at_pose == "trigger" else []
-
-    def seconds_to(self, row: int) -> float:
-        """How long the way to a row takes, s, without the dwell."""
-        if row not in self.post.unsafe.get(self.run.id, ()):
-            steps, more = self._way(row, 0.0)
-            return sum(step.seconds for step in steps) + more
-        steps = self._detour(row)
-        return sum(HAND_S if step.kind == "stop" else step.seconds for step in steps)
-
-    def _way(self, row: int, seconds: float) -> tuple[list[Step], float]:
-        """From the pose before to this one in so many seconds, or as long as the axes need, and the time to get up to speed and
-        to rest."""
-        if self._stays(row):
-            return [self._pose(row, max(seconds, 0.0))], 0.0
-        commands, places, path = self._blocks(row)
-        least, more = spread(*pace(self.machine, path), seconds)
-        each = least / len(places)
-        steps = [
-            self._feed(dict(zip(self.names, ends, strict=True)), place, each, row)
-            for ends, place in zip(commands[:-1].tolist(), places[:-1], strict=True)
-        ]
-        return [*steps, self._pose(row, each)], more
-
-    def _stays(self, row: int) -> bool:
-        return all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names)
-
-    def _blocks(self, row: int) -> tuple[Array, Array, Array]:
-        """The way to a row with the ball in its nest (`Seat.blocks`); those of all rows are found at once."""
-        if self.centred not in self._known:
-            around = self.post.unsafe.get(self.run.id, ())
-            rows = [r for r in range(1, self.run.rows) if r not in around and not self._stays(r)]
-            self._known[self.centred] = dict(zip(rows, self.seat.blocks(rows, self.centred), strict=True))
-        return self._known[self.centred][row]
-
-    def _recording(self) -> list[Step]:
-        """A dynamic run: the control's own circle, or straight blocks."""
-        if self.circle is not None:
-            return circular(self.run, self.circle, bar=self.bar)
-        blocks = straight_blocks(self.run, self.nominal, self.places, centred=bool(self.post.tool_centre_on))
-        return [Step(kind="comment", text=said(blocks)), *(self._pose(row, seconds) for row, seconds in blocks)]
-
-    def _entry(self, row: int) -> Positions:
-        """Where the instrument is seated and freed: the pose itself, or before and after a bar's circle pulled out from it."""
-        return pulled_out(self.run, self.circle, row) if self.circle and self.bar else self._commands(row)
-
-    def _detour(self, row: int) -> list[Step]:
-        """Out of the nest, around, and in again; a bar is taken off meanwhile."""
-        way = self._way_to(row)
-        self.seated = False
-        steps = [Step(kind="stop", text="TAKE THE BAR OFF")] if self.bar else []
-        steps += [
-            *self._creep(way[0], self._commands(row - 1), row, out=True),
-            *self._centred(False, way[0]),
-            *(self._rapid(before, after, row) for before, after in itertools.pairwise(way)),
-            *self._centred(True, way[-1]),
-            *self._creep(way[-1], self._commands(row), row),
-        ]
-        self.seated = True
-        return [*steps, *([Step(kind="stop", text="PUT THE BAR ON")] if self.bar else [])]
-
-    def _way_to(self, row: int) -> Way:
-        """The way given, or the usual one."""
-        given = self.post.ways.get(self.run.id, {}).get(row)
-        if given is not None:
-            return given
-        rows = [r for r in (row - 1, row) if 0 <= r < self.run.rows]
-        lifted = [usual_lift(self.nominal, self.run, r, self.post.retract_mm) for r in rows]
-        if len(lifted) == 2:
-            return over_the_top(self.machine, *lifted)
-        return out_to_the_top(self.machine, lifted[0]) if row else (lifted[0],)
-
-    def _creep(self, lifted: Positions, pose: Positions, row: int, *, out: bool = False) -> list[Step]:
-        """Between a pose and its lifted one, slowest near the pose; `row` is the one it leads to."""
-        away = self._apart(pose, lifted)
-        share = min(1.0, LAST_MM / max(away, LAST_MM))
-        near = {n: pose[n] + share * (lifted[n] - pose[n]) for n in self.names}
-        places, speeds = [pose, near, lifted], [SLOWEST_MM_PER_MIN, CREEP_MM_PER_MIN]
-        if not out:
-            places, speeds = places[::-1], speeds[::-1]
-        steps = []
-        for before, after, speed in zip(places, places[1:], speeds, strict=False):
-            least, more = self._pace(before, after)
-            seconds = max(60.0 * self._apart(before, after) / speed, least + more)
-            steps.append(self._feed(after, self._place(after), seconds, row))
-        return steps if out else [*steps[:-1], replace(steps[-1], row=row)]
-
-    def _apart(self, a: Positions, b: Positions) -> float:
-        return float(np.linalg.norm(self._place(a) - self._place(b)))
-
-    def _pace(self, before: Positions, after: Positions, share: float = CAUTION) -> tuple[float, float]:
-        return pace(self.machine, np.array([[p[n] for n in self.names] for p in (before, after)]), share)
-
-    def _rapidly(self, before: Positions, after: Positions) -> float:
-        """Seconds of a rapid: the control drives it as fast as the axes can."""
-        return sum(self._pace(before, after, 1.0))
-
-    def _commands(self, row: int) -> dict[str, float]:
-        return {n: float(self.run.commands[n][row]) for n in self.names}
-
-    def _pose(self, row: int, seconds: float) -> Step:
-        return replace(self._feed(self._commands(row), self.places[row], seconds, row), row=row)
-
-    def _feed(self, commands: Positions, place: Array, seconds: float, towards: int) -> Step:
-        words = self._words(commands, place)
-        return Step(
-            kind="feed", positions=words, seconds=seconds, towards=towards, seated=self.seated, commands=dict(commands)
+        raise InputError(
+            problem, remedy=f"give --tool-centre-on and --tool-centre-off, as {dialect.tool_centre_example}"
         )
-
-    def _rapid(self, before: Positions, after: Positions, row: int) -> Step:
-        """A rapid that names only the axes that move."""
-        words = self._words(after, np.zeros(3))
-        moved = {n: v for n, v in words.items() if abs(after[n] - before[n]) >= STANDSTILL} or words
-        seconds = self._rapidly(before, after)
-        return Step(kind="rapid", positions=moved, commands=dict(after), towards=row, seconds=seconds)
-
-    def _place(self, commands: Mapping[str, float]) -> Array:
-        return np.asarray(self.nominal.ball({n: np.array([v]) for n, v in commands.items()}, self.run.tool_ball)[0])
-
-    def _words(self, commands: Mapping[str, float], place: Array) -> dict[str, float]:
-        signs = {name: -1.0 if name in self.post.reversed_axes else 1.0 for name in self.names}
-        words = {name: signs[name] * commands[name] for name in sorted(self.names, key=_by_letter)}
-        if self.centred:
-            words |= {axis: float(place[i]) for i, axis in enumerate("XYZ") if axis in words}
-        return words
-
-
-def _by_letter(name: str) -> tuple[int, str]:
-    return LETTERS.find(name) % (len(LETTERS) + 1), name
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return " ".join(f"{round(v, 3) + 0.0:.3f}" for v in values)
+    on, off = (text.format(tool=post.tool_number) for text in dialect.tool_centre)
+    return replace(post, tool_centre_on=on, tool_centre_off=off)

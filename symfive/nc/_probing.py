@@ -19,9 +19,10 @@ from symfive.errors import InputError
 from symfive.instruments import touches_of
 from symfive.machine import Machine
 from symfive.nc._base import Step
-from symfive.nc._post import Post, Writer
+from symfive.nc._post import Post
+from symfive.nc._writer import Writer
 
-__all__ = ["CYCLES", "Probing", "cycle_seconds", "probing_steps"]
+__all__ = ["CYCLES", "Probing", "cycle_seconds", "probing_of", "probing_steps"]
 
 Array = NDArray[np.float64]
 
@@ -92,15 +93,21 @@ _STARTS_S = 0.5
 """Time of the starts and stops within one touch."""
 
 
+def probing_of(post: Post) -> Probing:
+    """The user's sphere and tip, all else as usual."""
+    return Probing(sphere_radius=post.sphere_radius, tip_radius=post.tip_radius)
+
+
 def probing_steps(machine: Machine, run: Run, dialect: str, post: Post, probing: Probing | None = None) -> list[Step]:
     """The steps of a probing program. Raises `InputError` for a control whose touch is not written, and for touches that come
     from below the stand-off."""
     if dialect not in CYCLES:
-        problem = f"the probing cycle of {dialect} is not written"
-        raise InputError(problem, remedy=f"use {', '.join(CYCLES)}, or enter the poses into the control's own cycle")
+        problem = f"a touch is not written for {dialect}: its probing cycles depend on the probe and its macros"
+        remedy = f"use {', '.join(CYCLES)}, or enter the poses of the sheet into the control's own cycle"
+        raise InputError(problem, remedy=remedy)
     if set(machine.axis_names) & set("UVW"):
         raise InputError("a probing program moves X, Y and Z", remedy="leave U, V and W out of the machine file")
-    return _Prober(machine, run, post, probing or Probing(), CYCLES[dialect]).steps()
+    return _Prober(machine, run, post, probing or probing_of(post), CYCLES[dialect]).steps()
 
 
 class _Prober(Writer):

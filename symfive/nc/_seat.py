@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from symfive.campaign import FIRST_LINE, Run
 from symfive.machine import Machine
 from symfive.procedures import Nominal
 
-__all__ = ["Seat"]
+__all__ = ["Leg", "Seat"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -20,6 +21,19 @@ CHORD_SHARE = 0.05
 MOST_BLOCKS = 4096
 DENSELY = np.linspace(0.0, 1.0, 65)[1:]
 """Shares of a way at which the axes are looked at where the control makes the blocks."""
+
+
+Leg = tuple[Mapping[str, float], Mapping[str, float], int]
+"""A seated move: positions of all axes at its start and its end, and the row to which it leads."""
+
+
+@dataclass(frozen=True)
+class _Ways:
+    """Legs as arrays: `ends` (legs, 2, axes), `balls` (legs, 2, 3) mm in the workpiece frame, the `rows` that they lead to."""
+
+    ends: Array
+    balls: Array
+    rows: Sequence[int]
 
 
 class Seat:
@@ -31,45 +45,49 @@ class Seat:
         self.places = nominal.ball(run.commands, run.tool_ball)
         self.bar = "ball_bar" in run.instrument
 
-    def blocks(self, rows: Sequence[int], centred: bool) -> list[tuple[Array, Array, Array]]:
-        """The ways from the pose before each of the `rows` to it: positions (n, axes) and places (n, 3) at the ends of n equal
-        blocks, and the path of the axes (m, axes), start and end included. `centred`: the control makes them follow the ball.
-        """
+    def blocks(self, legs: Sequence[Leg], centred: bool) -> list[tuple[Array, Array, Array]]:
+        """Straight blocks of every leg: positions (n, axes) and places (n, 3) at the ends of n equal blocks, and the path of the
+        axes (m, axes), start and end included. `centred`: the control makes them follow the ball."""
         allowed = CHORD_SHARE * self.machine.workspace.stroke(bar=self.bar)
-        stand = np.stack([self.run.commands[n] for n in self.names], axis=1)
+        stand = [np.array([[place[n] for n in self.names] for place in (a, b)]) for a, b, _ in legs]
+        ends = np.array(stand).reshape(-1, 2, len(self.names))
+        balls = self.nominal.ball({n: ends[:, :, i].ravel() for i, n in enumerate(self.names)}, self.run.tool_ball)
+        ways = _Ways(ends, balls.reshape(-1, 2, 3), [row for *_, row in legs])
         found: dict[int, tuple[Array, Array, Array]] = {}
-        left, blocks = np.asarray(rows, dtype=np.int64), 1
+        left, blocks = np.arange(len(legs)), 1
         while left.size:
-            commands, places = self._between(left, np.arange(1, 2 * blocks + 1) / (2.0 * blocks))
-            before = stand[left - 1, None], self.places[left - 1, None]
+            commands, places = self._between(ways, left, np.arange(1, 2 * blocks + 1) / (2.0 * blocks))
+            before = ways.ends[left, :1], ways.balls[left, :1]
             middles = self._middles(np.hstack([before[0], commands]), np.hstack([before[1], places]), centred)
             near = (self._error(middles, places[:, ::2]) <= allowed) | (blocks >= MOST_BLOCKS)
-            dense = self._between(left[near], DENSELY)[0] if centred and near.any() else commands[near, 1::2]
-            for i, row, path in zip(np.flatnonzero(near), left[near].tolist(), dense, strict=True):
-                ends = np.vstack([commands[i, 1:-1:2], stand[row]])
-                found[row] = ends, places[i, 1::2], np.vstack([stand[row - 1], path if centred else ends])
+            dense = self._between(ways, left[near], DENSELY)[0] if centred and near.any() else commands[near, 1::2]
+            for i, leg, path in zip(np.flatnonzero(near), left[near].tolist(), dense, strict=True):
+                first, last = ways.ends[leg]
+                there = np.vstack([commands[i, 1:-1:2], last])
+                found[leg] = there, places[i, 1::2], np.vstack([first, path if centred else there])
             left, blocks = left[~near], 2 * blocks
-        return [found[row] for row in rows]
+        return [found[leg] for leg in range(len(legs))]
 
-    def _between(self, rows: Indices, share: Array) -> tuple[Array, Array]:
-        """Commands (rows, n, axes) and places (rows, n, 3) at n shares of the ways: rotary axes straight, the bar on the shorter
+    def _between(self, ways: _Ways, legs: Indices, share: Array) -> tuple[Array, Array]:
+        """Commands (legs, n, axes) and places (legs, n, 3) at n shares of the legs: rotary axes straight, the bar on the shorter
         arc."""
+        first, last = ways.ends[legs, 0], ways.ends[legs, 1]
         fixed = {
-            n: (q[rows - 1, None] + share * (q[rows] - q[rows - 1])[:, None]).ravel()
-            for n, q in self.run.commands.items()
+            n: (first[:, i, None] + share * (last[:, i] - first[:, i])[:, None]).ravel()
+            for i, n in enumerate(self.names)
             if self.machine.axes[n].rotary
         }
-        places = np.stack([self._way(row, share) for row in rows])
+        places = np.stack([self._way(ways.balls[leg, 0], ways.balls[leg, 1], share) for leg in legs])
 
         def what(pose: int) -> str:
-            return f"the way to line {rows[pose // len(share)] + FIRST_LINE} of run {self.run.id}"
+            return f"the way to line {ways.rows[legs[pose // len(share)]] + FIRST_LINE} of run {self.run.id}"
 
         found = self.nominal.follow(places.reshape(-1, 3), self.run.tool_ball, fixed, what)
-        return np.stack([found[n] for n in self.names], axis=1).reshape(len(rows), len(share), -1), places
+        return np.stack([found[n] for n in self.names], axis=1).reshape(len(legs), len(share), -1), places
 
-    def _way(self, row: int, share: Array) -> Array:
-        """Places (n, 3) of the tool ball at shares of the way to a row."""
-        before, after, table = self.places[row - 1], self.places[row], np.asarray(self.run.table_ball)
+    def _way(self, before: Array, after: Array, share: Array) -> Array:
+        """Places (n, 3) of the tool ball at shares of the way from one place to another."""
+        table = np.asarray(self.run.table_ball)
         if self.bar and float(np.linalg.norm(before - table)) > 1e-9:
             return np.asarray(table + _arc(before - table, after - table, share))
         return np.asarray(before + share[:, None] * (after - before))

@@ -49,8 +49,13 @@ def which_point(machine: Machine, run: Run, post: Post) -> str:
     length = f"{-run.tool_ball[2]:g} mm"
     above = any(machine.axes[name].rotary for name in machine.structure.tool)
     nose = "the spindle nose" + (" with all rotary axes at 0" if above else "")
-    if not post.tool_centre_on or circle_of(machine, run) is not None:
+    if not post.centred or circle_of(machine, run) is not None:
         return f"X Y Z are of {nose}, no tool length called; the ball's centre is {length} below it"
+    if not post.tool_centre_on:
+        return (
+            f"While tool-centre control is on X Y Z are of the ball's centre in the workpiece frame, its length {length} called "
+            f"with it; elsewhere they are of {nose}, no tool length called"
+        )
     on, off = (" ".join(text.split()) for text in (post.tool_centre_on, post.tool_centre_off))
     return (
         f"From {on} to {off} X Y Z are of the ball's centre in the workpiece frame, its length {length} called by these lines; "

@@ -28,6 +28,7 @@ HEIDENHAIN = Dialect(
     retract=("L {words} R0 FMAX M91",),
     comment="; {text}",
     datum="cycle 247 calls datum 1; TOOL CALL 0: no tool length, take the line out where it would empty the spindle, L = 0 then",
+    tool_centre_example="FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS after your TOOL CALL, and FUNCTION RESET TCPM",
     inverse_time=False,
     numbered=True,
     decimals=4,

@@ -22,4 +22,5 @@ ISO = Dialect(
     comment="({text})",
     datum="G54 calls the datum, G49: no tool length offset",
     upper=True,
+    tool_centre=("G43.4 H{tool}", "G49"),
 )

@@ -27,5 +27,6 @@ LINUXCNC = Dialect(
     retract=("G49", "G53 G0 {words}"),
     comment="({text})",
     datum="G54 calls the datum, G49: no tool length offset",
+    tool_centre_example="M428 and M429 in some configurations (a remap sets the kinematics), the other way round in others",
     verified="parsed by LinuxCNC's own interpreter",
 )

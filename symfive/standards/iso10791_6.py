@@ -1,9 +1,10 @@
 """Kinematic tests of the rotary axes (ISO 10791-6, annexes A, B, C): the range of each reading over the path.
 
-Annex A (AK) is for two rotary axes in the head, B (BK) for two under the workpiece, C (CK) for one of each. The value is
-max - min of the deviation, one direction, as read: the eccentricity of the set-up is in it. Of the numbers of the tests, BK1
-(tilting axis), BK2 (table axis) and BK4 (all five axes) are named (Florussen et al. 2020); the others go by the axes that
-moved. The expanded uncertainty is the declared noise at the two extreme readings: U = 2 √2 σ.
+Annex A (AK) is for two rotary axes in the head, B (BK) for two under the workpiece, C (CK) for one of each. The value is max -
+min of the deviation, one direction, as read: the eccentricity of the set-up is in it. Of the numbers, 1 is the tilting axis with
+linear ones following, 2 the axis that turns the table (of a head, the one that carries the other), 3 an axis that turns while
+one linear axis moves, 4 all five axes; BK1, BK2 and BK4 are those of Florussen et al. (2020), the others follow them. The
+expanded uncertainty is the declared noise at the two extreme readings: U = 2 √2 σ.
 """
 
 from __future__ import annotations
@@ -70,12 +71,18 @@ def _of_run(machine: Machine, run: Run, turned: list[str]) -> list[StandardValue
 def _test(machine: Machine, run: Run, turned: list[str]) -> str:
     """The annex, and the number where it is known."""
     annex = ANNEX[sum(machine.structure.carries(name) == "tool" for name in rotary_axes(machine))]
-    if annex != "BK":
-        return f"{annex} ({'+'.join(turned)})"
-    workpiece = [name for name in machine.structure.workpiece if machine.axes[name].rotary]
     if len(turned) == 2:
-        return "BK4" if len(moved(run)) == 5 else f"BK ({'+'.join(turned)})"
-    return "BK2" if turned[0] == workpiece[0] else "BK1"
+        return f"{annex}4" if len(moved(run)) == 5 else f"{annex} ({'+'.join(turned)})"
+    if len(moved(run)) == 2:
+        return f"{annex}3"
+    return f"{annex}{2 if turned[0] == _turning(machine) else 1}"
+
+
+def _turning(machine: Machine) -> str:
+    """The rotary axis next to the workpiece, or of two in the head the one next to the bed."""
+    table = [name for name in machine.structure.workpiece if machine.axes[name].rotary]
+    head = [name for name in machine.structure.tool if machine.axes[name].rotary]
+    return (table or head)[0]
 
 
 def _sense(run: Run, axis: str) -> str:

@@ -10,6 +10,7 @@ What a program must do (docs/design.md and docs/conventions.md say what the numb
                 then the plane, then the tool axis down
     modal       plane, units, G90, no cutter compensation, length offset, datum and tool-centre control set before that
     poses       at every row of the file, in its order, the program rests (a dwell), to the last digit written
+    series      a program of several runs, named by them with +, does so for each, the instrument seated throughout
     arc         a recorded circle is the control's own arc: the rows' circle, sense, angles and speed, with overshoot, in fewer
                 than ten blocks; a bar is fed in and out radially
     travel      of every axis along every block, rapids both straight and each axis at its own speed
@@ -31,6 +32,7 @@ files do not describe (cradle, clamps, cables, sensors of the nest, covers).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path as File
 
 import numpy as np
@@ -82,9 +84,43 @@ def check(folder: File | str, reversed_axes: tuple[str, ...] = ()) -> list[Findi
             if path is paths[0] or unlike or path.seated.sum() != paths[0].seated.sum():
                 found += [finding for rule in ALONG_THE_PATH for finding in rule(path)]
             found += unlike
+    found += [
+        finding
+        for dialect, files in plan.programs().items()
+        for finding in _series(plan, dialect, files, reversed_axes)
+    ]
     found += _minutes(plan, read)
     found += sheet(plan, [path for paths in read.values() for path in paths])
     return found
+
+
+def _series(plan: Plan, dialect: str, files: dict[str, File], reversed_axes: tuple[str, ...]) -> Iterator[Finding]:
+    """A program of several runs, named by them with + between, does for each of them what a program of its own must do: it is
+    read as the moves before the instrument is seated, that run's part between two stops, and the moves after."""
+    runs = {run.table["id"]: run for run in plan.runs}
+    for name, file in files.items():
+        ids = name.split("+")
+        if len(ids) == 1 and name in runs:
+            continue
+        if not set(ids) <= set(runs):
+            yield Finding("program", file, 0, f"no run is named {name}")
+            continue
+        whole = read_program(plan.machine, runs[ids[0]], file, dialect, reversed_axes)
+        yield from whole.control.findings
+        seated, stops = whole.seated, [event.kind == "stop" for event in whole.events]
+        first, last = int(np.argmax(seated)), len(seated) - 1 - int(np.argmax(seated[::-1]))
+        cuts = [first, *(i for i in range(first + 1, last + 1) if stops[i]), last + 1]
+        if len(cuts) - 1 != len(ids):
+            yield Finding(
+                "program", file, 0, f"{len(cuts) - 1} parts between stops with the instrument seated, {len(ids)} runs"
+            )
+            continue
+        for k, id in enumerate(ids):
+            part = whole.events[: first + 1] + whole.events[cuts[k] + 1 : cuts[k + 1]] + whole.events[last + 1 :]
+            path = Path(plan.machine, runs[id], dialect, replace(whole.control, events=part))
+            path.control.position = whole.control.position
+            for rule in (*RULES, *ALONG_THE_PATH):
+                yield from rule(path)
 
 
 def _set_up(plan: Plan, run: Run) -> Iterator[Finding]:

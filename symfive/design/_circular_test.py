@@ -1,0 +1,108 @@
+"""The circular test of ISO 230-4 as a plan: circles in planes of the linear axes, both directions, at one or more feeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from symfive.campaign import Campaign, Run
+from symfive.design._assess import Assessment, assess
+from symfive.design._assessment_data import assessment_data
+from symfive.design._circle_words import sigma_words
+from symfive.design._write import SCHEMA, write_recordings
+from symfive.errors import InputError
+from symfive.given import machine_given
+from symfive.machine import Machine
+from symfive.nc import Post
+from symfive.outputs import output_folder
+from symfive.procedures import campaign_of, planar_circle
+from symfive.screen import OnScreen, listed
+from symfive.threads import one_thread
+
+__all__ = ["CircularTest", "circular_test"]
+
+WHOLE_DEG = 360.0
+SEEN = 0.5
+"""What a test tells: 1σ at most this share of the prior's."""
+
+
+@dataclass(frozen=True, repr=False)
+class CircularTest(OnScreen):
+    """A circular test: the `campaign` without readings, the `assessment` of what it tells, `notes` in plain words."""
+
+    campaign: Campaign
+    assessment: Assessment
+    notes: tuple[str, ...] = ()
+
+    @property
+    def minutes(self) -> float:
+        """Time of the recordings, without set-up."""
+        return sum(run.duration for run in self.campaign.runs) / 60.0
+
+    def to_data(self) -> dict[str, Any]:
+        """plan.json as nested mappings."""
+        return {
+            "schema": SCHEMA, "machine": self.campaign.machine.name, "minutes": self.minutes,
+            **assessment_data(self.assessment), "notes": list(self.notes),
+        }  # fmt: skip
+
+    def write(
+        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
+    ) -> None:
+        """The campaign without readings, plan.json, NC programs and set-up sheet, whole or not at all."""
+        with output_folder(Path(folder), overwrite=overwrite) as target:
+            write_recordings(self.campaign, self.assessment, self.to_data(), target, tuple(nc), post)
+
+    def __str__(self) -> str:
+        lines = [f"circular test, {len(self.campaign.runs)} recordings, {self.minutes:.1f} min without set-up"]
+        lines += listed([f"  {run.id}: {_words(run)}" for run in self.campaign.runs], "test.campaign.runs")
+        sigma = self.assessment.sigma
+        told = [p for p in self.assessment.parameters if p.kind != "setup" and sigma[p.name] < SEEN * p.sigma]
+        lines += sigma_words(told, sigma)
+        return "\n".join([*lines, *self.notes])
+
+
+def _words(run: Run) -> str:
+    x, y, z = (round(v, 3) + 0.0 for v in run.table_ball)
+    return f"bar {run.length:g} mm, table ball at ({x:g}, {y:g}, {z:g}) mm, {run.duration:.0f} s"
+
+
+@one_thread
+def circular_test(
+    machine: Machine | Path | str, *, planes: Sequence[str] = ("XY",), feeds: Sequence[float] = (1000.0,),
+    radius: float | None = None, sweep_deg: float | None = None, centre: Sequence[float] | None = None,
+    noise_um: float = 0.3, rate_hz: float = 50.0,
+) -> CircularTest:  # fmt: skip
+    """Circles by the control's own interpolation in each of `planes`, at each of `feeds` (mm/min), in both directions.
+
+    `radius` mm, the bar's length; `sweep_deg` of the data: 360 is the test of ISO 230-4, 220 what goes where the table or the end
+    of an axis is in the way (default: 360 in XY, 220 in the upright planes); `centre` mm, the table ball in the workpiece frame.
+    Raises `InputError` where an axis cannot follow or does not get around.
+    """
+    machine = machine_given(machine)
+    if not planes or not feeds:
+        raise InputError("a circular test needs a plane and a feed", remedy="give XY and 1000 mm/min")
+    if len(set(planes)) < len(planes) or len(set(feeds)) < len(feeds):
+        raise InputError("a plane or a feed is named twice", remedy="name each once")
+    runs = [
+        run
+        for plane in planes
+        for run in planar_circle(
+            machine, plane=plane, radius=radius, feed=tuple(feeds), sweep_deg=sweep_deg, centre=centre, rate_hz=rate_hz,
+            noise_um=noise_um,
+        )
+    ]  # fmt: skip
+    campaign = campaign_of(machine, runs, "circular test")
+    return CircularTest(campaign, assess(campaign), tuple(_notes(machine, runs)))
+
+
+def _notes(machine: Machine, runs: Sequence[Run]) -> Iterable[str]:
+    """Which of the circles are no test by the standard."""
+    from symfive.circles import CircleFinder
+
+    finder = CircleFinder(machine)
+    short = [run.id for run in runs if (circle := finder.find(run)) is not None and circle.turns < 1.0]
+    if short:
+        yield f"partial arcs, not a circular test by ISO 230-4 ({WHOLE_DEG:g}° are): {', '.join(short)}"

@@ -1,0 +1,209 @@
+"""Moves with the ball in its nest or the bar on where the straight one is blocked: by way of intermediate positions.
+
+A probabilistic roadmap (L. E. Kavraki et al. 1996) of one set-up: its nodes are the run's poses and positions of a grid, its
+edges straight seated moves that keep all limits at some positions in between. The shortest path in time joins two poses; whether
+the bodies themselves keep apart along it is tested only for the paths that are used (lazily, R. Bohlin & L. E. Kavraki 2000).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from symfive.design._candidates import pose_grid
+from symfive.design._order import move_times
+from symfive.design._rounding import on_grid
+from symfive.design._space import Space
+from symfive.nc import Positions, Way
+
+__all__ = ["Clear", "Seated", "bars_of"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+BETWEEN = np.linspace(0.0, 1.0, 37)[1:-1]
+"""Shares of a move at which the limits are looked at while the order is sought."""
+FEWER = BETWEEN[2::5]
+MANY = 60
+"""Poses in one run beyond which the moves between all pairs are looked at less closely; those taken always are."""
+PLACES = 1000
+"""Positions of the grid that are tried as nodes."""
+NEIGHBOURS = 20
+"""Edges of a node to the nearest others, in time."""
+BESIDE_DEG = 2.0
+"""From so far beside it a pose is reached from the side that its row says."""
+Clear = Callable[[Positions, Positions], bool]
+"""Whether a straight seated move from one place to another is clear of everything."""
+LEAST_S = 0.1
+"""Time of the shortest edge: a sparse graph has none of no length."""
+
+
+class Seated:
+    """Seated moves between the poses (n) of one set-up: `z` (n, nz) and `k` (n, 1) of its rows.
+
+    `commands` of the poses; `straight` (n, n) about the times of straight moves, `times` (n, n) of the shortest clear ones,
+    infinite where the limits part two poses, s; `direct` (n, n) whether the straight move keeps all limits. The tip of a touch
+    probe cannot follow its sphere: no two of its poses are joined.
+    """
+
+    def __init__(self, space: Space, z: Array, k: Array) -> None:
+        self.space, self.count = space, len(z)
+        self.z, self.k = z, k
+        self.commands = space.commands(z, k)
+        self.straight = move_times(space.machine, self.commands)
+        self.follows = space.instrument != "touch_probe"
+        self.direct = np.eye(self.count, dtype=bool)
+        if self.follows:
+            first, last = np.nonzero(~self.direct)
+            self.direct[first, last] = ~_leaves(space, z, k, first, last, BETWEEN if self.count <= MANY else FEWER)
+        self._blocked: set[tuple[int, int]] = set()
+
+    @cached_property
+    def times(self) -> Array:
+        """Times of the shortest clear moves (n, n), s."""
+        if not self.follows:
+            return np.where(self.direct, 0.0, np.inf)
+        if self.direct.all():
+            return self.straight
+        return np.asarray(dijkstra(self._graph, indices=range(self.count))[:, : self.count])
+
+    def via(self, first: int, last: int, sides: Array, clear: Clear | None = None) -> Way | None:
+        """Intermediate positions of the shortest move from one pose to another, () of a straight one, None where there is none.
+
+        `sides` (R,) from which the rotary axes have to reach the pose, -1 or 1: a static row counts as approached from the side
+        of the rows before it. `clear` of a straight seated move decides finally; what it refuses is not tried again.
+        """
+        while (path := self._path(first, last, sides)) is not None:
+            legs = list(itertools.pairwise(path))
+            bad = [leg for leg in legs if clear is not None and not clear(*map(self._position, leg))]
+            if not bad:
+                return tuple(self._position(node) for node in path[1:-1])
+            self._blocked |= {*bad, *((b, a) for a, b in bad)}
+        return None
+
+    def reached_from(self, pose: int, z: Array) -> NDArray[np.bool_]:
+        """Whether the straight moves from a pose to other rows (m, nz) of the set-up keep all limits (m,)."""
+        both, k = np.concatenate([self.z[pose : pose + 1], z]), np.repeat(self.k[:1], len(z) + 1, axis=0)
+        return ~_leaves(self.space, both, k, np.zeros(len(z), dtype=np.int64), np.arange(1, len(z) + 1), BETWEEN)
+
+    def _path(self, first: int, last: int, sides: Array) -> list[int] | None:
+        """Nodes of the shortest move, not through a leg that was refused."""
+        if self.direct[first, last] and (first, last) not in self._blocked:
+            return [first, last]
+        if not self.follows:
+            return None
+        graph = self._graph.copy()
+        if self._blocked:
+            a, b = np.array(list(self._blocked)).T
+            graph[a, b] = 0.0
+            graph.eliminate_zeros()
+        into = graph[[last]].tocoo()  # the edges of the last node, the same both ways
+        nodes = into.coords[1]
+        graph[nodes, last] = 0.0  # nothing leads through it
+        graph.eliminate_zeros()
+        reached, before = dijkstra(graph, indices=first, return_predecessors=True)
+        total = reached[nodes] + into.data
+        for i in np.argsort(total):
+            if not np.isfinite(total[i]):
+                break
+            path = [last, int(nodes[i])]
+            while path[-1] != first:
+                path.append(int(before[path[-1]]))
+            path.reverse()
+            turned = np.diff(self._rotary[path], axis=0)
+            if np.all((np.sign(turned[-1]) == sides) | ~turned.any(axis=0)):
+                return path
+        return None
+
+    @cached_property
+    def _nodes(self) -> tuple[Array, Array]:
+        """Variables and constants of the poses and, behind them, of positions within all limits: beside every pose in each
+        direction of the rotary axes, so that it can be reached from any side, and on a grid."""
+        axes = self.space.machine.axes
+        rotary = sum(axis.rotary for axis in axes.values())
+        steps = np.array(list(itertools.product((0.0, -1.0, 1.0), repeat=rotary)))[1:] * np.radians(BESIDE_DEG)
+        beside = np.repeat(self.z[:, : self.space.poses], len(steps), axis=0)
+        beside[:, :rotary] += np.tile(steps, (self.count, 1))
+        poses = on_grid(self.space, np.concatenate([beside, pose_grid(self.space, PLACES)]))
+        setup = np.broadcast_to(self.z[0, self.space.poses :], (len(poses), self.z.shape[1] - self.space.poses))
+        z, k = np.hstack([poses, setup]), np.repeat(self.k[:1], len(poses), axis=0)
+        fits = self.space.feasible(z, k)
+        return np.concatenate([self.z, z[fits]]), np.concatenate([self.k, k[fits]])
+
+    @cached_property
+    def _commands(self) -> dict[str, Array]:
+        return self.space.commands(*self._nodes)
+
+    @cached_property
+    def _rotary(self) -> Array:
+        """Positions of the rotary axes at all nodes (N, R), degree."""
+        axes = self.space.machine.axes
+        found = [q for name, q in self._commands.items() if axes[name].rotary]
+        return np.stack(found, axis=1) if found else np.zeros((len(self._nodes[0]), 0))
+
+    def _position(self, node: int) -> Positions:
+        return {name: float(q[node]) for name, q in self._commands.items()}
+
+    @cached_property
+    def _graph(self) -> Any:
+        """Times of the edges, sparse (N, N)."""
+        z, k = self._nodes
+        times = move_times(self.space.machine, self._commands)
+        order = np.argsort(times + np.diag(np.full(len(z), np.inf)), axis=1)[:, :NEIGHBOURS]
+        near = np.zeros(times.shape, dtype=bool)
+        near[np.arange(len(z))[:, None], order] = True
+        near[: self.count, : self.count] = False
+        first, last = np.nonzero(np.triu(near | near.T))
+        fits = ~_leaves(self.space, z, k, first, last, BETWEEN)
+        edge = np.zeros(times.shape, dtype=bool)
+        edge[first[fits], last[fits]] = True
+        edge |= edge.T
+        edge[: self.count, : self.count] = self.direct & ~np.eye(self.count, dtype=bool)
+        return csr_array(np.where(edge, np.maximum(times, LEAST_S), 0.0))
+
+
+def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, shares: Array) -> NDArray[np.bool_]:
+    """Whether the seated moves from some rows to others leave the limits: rotary axes straight, the ball in its nest or the bar
+    on the shorter arc, as the program drives."""
+    a, b = z[first], z[last]
+    bad = np.zeros(len(first), dtype=bool)
+    for share in shares:
+        there = a + share * (b - a)
+        if space.instrument == "ball_bar":
+            there[:, space.poses - 2 : space.poses] = _angles(
+                _on_arc(bars_of(space, a), bars_of(space, b), float(share))
+            )
+        bad |= np.any(space.kernel.limits(there, k[first]) < -1e-6, axis=1)
+    return bad
+
+
+def _on_arc(a: Array, b: Array, share: float) -> Array:
+    """Unit vectors (n, 3) at a share of the shorter arc from a to b."""
+    across = b - np.sum(a * b, axis=1, keepdims=True) * a
+    size = np.linalg.norm(across, axis=1, keepdims=True)
+    upright = np.where(np.abs(a[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    other = np.cross(a, upright)
+    across = np.where(
+        size < 1e-12, other / np.linalg.norm(other, axis=1, keepdims=True), across / np.maximum(size, 1e-12)
+    )
+    angle = share * np.arctan2(size, np.sum(a * b, axis=1, keepdims=True))
+    return np.asarray(np.cos(angle) * a + np.sin(angle) * across)
+
+
+def _angles(bars: Array) -> Array:
+    """Azimuth and elevation (n, 2) of unit vectors."""
+    return np.stack([np.arctan2(bars[:, 1], bars[:, 0]), np.arcsin(np.clip(bars[:, 2], -1.0, 1.0))], axis=1)
+
+
+def bars_of(space: Space, z: Array) -> Array:
+    """Unit vectors (n, 3) from the table ball along the bar, workpiece frame, of rows of a ball bar."""
+    azimuth, elevation = z[:, space.poses - 2], z[:, space.poses - 1]
+    return np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
+    )

@@ -1,0 +1,126 @@
+"""The steps of a program, and how long they take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.errors import InputError
+from symfive.machine import Machine
+from symfive.nc._arc import circle_of
+from symfive.nc._base import Step
+from symfive.nc._post import Post
+from symfive.nc._recording import pulled_out
+from symfive.nc._route import Positions
+from symfive.nc._writer import LETTERS, STANDSTILL, Writer
+
+__all__ = ["arrival_times", "outside_s", "program_steps", "series_of", "series_steps"]
+
+Array = NDArray[np.float64]
+SHORT_REST_S = 0.1
+
+
+def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:
+    """The steps of a run's program. Raises `InputError` for an axis whose name is no NC address, and where no travel is left to
+    draw the tool back."""
+    for name in machine.axis_names:
+        if name not in LETTERS:
+            raise InputError(f"axis {name} has no NC address", remedy=f"name axes by {', '.join(LETTERS)} for programs")
+    return _without_standstill(Writer(machine, run, post or Post()).steps())
+
+
+def series_of(machine: Machine, runs: Sequence[Run]) -> list[tuple[Run, ...]]:
+    """Circles that one program can drive without taking the bar off: in the mounting of the one before, from where it ended."""
+    series: list[list[Run]] = []
+    for run in runs:
+        if series and _goes_on(machine, series[-1][-1], run):
+            series[-1].append(run)
+        else:
+            series.append([run])
+    return [tuple(found) for found in series if len(found) > 1]
+
+
+def _goes_on(machine: Machine, before: Run, run: Run) -> bool:
+    """Whether a circle begins, its bar pulled out, where the one before it ended."""
+    a, b = circle_of(machine, before), circle_of(machine, run)
+    alike = (before.instrument, before.table_ball, before.tool_ball, before.length)
+    if a is None or b is None or alike != (run.instrument, run.table_ball, run.tool_ball, run.length):
+        return False
+    if "ball_bar" not in run.instrument or (a.plane, a.centre, a.radius) != (b.plane, b.centre, b.radius):
+        return False
+    there, here = pulled_out(before, a, before.rows - 1), pulled_out(run, b, 0)
+    return all(abs(there[name] - here[name]) < STANDSTILL for name in here)
+
+
+def series_steps(machine: Machine, runs: Sequence[Run], post: Post | None = None) -> list[Step]:
+    """The steps of one program for all circles of a series: a stop between two of them at which the instrument's software is made
+    ready, the bar stays on. Its moves are those of the runs' own programs."""
+    writers = [Writer(machine, run, post or Post()) for run in runs]
+    steps = writers[0].opening()
+    for number, writer in enumerate(writers):
+        circle = writer.circle
+        assert circle is not None  # `series_of` asked
+        if number:
+            sense = "CCW" if circle.sweep > 0.0 else "CW"
+            steps.append(Step(kind="comment", text=f"run {writer.run.id}, {writer.run.rows} rows"))
+            steps.append(Step(kind="stop", text=f"STORED? THEN {sense} F{circle.feed:g}"))
+        steps += writer.recording()
+    return _without_standstill([*steps, *writers[-1].closing()])
+
+
+def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0, rest_s: float = 0.0) -> Array:
+    """When the program of a static run reaches every pose (rows,), s from the first one: its ways as they are driven, the dwells,
+    stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least `least_s` a
+    pose, to 0.1 s; `rest_s` what is done at each pose where it is no rest of the program."""
+    writer = Writer(machine, run, post)
+    needed = [(rest_s or post.rest_s) + writer.seconds_to(row) for row in range(1, run.rows)]
+    each = np.maximum(
+        np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
+    )  # the program waits on ways around: `tenths`
+    return np.concatenate([[0.0], np.cumsum(each)])
+
+
+def outside_s(machine: Machine, run: Run, post: Post) -> float:
+    """Time of a program's moves before the first pose and from the last dwell on, s, without the stops."""
+    writer = Writer(machine, run, post)
+    steps = [*writer.first_moves(), *writer.last_moves("")]
+    return post.rest_s + sum(step.seconds for step in steps)
+
+
+def _without_standstill(steps: Sequence[Step]) -> list[Step]:
+    """The steps without moves to where the axes stand already.
+
+    While the instrument reads, their time stays: a rest becomes a dwell, a short one is added to the move that follows. A row
+    that is reached stays with the move that reached it.
+    """
+    found: list[Step] = []
+    there: dict[str, float] = {}
+    rest: Step | None = None
+    for step in steps:
+        if step.kind in ("rapid", "feed") and _stands_at(there, step.positions):
+            if step.seated:
+                before = rest.seconds if rest else 0.0
+                rest = replace(step, kind="dwell", positions={}, commands={}, seconds=before + step.seconds)
+            elif step.row is not None:
+                last = max(i for i, s in enumerate(found) if s.positions and s.kind != "text")
+                found[last] = replace(found[last], row=step.row, towards=step.towards)
+            continue
+        if rest is not None and step.kind == "feed" and step.seated and rest.seconds < SHORT_REST_S:
+            step = replace(step, seconds=step.seconds + rest.seconds)
+        elif rest is not None:
+            found.append(rest)
+        rest = None
+        if step.kind in ("text", "retract"):  # the words mean something else, or the place is not known in them
+            there = {}
+        else:
+            there.update(step.positions)
+        found.append(step)
+    return found
+
+
+def _stands_at(there: Positions, positions: Positions) -> bool:
+    return all(name in there and abs(value - there[name]) < STANDSTILL for name, value in positions.items())

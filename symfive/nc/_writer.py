@@ -1,0 +1,320 @@
+"""From a run of a plan to the steps of a program: approach, every pose with its dwell, retract.
+
+From wherever the machine stands the tool's axis goes alone to its top in machine coordinates, then the rotary axes move, then the
+plane, then the tool's axis comes down; the way back is the same turned round, and so is every way out of the nest and around,
+whose rapids move one axis each: which way several axes take together in a rapid depends on the control.
+Between two poses the ball must stay in its nest (or the bar at its length), so the linear axes follow the rotary ones in
+short straight blocks; with the control's own tool-centre point control (the user's text switches it on) the words are the
+ball's place in the workpiece frame instead and the control does the following.
+
+How recordings are driven is in `_recording`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.machine import Machine
+from symfive.nc._arc import circle_of
+from symfive.nc._base import Step
+from symfive.nc._pace import CAUTION, pace, spread, tenths
+from symfive.nc._post import Post
+from symfive.nc._recording import circular, pulled_out, said, straight_blocks
+from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_the_top, upright_axis, usual_lift
+from symfive.nc._seat import Seat
+from symfive.procedures import Nominal
+
+__all__ = ["LETTERS", "STANDSTILL", "Writer"]
+
+Array = NDArray[np.float64]
+LETTERS = "XYZABCUVW"
+SEATED = {"ball_bar": "BALL BAR", "grid_encoder": "READING HEAD"}
+"""What the operator seats before a run, by instrument."""
+CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
+"""Feed towards and away from the nest, and on the last millimetres."""
+HAND_S = 30.0
+"""Time that a stop takes at which the operator takes a bar off or puts it on."""
+STANDSTILL = 1e-4
+"""mm or degree: the last digit that every control reads."""
+
+
+class Writer:
+    """A run's moves: the ways to its poses and between them."""
+
+    def __init__(self, machine: Machine, run: Run, post: Post) -> None:
+        self.machine, self.run, self.post = machine, run, post
+        self.nominal = Nominal(machine)
+        self.names = machine.axis_names
+        self.rotary = [name for name in self.names if machine.axes[name].rotary]
+        self.upright = upright_axis(machine)
+        self.plane = [name for name in self.names if name not in (*self.rotary, self.upright)]
+        self.seat = Seat(machine, run, self.nominal)
+        self.places = self.seat.places
+        self.bar = "ball_bar" in run.instrument
+        self.seated = self.centred = False
+        self._known: dict[bool, dict[int, list[tuple[Array, Array, Array]]]] = {}
+        self.circle = circle_of(machine, run)
+
+    def steps(self) -> list[Step]:
+        """From wherever the machine stands to the top again."""
+        found = self.opening()
+        self.seated = True
+        found += self.recording() if self.run.dynamic else self._poses()
+        return [*found, *self.closing()]
+
+    def opening(self) -> list[Step]:
+        """What the run is, the first moves, the stop at which the instrument is seated."""
+        run = self.run
+        found = [
+            Step(kind="comment", text=f"run {run.id}, {run.rows} rows, {', '.join(run.instrument)}"),
+            Step(
+                kind="comment", text=f"table ball {_numbers(run.table_ball)} mm, tool length {-run.tool_ball[2]:g} mm"
+            ),
+            Step(kind="comment", text="work offset: the workpiece frame's origin, all rotary axes at 0"),
+        ]
+        if run.length is not None:
+            found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
+        self.seated = False
+        found += self.first_moves()
+        found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
+        said = "PUT BAR ON, THEN RECORD" if self._pulled else f"SEAT {self._ball}, ZERO IT"
+        return [*found, Step(kind="stop", text=said)]
+
+    def closing(self) -> list[Step]:
+        """The stop at which the instrument is freed, and the last moves."""
+        self.seated = False
+        found = self.last_moves("STORED? TAKE BAR OFF" if self._pulled else f"FREE {self._ball}, START")
+        upright = self.circle is not None and self.circle.plane != "XY"
+        return [*found, Step(kind="contour", text="XY")] if upright else found
+
+    @property
+    def _pulled(self) -> bool:
+        """Whether a bar is put on pulled out."""
+        return self.circle is not None and self.bar
+
+    @property
+    def _ball(self) -> str:
+        return next((SEATED[name] for name in self.run.instrument if name in SEATED), "BALL")
+
+    def first_moves(self) -> list[Step]:
+        """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose; a look at it; creep in."""
+        lifted = self._way_to(0)[-1]
+        pose = self._entry(0)
+        away = self._apart(pose, lifted)
+        return [
+            Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
+            Step(kind="stop", text=f"CLEAR? {self.upright} GOES TO TOP FIRST"),
+            *self._centred(False, {}),
+            self._to_the_top(0),
+            *self._alone(lifted, 0),
+            *self._centred(True, lifted),
+            Step(kind="stop", text=f"BALL STANDS {away:.0f} MM OFF?"),
+            *self._creep(lifted, pose, 0),
+        ]
+
+    def _alone(self, lifted: Positions, row: int) -> list[Step]:
+        """From the top, wherever else the axes stand: rotary axes, plane, tool's axis, each by themselves; only the last way is
+        known, and so its time."""
+        words, top = self._words(lifted, np.zeros(3)), at_the_top(self.machine, lifted)
+        known: tuple[tuple[list[str], Positions], ...] = (
+            (self.rotary, {}),
+            (self.plane, top),
+            ([self.upright], lifted),
+        )
+        return [
+            Step(
+                kind="rapid",
+                positions={n: v for n, v in words.items() if n in names},
+                commands=dict(there),
+                towards=row,
+                seconds=self._rapidly(top, lifted) if names == [self.upright] else 0.0,
+            )
+            for names, there in known
+            if names
+        ]
+
+    def last_moves(self, text: str) -> list[Step]:
+        """Creep out, the tool's axis alone to the top, rotary axes home one by one."""
+        rows = self.run.rows
+        lifted, top, *turned = self._way_to(rows)
+        found = [Step(kind="stop", text=text), *self._creep(lifted, self._entry(rows - 1), rows, out=True)]
+        up = replace(self._to_the_top(rows, top), seconds=self._rapidly(lifted, top))
+        found += [*self._centred(False, lifted), up]
+        return [*found, *(self._rapid(before, after, rows) for before, after in itertools.pairwise([top, *turned]))]
+
+    def _to_the_top(self, towards: int, commands: Positions | None = None) -> Step:
+        positions = {self.upright: self.post.machine_top}
+        return Step(kind="retract", positions=positions, commands=dict(commands or {}), towards=towards)
+
+    def _centred(self, wanted: bool, there: Positions) -> list[Step]:
+        """The user's text that switches tool-centre control; from here on the words are the ball's place, or the axes'. `there`
+        is where the axes stand, so that the way of the next block is known in the words that it is written in."""
+        if wanted and self.circle is not None:
+            return []  # no rotary axis moves: a circle of the linear axes themselves
+        self.centred = wanted and self.post.centred
+        text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
+        words = self._words(there, self._place(there)) if there else {}
+        return [Step(kind="text", text=text, positions=words)] if text else []
+
+    def _poses(self) -> list[Step]:
+        found = [Step(kind="dwell", seconds=self.post.dwell_s), *self._read(0)]
+        around = set(self.post.unsafe.get(self.run.id, ()))
+        for row in range(1, self.run.rows):
+            seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.rest_s
+            found += self._detour(row) if row in around else self._way(row, seconds)[0]
+            early = seconds - self.seconds_to(row) if row in around else 0.0
+            found += [Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)), *self._read(row)]
+        return found
+
+    def _read(self, row: int) -> list[Step]:
+        """What a settled pose is read by."""
+        if self.post.at_pose == "stop":
+            return [Step(kind="stop", text=f"READ POSE {row + 1} OF {self.run.rows}")]
+        return [Step(kind="trigger", text=self.post.trigger)] if self.post.at_pose == "trigger" else []
+
+    def seconds_to(self, row: int) -> float:
+        """How long the way to a row takes, s, without the dwell."""
+        if row not in self.post.unsafe.get(self.run.id, ()):
+            steps, more = self._way(row, 0.0)
+            return sum(step.seconds for step in steps) + more
+        steps = self._detour(row)
+        return sum(HAND_S if step.kind == "stop" else step.seconds for step in steps)
+
+    def _way(self, row: int, seconds: float) -> tuple[list[Step], float]:
+        """From the pose before to this one in so many seconds, or as long as the axes need, and the time to get up to speed and
+        to rest."""
+        if self._stays(row):
+            return [self._pose(row, max(seconds, 0.0))], 0.0
+        legs = self._blocks(row)
+        paces = [pace(self.machine, path) for *_, path in legs]
+        needed = sum(own for own, _ in paces)
+        least, more = spread(needed, sum(ramp for _, ramp in paces), seconds)
+        share = least / max(needed, 1e-12)
+        steps = [
+            self._feed(dict(zip(self.names, ends, strict=True)), place, share * own / len(places), row)
+            for (commands, places, _), (own, _) in zip(legs, paces, strict=True)
+            for ends, place in zip(commands.tolist(), places, strict=True)
+        ]
+        return [*steps[:-1], self._pose(row, steps[-1].seconds)], more
+
+    def _stays(self, row: int) -> bool:
+        return all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names)
+
+    def _blocks(self, row: int) -> list[tuple[Array, Array, Array]]:
+        """The legs of the way to a row with the ball in its nest (`Seat.blocks`); those of all rows are found at once."""
+        if self.centred not in self._known:
+            around = self.post.unsafe.get(self.run.id, ())
+            rows = [r for r in range(1, self.run.rows) if r not in around and not self._stays(r)]
+            via = self.post.via.get(self.run.id, {})
+            stands = [[self._commands(r - 1), *via.get(r, ()), self._commands(r)] for r in rows]
+            legs = [(a, b, r) for r, places in zip(rows, stands, strict=True) for a, b in itertools.pairwise(places)]
+            known: dict[int, list[tuple[Array, Array, Array]]] = {r: [] for r in rows}
+            for (*_, r), blocks in zip(legs, self.seat.blocks(legs, self.centred), strict=True):
+                known[r].append(blocks)
+            self._known[self.centred] = known
+        return self._known[self.centred][row]
+
+    def recording(self) -> list[Step]:
+        """A dynamic run: the control's own circle, or straight blocks."""
+        if self.circle is not None:
+            return circular(self.run, self.circle, bar=self.bar)
+        blocks = straight_blocks(self.run, self.nominal, self.places, centred=self.post.centred)
+        return [Step(kind="comment", text=said(blocks)), *(self._pose(row, seconds) for row, seconds in blocks)]
+
+    def _entry(self, row: int) -> Positions:
+        """Where the instrument is seated and freed: the pose itself, or before and after a bar's circle pulled out from it."""
+        return pulled_out(self.run, self.circle, row) if self.circle and self.bar else self._commands(row)
+
+    def _detour(self, row: int) -> list[Step]:
+        """Out of the nest, around, and in again; a bar is taken off meanwhile."""
+        way = self._way_to(row)
+        self.seated = False
+        steps = [Step(kind="stop", text="TAKE THE BAR OFF")] if self.bar else []
+        steps += [
+            *self._creep(way[0], self._commands(row - 1), row, out=True),
+            *self._centred(False, way[0]),
+            *(self._rapid(before, after, row) for before, after in itertools.pairwise(way)),
+            *self._centred(True, way[-1]),
+            *self._creep(way[-1], self._commands(row), row),
+        ]
+        self.seated = True
+        return [*steps, *([Step(kind="stop", text="PUT THE BAR ON")] if self.bar else [])]
+
+    def _way_to(self, row: int) -> Way:
+        """The way given, or the usual one."""
+        given = self.post.ways.get(self.run.id, {}).get(row)
+        if given is not None:
+            return given
+        rows = [r for r in (row - 1, row) if 0 <= r < self.run.rows]
+        lifted = [usual_lift(self.nominal, self.run, r, self.post.retract_mm) for r in rows]
+        if len(lifted) == 2:
+            return over_the_top(self.machine, *lifted)
+        return out_to_the_top(self.machine, lifted[0]) if row else (lifted[0],)
+
+    def _creep(self, lifted: Positions, pose: Positions, row: int, *, out: bool = False) -> list[Step]:
+        """Between a pose and its lifted one, slowest near the pose; `row` is the one it leads to."""
+        away = self._apart(pose, lifted)
+        share = min(1.0, LAST_MM / max(away, LAST_MM))
+        near = {n: pose[n] + share * (lifted[n] - pose[n]) for n in self.names}
+        places, speeds = [pose, near, lifted], [SLOWEST_MM_PER_MIN, CREEP_MM_PER_MIN]
+        if not out:
+            places, speeds = places[::-1], speeds[::-1]
+        steps = []
+        for before, after, speed in zip(places, places[1:], speeds, strict=False):
+            least, more = self._pace(before, after)
+            seconds = max(60.0 * self._apart(before, after) / speed, least + more)
+            steps.append(self._feed(after, self._place(after), seconds, row))
+        return steps if out else [*steps[:-1], replace(steps[-1], row=row)]
+
+    def _apart(self, a: Positions, b: Positions) -> float:
+        return float(np.linalg.norm(self._place(a) - self._place(b)))
+
+    def _pace(self, before: Positions, after: Positions, share: float = CAUTION) -> tuple[float, float]:
+        return pace(self.machine, np.array([[p[n] for n in self.names] for p in (before, after)]), share)
+
+    def _rapidly(self, before: Positions, after: Positions) -> float:
+        """Seconds of a rapid: the control drives it as fast as the axes can."""
+        return sum(self._pace(before, after, 1.0))
+
+    def _commands(self, row: int) -> dict[str, float]:
+        return {n: float(self.run.commands[n][row]) for n in self.names}
+
+    def _pose(self, row: int, seconds: float) -> Step:
+        return replace(self._feed(self._commands(row), self.places[row], seconds, row), row=row)
+
+    def _feed(self, commands: Positions, place: Array, seconds: float, towards: int) -> Step:
+        words = self._words(commands, place)
+        return Step(
+            kind="feed", positions=words, seconds=seconds, towards=towards, seated=self.seated, commands=dict(commands)
+        )
+
+    def _rapid(self, before: Positions, after: Positions, row: int) -> Step:
+        """A rapid that names only the axes that move."""
+        words = self._words(after, np.zeros(3))
+        moved = {n: v for n, v in words.items() if abs(after[n] - before[n]) >= STANDSTILL} or words
+        seconds = self._rapidly(before, after)
+        return Step(kind="rapid", positions=moved, commands=dict(after), towards=row, seconds=seconds)
+
+    def _place(self, commands: Mapping[str, float]) -> Array:
+        return np.asarray(self.nominal.ball({n: np.array([v]) for n, v in commands.items()}, self.run.tool_ball)[0])
+
+    def _words(self, commands: Mapping[str, float], place: Array) -> dict[str, float]:
+        signs = {name: -1.0 if name in self.post.reversed_axes else 1.0 for name in self.names}
+        words = {name: signs[name] * commands[name] for name in sorted(self.names, key=_by_letter)}
+        if self.centred:
+            words |= {axis: float(place[i]) for i, axis in enumerate("XYZ") if axis in words}
+        return words
+
+
+def _by_letter(name: str) -> tuple[int, str]:
+    return LETTERS.find(name) % (len(LETTERS) + 1), name
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return " ".join(f"{round(v, 3) + 0.0:.3f}" for v in values)

@@ -1,0 +1,113 @@
+"""Circular tests as a control drives them: the bar stays on between circles, every dialect's arcs, tool-centre control."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from symfive.cli import main
+from symfive.design import circular_test, plan
+from symfive.errors import InputError
+from symfive.machine import preset
+from symfive.nc import DIALECTS, Post, program, series_of
+from symfive.procedures import r_test_grid
+from tests.plan_checker import check
+
+SPOILED = {
+    "iso": ("G2 X", "G3 X", ""),
+    "siemens": ("TURN=1", "TURN=2", "turns by"),
+    "heidenhain": ("CC X+0.0000", "CC X+5.0000", "off the circle"),
+    "linuxcnc": (" P2 F", " P3 F", "turns by"),
+}
+"""What is changed in a series, and what the checker says then."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = circular_test("three-axis", planes=("XY", "ZX"), feeds=(500.0, 2000.0), radius=100.0, rate_hz=10.0)
+    made.write(tmp_path / "test", nc=tuple(DIALECTS))
+    return tmp_path / "test"
+
+
+def test_one_program_drives_both_directions_and_feeds_with_the_bar_on(folder: Path) -> None:
+    for suffix in ("iso/*.nc", "siemens/*.mpf", "heidenhain/*.h", "linuxcnc/*.ngc"):
+        series = [path for path in (folder / "nc").glob(suffix) if "+" in path.name]
+        assert len(series) == 2
+        for path in series:
+            text = path.read_text()
+            assert text.count("PUT BAR ON") == text.count("TAKE BAR OFF") == 1
+            assert [text.count(f"THEN {said}") for said in ("CW F500", "CCW F2000", "CW F2000")] == [1, 1, 1]
+    assert "all 4 circles of this mounting, the bar stays on" in (folder / "setup.html").read_text()
+
+
+def test_the_checker_reads_the_arcs_of_every_dialect(folder: Path) -> None:
+    assert not check(folder)
+
+
+@pytest.mark.parametrize("dialect", SPOILED)
+def test_the_checker_finds_a_wrong_arc_in_every_dialect(folder: Path, dialect: str) -> None:
+    right, wrong, said = SPOILED[dialect]
+    (path,) = (folder / "nc" / dialect).glob("xy-*+*")
+    text = path.read_text()
+    assert right in text
+    path.write_text(text.replace(right, wrong, 1))
+    found = [finding for finding in check(folder) if finding.file == path]
+    assert found and any(said in finding.says for finding in found)
+
+
+def test_circles_of_another_mounting_are_no_series() -> None:
+    machine = preset("three-axis")
+    runs = circular_test(machine, feeds=(500.0,), radius=100.0, rate_hz=10.0).campaign.runs
+    others = circular_test(machine, feeds=(500.0,), radius=100.0, centre=(0.0, 0.0, 150.0), rate_hz=10.0).campaign.runs
+    assert [len(found) for found in series_of(machine, [*runs, *others])] == [2, 2]
+    assert not series_of(machine, [runs[0], others[1]])
+
+
+def test_tool_centre_control_comes_in_the_dialects_own_words(tmp_path: Path) -> None:
+    made = plan("table-bc", points=4, starts=1, anywhere=False)
+    made.write(tmp_path / "plan", nc=("iso", "siemens"), post=Post(tool_centre=True, tool_number=7))
+    iso = next((tmp_path / "plan/nc/iso").iterdir()).read_text()
+    siemens = next((tmp_path / "plan/nc/siemens").iterdir()).read_text()
+    assert iso.index("G43.4 H7") < iso.index("SEAT BALL") < iso.rindex("G49")
+    assert siemens.index("T7 D1\nTRAORI") < siemens.index("SEAT BALL") < siemens.rindex("TRAFOOF\nD0")
+    assert not check(tmp_path / "plan")
+
+
+@pytest.mark.parametrize("dialect", ["heidenhain", "linuxcnc"])
+def test_words_that_depend_on_the_machine_are_asked_for(dialect: str) -> None:
+    machine = preset("table-bc")
+    run = r_test_grid(machine, grid={"B": (0.0,), "C": (0.0, 90.0)}, nests=((0.0, 0.0, 100.0),), returning=False)[0]
+    with pytest.raises(InputError, match="depends on your machine; give --tool-centre-on and --tool-centre-off"):
+        program(machine, run, dialect, Post(tool_centre=True))
+    own = Post(tool_centre=True, tool_centre_on="M428", tool_centre_off="M429")
+    assert "M428" in program(machine, run, dialect, own)
+
+
+def test_the_command_line_plans_arcs_of_220_degrees_at_two_feeds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--circles", "iso-230-4", "--plane", "YZ", "--feed", "500", "--feed", "2000", "--bar", "100"]
+    assert main(["plan", "three-axis", "-o", str(tmp_path / "plan"), *options, "--nc", "heidenhain"]) == 0
+    said = capsys.readouterr().out
+    assert "4 recordings" in said and "partial arcs, not a circular test by ISO 230-4 (360° are)" in said
+    text = next((tmp_path / "plan/nc/heidenhain").glob("*+*")).read_text()
+    assert text.count("CP IPA+224.0000 DR+") == text.count("CP IPA-224.0000 DR-") == 2
+    assert not check(tmp_path / "plan")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--plane", "XX"], 'plane "XX" is unknown'),
+        (["--bar", "100", "--bar", "150"], "a circular test has one bar, 2 are given"),
+        (["--feed", "500", "--feed", "500"], "a plane or a feed is named twice"),
+        (["--feed", "1e5"], "axis"),
+    ],
+)
+def test_a_circular_test_that_cannot_be_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
+) -> None:
+    assert main(["plan", "three-axis", "-o", str(tmp_path / "plan"), "--circles", "iso-230-4", *options]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1 and not (tmp_path / "plan").exists()
