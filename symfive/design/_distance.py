@@ -25,7 +25,9 @@ STEPS, WITHIN_MM = 40, 1e-4
 FLAT = 1e-12
 STRAIGHT = 1e-9
 """Sine below which a direction is along the axis: what is left of it across is rounding."""
-EDGES, FACES = list(itertools.combinations(range(4), 2)), list(itertools.combinations(range(4), 3))
+EDGES, FACES = (np.array(list(itertools.combinations(range(4), count))) for count in (2, 3))
+SPANNED = np.array([np.isin(range(4), corners) for corners in (*EDGES, *FACES)])
+"""Which of a tetrahedron's corners each of its edges and then each of its faces has."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,8 @@ class Rod:
         if not np.any(self.radius):
             return np.asarray(point)
         aside = direction - along[:, None] * self.axis
-        size = np.linalg.norm(aside, axis=1)
-        over = size > STRAIGHT * np.linalg.norm(direction, axis=1)
+        size = _size(aside)
+        over = size > STRAIGHT * _size(direction)
         return np.asarray(point + (self.radius * over / np.where(over, size, 1.0))[:, None] * aside)
 
     def nearest(self, points: Array) -> Array:
@@ -75,7 +77,7 @@ class Rod:
         offset = points - self.start
         along = _dot(offset, self.axis)
         aside = offset - along[:, None] * self.axis
-        share = self.radius / np.maximum(np.linalg.norm(aside, axis=1), np.maximum(self.radius, FLAT))
+        share = self.radius / np.maximum(_size(aside), np.maximum(self.radius, FLAT))
         return np.asarray(self.start + np.clip(along, 0.0, self.length)[:, None] * self.axis + share[:, None] * aside)
 
 
@@ -87,11 +89,11 @@ def apart(a: Rod, b: Rod, enough: float | Array = math.inf) -> Array:
     """
     there = b.nearest(a.middle)
     here = a.nearest(there)
-    found, above = np.full(len(a.start), -np.inf), np.linalg.norm(here - there, axis=1)
+    found, above = np.full(len(a.start), -np.inf), _size(here - there)
     for direction in (a.middle - b.middle, np.broadcast_to(b.axis, a.start.shape), here - there):
         corner = a.farthest(-direction)
         found = np.maximum(found, _bound(direction, corner - b.farthest(direction)))
-        above = np.minimum(above, np.linalg.norm(corner - b.nearest(corner), axis=1))
+        above = np.minimum(above, _size(corner - b.nearest(corner)))
     enough = np.broadcast_to(enough, found.shape)
     live = np.flatnonzero((found <= enough) & (above - found > WITHIN_MM))
     a, b = a.at(live), b.at(live)
@@ -105,7 +107,7 @@ def apart(a: Rod, b: Rod, enough: float | Array = math.inf) -> Array:
         point = _support(a, b, nearest)
         below = _bound(nearest, point)
         found[live] = np.maximum(found[live], below)
-        size = np.linalg.norm(nearest, axis=1)
+        size = _size(nearest)
         on = np.flatnonzero((size - found[live] > WITHIN_MM) & (found[live] <= enough[live]) & (size > WITHIN_MM))
         live, a, b = live[on], a.at(on), b.at(on)
         simplex = np.where(kept[on, :, None], simplex[on], point[on, None, :])
@@ -116,7 +118,17 @@ def apart(a: Rod, b: Rod, enough: float | Array = math.inf) -> Array:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(np.sum(a * b, axis=-1))
+    return np.asarray(np.einsum("...i,...i->...", a, b))
+
+
+def _size(a: Array) -> Array:
+    return np.asarray(np.sqrt(_dot(a, a)))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """`np.cross` of (…, 3) without what that does about other shapes, which costs more than the products."""
+    (x, y, z), (u, v, w) = (np.moveaxis(vector, -1, 0) for vector in (a, b))
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def _support(a: Rod, b: Rod, direction: Array) -> Array:
@@ -125,44 +137,37 @@ def _support(a: Rod, b: Rod, direction: Array) -> Array:
 
 
 def _bound(direction: Array, point: Array) -> Array:
-    size = np.linalg.norm(direction, axis=1)
+    size = _size(direction)
     return np.where(size > FLAT, _dot(direction, point) / np.where(size > FLAT, size, 1.0), -np.inf)
 
 
 def _nearest(simplex: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
     """Of tetrahedra (N, 4, 3), which may be flat: the points nearest to 0 of their edges and faces, the corners that span these,
     and whether 0 lies inside."""
-    points, corners = [], []
-    for edge in EDGES:
-        first, way = simplex[:, edge[0]], simplex[:, edge[1]] - simplex[:, edge[0]]
-        square = _dot(way, way)
-        share = np.clip(-_dot(first, way) / np.where(square > FLAT, square, 1.0), 0.0, 1.0)
-        points.append(first + share[:, None] * way)
-        corners.append(_spanned(edge, np.stack([share < 1.0, share > 0.0], axis=1)))
-    for face in FACES:
-        x, y, z = (simplex[:, i] for i in face)
-        normal = np.cross(y - x, z - x)
-        square = _dot(normal, normal)
-        flat = square <= FLAT * _dot(y - x, y - x) * _dot(z - x, z - x)
-        weights = [_dot(normal, np.cross(p, q)) for p, q in ((y, z), (z, x), (x, y))]
-        outside = flat | (np.min(weights, axis=0) < 0.0)
-        foot = normal * (_dot(x, normal) / np.where(flat, 1.0, square))[:, None]
-        points.append(np.where(outside[:, None], np.inf, foot))
-        corners.append(_spanned(face, np.ones((len(simplex), 3), bool)))
-    sizes = np.stack([_dot(point, point) for point in points])
-    best, rows = np.argmin(sizes, axis=0), np.arange(len(simplex))
-    return np.stack(points)[best, rows], np.stack(corners)[best, rows], _holds_zero(simplex)
+    first = simplex[:, EDGES[:, 0]]
+    way = simplex[:, EDGES[:, 1]] - first
+    square = _dot(way, way)
+    share = np.clip(-_dot(first, way) / np.where(square > FLAT, square, 1.0), 0.0, 1.0)
+    x, y, z = (simplex[:, FACES[:, i]] for i in range(3))
+    along, across = y - x, z - x
+    normal, opposite = _cross(along, across), _cross(y, z)
+    square = _dot(normal, normal)
+    flat = square <= FLAT * _dot(along, along) * _dot(across, across)
+    least = np.minimum(_dot(normal, opposite), np.minimum(_dot(normal, _cross(z, x)), _dot(normal, _cross(x, y))))
+    foot = normal * (_dot(x, normal) / np.where(flat, 1.0, square))[..., None]
+    foot[flat | (least < 0.0)] = np.inf
+    points = np.concatenate([first + share[..., None] * way, foot], axis=1)
+    best, rows = np.argmin(_dot(points, points), axis=1), np.arange(len(simplex))
+    corners = SPANNED[best]
+    edge = np.flatnonzero(best < len(EDGES))
+    for end, left_out in enumerate((share >= 1.0, share <= 0.0)):
+        corners[edge, EDGES[best[edge], end]] = ~left_out[edge, best[edge]]
+    return points[rows, best], corners, _holds_zero(_dot(x, opposite))
 
 
-def _spanned(corners: tuple[int, ...], used: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    found = np.zeros((len(used), 4), bool)
-    found[:, list(corners)] = used
-    return found
-
-
-def _holds_zero(simplex: Array) -> NDArray[np.bool_]:
-    """Whether 0 lies inside a tetrahedron: the four that it forms with the faces have the sign of the whole."""
-    parts = [_dot(simplex[:, i], np.cross(simplex[:, j], simplex[:, k])) for i, j, k in FACES]
-    signed = np.stack([parts[3], -parts[2], parts[1], -parts[0]])
-    whole = np.abs(signed.sum(axis=0)) > FLAT
-    return np.asarray(whole & ((signed > 0.0).all(axis=0) | (signed < 0.0).all(axis=0)))
+def _holds_zero(parts: Array) -> NDArray[np.bool_]:
+    """Whether 0 lies inside a tetrahedron: the four that it forms with the faces, of the volumes `parts` (N, 4) times 6, have the
+    sign of the whole."""
+    signed = parts[:, ::-1] * [1.0, -1.0, 1.0, -1.0]
+    whole = np.abs(signed.sum(axis=1)) > FLAT
+    return np.asarray(whole & ((signed > 0.0).all(axis=1) | (signed < 0.0).all(axis=1)))

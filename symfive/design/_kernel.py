@@ -6,6 +6,8 @@ reading by its noise. Only these small kernels are differentiated; criteria are 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -23,28 +25,47 @@ class Kernel:
     """Rows of one kind.
 
     `z` what is decided for one row (nz), `k` constants of its set-up (nk), `rows` J (ny × width) and `limits` (ng) what
-    must be ≥ 0, all CasADi SX. Arrays keep the order that CasADi writes: J as (n, width, ny), slopes as (n, nz, width, ny).
+    must be ≥ 0, all CasADi SX; a derivative is made when it is first asked for. Arrays keep the order that CasADi writes: J as
+    (n, width, ny), slopes as (n, nz, width, ny).
     """
 
     def __init__(self, z: Any, k: Any, rows: Any, limits: Any) -> None:
         self.size, self.constants = z.numel(), k.numel()
         self.readings, self.width = rows.shape
         self.limit_count = limits.numel()
-        flat = ca.densify(ca.vec(rows))
-        weights = ca.SX.sym("weights", flat.numel())
-        options = {"cse": True}
-        slope = ca.densify(ca.jacobian(flat, z))
-        bent = ca.densify(ca.hessian(ca.dot(weights, flat), z)[0])
-        limits = ca.densify(limits)
-        self._rows = Mapped(ca.Function("rows", [z, k], [flat], options))
-        self._slopes = Mapped(ca.Function("slopes", [z, k], [flat, slope], options))
-        self._bent = Mapped(ca.Function("bent", [z, k, weights], [bent], options))
-        self._limits = Mapped(ca.Function("limits", [z, k], [limits], options))
-        bounded = ca.densify(ca.jacobian(limits, z)) if self.limit_count else ca.DM(0, 1)
-        self._bounded = Mapped(ca.Function("bounded", [z, k], [bounded], options))
-        multipliers = ca.SX.sym("multipliers", self.limit_count)
-        curved = ca.densify(ca.hessian(ca.dot(multipliers, limits), z)[0]) if self.limit_count else ca.DM(0, 1)
-        self._curved = Mapped(ca.Function("curved", [z, k, multipliers], [curved], options))
+        self._z, self._k, self._flat, self._bound = z, k, ca.densify(ca.vec(rows)), ca.densify(limits)
+
+    def _mapped(self, name: str, result: Sequence[Any], *more: Any) -> Mapped:
+        return Mapped(ca.Function(name, [self._z, self._k, *more], [ca.densify(part) for part in result], {"cse": True}))
+
+    @cached_property
+    def _rows(self) -> Mapped:
+        return self._mapped("rows", [self._flat])
+
+    @cached_property
+    def _slopes(self) -> Mapped:
+        return self._mapped("slopes", [self._flat, ca.jacobian(self._flat, self._z)])
+
+    @cached_property
+    def _bent(self) -> Mapped:
+        return self._mapped("bent", *self._hessian(self._flat))
+
+    @cached_property
+    def _limits(self) -> Mapped:
+        return self._mapped("limits", [self._bound])
+
+    @cached_property
+    def _bounded(self) -> Mapped:
+        return self._mapped("bounded", [ca.jacobian(self._bound, self._z)])
+
+    @cached_property
+    def _curved(self) -> Mapped:
+        return self._mapped("curved", *self._hessian(self._bound))
+
+    def _hessian(self, vector: Any) -> tuple[list[Any], Any]:
+        """Of ⟨weights, vector⟩, and the weights."""
+        weights = ca.SX.sym("weights", vector.numel())
+        return [ca.hessian(ca.dot(weights, vector), self._z)[0]], weights
 
     def rows(self, z: Array, k: Array) -> Array:
         """Scaled sensitivities (n, width, ny)."""

@@ -1,6 +1,6 @@
 """The largest ⟨G, F(pose)⟩ over all poses of some set-ups: searched, and where it can be, proved.
 
-The search starts from quasi-random poses (Sobol) and from the poses of the relaxed design, and climbs by compass steps. The
+The search starts from quasi-random poses (Halton's) and from the poses of the relaxed design, and climbs by compass steps. The
 proof is branch and bound with Bernstein's inequality for trigonometric polynomials of two rotary axes (see `_certificate`).
 """
 
@@ -24,6 +24,7 @@ Indices = NDArray[np.int64]
 COARSE = 4096
 FROM_GRID, MOST_FRESH, NEAR = 96, 200, 3e-3
 HALVINGS, THINNED = 14, (3, 6)
+PRIMES = (2, 3, 5, 7, 11, 13)
 TORUS = 48
 MOST_CELLS = 100_000
 
@@ -32,16 +33,11 @@ class Search:
     """The largest ⟨G, F⟩ over the feasible poses of some set-ups."""
 
     def __init__(self, space: Space, task: Task, setups: Array, lengths: Array) -> None:
-        from scipy.stats import qmc
-
         self.space, self.setups, self.lengths = space, setups, lengths
         self.groups = len(setups)
         self.layout = task.layout(self.groups)
-        poses = qmc.scale(
-            qmc.Sobol(space.poses, seed=1).random(COARSE),
-            space.lower[: space.poses],
-            space.upper[: space.poses] + 1e-12,
-        )
+        low, high = space.lower[: space.poses], space.upper[: space.poses]
+        poses = low + _spread(COARSE, space.poses) * (high - low)
         self.grid = self._candidates(*self._rows(poses))
         self.whole = self.layout.embed(self.grid.rows, self.grid.group)
 
@@ -184,3 +180,17 @@ class Search:
         reach = [np.linalg.norm(self.space.table_ball(z)), np.linalg.norm(self.space.tool_ball(z))]
         reach += [2.0 * np.linalg.norm(axis.origin) for axis in machine.axes.values() if axis.rotary]
         return float(sum(reach)) + sum((machine.workspace.spindle_nose or {}).values()) + NOSE_LENGTH
+
+
+def _spread(count: int, dimensions: int) -> Array:
+    """Points (count, dimensions) spread evenly over the unit cube (J. H. Halton 1960): the digits of 1, 2, … to prime bases,
+    mirrored at the point. `scipy.stats` has them too and takes as long to import as a search takes."""
+    columns = []
+    for base in PRIMES[:dimensions]:
+        left, column, place = np.arange(1, count + 1), np.zeros(count), 1.0
+        while left.any():
+            place /= base
+            left, digit = np.divmod(left, base)
+            column += place * digit
+        columns.append(column)
+    return np.stack(columns, axis=1)
