@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -14,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Run
+from symfive.drawing.render import rendered
 from symfive.machine import Machine
 from symfive.numbers import unit_words
 from symfive.procedures import Nominal
@@ -28,14 +28,12 @@ MOST_BARS = 400
 Array = NDArray[np.float64]
 COLOURS = "viridis"
 STICK_MM = 60.0
+LOOK = {"svg.hashsalt": "symfive", "svg.fonttype": "none", "text.parse_math": False}
 
 
 def svg(figure: Figure) -> str:
     """The figure as SVG text, the same bytes whenever it is drawn."""
-    buffer = io.StringIO()
-    with matplotlib.rc_context({"svg.hashsalt": "symfive", "svg.fonttype": "none"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()
+    return rendered(figure, "svg", LOOK, figure.dpi).decode()
 
 
 def pose_figure(machine: Machine, run: Run) -> Figure:

@@ -11,7 +11,6 @@ import numpy as np
 
 from symfive.campaign import FIRST_LINE, Run, write_campaign_files
 from symfive.design._assess import Assessment, assess
-from symfive.design._figures import pose_figure, svg, uncertainty_figure, worth_figure
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.design._ways import cleared
@@ -91,6 +90,8 @@ def _number(value: float) -> float:
 
 def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
     """Everything into a folder that exists."""
+    from symfive.design._figures import svg, uncertainty_figure, worth_figure
+
     plan = plan if post is None else _driven(plan, post)
     counts = f"{plan.certificate.points} poses, {plan.campaign.rows} readings with return poses"
     facts = f"{counts} · about {plan.minutes:.0f} min with set-up"
@@ -158,6 +159,8 @@ def _write_files(sheet: Sheet, folder: Path, nc: tuple[str, ...]) -> None:
 
 def write_sheet(sheet: Sheet, folder: Path, nc: tuple[str, ...] = ()) -> None:
     """setup.html of any campaign and its pictures, a run each, into a folder that exists; `nc` dialects of its programs."""
+    from symfive.design._figures import pose_figure, svg
+
     machine = sheet.campaign.machine
     with_ball = [run for run in sheet.campaign.runs if {"r_test", "touch_probe", "ball_bar"} & set(run.instrument)]
     pictures = {run.id: svg(pose_figure(machine, _thinned(run))) for run in with_ball}

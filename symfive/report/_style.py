@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import functools
-import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from symfive.drawing import FAINT, GRID, INK, PAPER
+from symfive.drawing import FAINT, GRID, INK, PAPER, render
 from symfive.numbers import plain_number, rounded, unit_words
 
 __all__ = [
@@ -63,23 +61,8 @@ def blank(width: float, height: float, *, arranged: bool = True) -> Figure:
 
 
 def rendered(figure: Figure, format: str) -> bytes:
-    """The figure as a file's content; the same figure gives the same bytes. Its layout is made once, and then stays."""
-    stream = io.BytesIO()
-    with rc_context(_LOOK):
-        layout = figure.get_layout_engine()
-        if layout is not None:
-            layout.execute(figure)
-            figure.set_layout_engine("none")
-        metadata = {"Date": None} if format == "svg" else {"CreationDate": None} if format == "pdf" else {}
-        before, dpi = figure.canvas, figure.dpi
-        figure.dpi = _RESOLUTION.get(format, _DPI)
-        canvas: Any = get_registered_canvas_class(format)(figure)
-        try:  # not by `savefig`, which draws a figure that has a layout engine, "none" too, once more for nothing
-            getattr(canvas, f"print_{format}")(stream, metadata=metadata)
-        finally:
-            figure.dpi = dpi
-            figure.set_canvas(before)
-    return stream.getvalue()
+    """The figure as a file's content (`symfive.drawing.render`) with this look."""
+    return render.rendered(figure, format, _LOOK, _RESOLUTION.get(format, _DPI))
 
 
 def label_of(column: str) -> str:
