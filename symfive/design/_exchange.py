@@ -89,7 +89,7 @@ class _State:
         row = flat[leaving * ny : (leaving + 1) * ny]
         cross = (flat @ (covariance @ row.T)).reshape(n, ny, ny)
         back = np.linalg.inv(np.eye(ny) - quadratic[leaving])
-        return np.asarray(quadratic + (cross @ back) @ cross.transpose(0, 2, 1))
+        return np.asarray(quadratic + (cross.reshape(-1, ny) @ back).reshape(n, ny, ny) @ cross.transpose(0, 2, 1))
 
     def _trace_gains(self, leaving: int | None) -> Array:
         n, _, ny = self.whole.shape

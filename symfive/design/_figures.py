@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Run
@@ -114,7 +114,7 @@ def uncertainty_figure(plan: Plan) -> Figure:
     panel.set_yticks(y, [f"{p.name} ({unit_words(p.unit)})" for p in parameters], fontsize=7)
     panel.set_xscale("log")
     panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.minorticks_off()
     panel.invert_yaxis()
     panel.set_xlabel("1σ")
     panel.legend(fontsize=7)

@@ -36,7 +36,9 @@ class Kernel:
         self._z, self._k, self._flat, self._bound = z, k, ca.densify(ca.vec(rows)), ca.densify(limits)
 
     def _mapped(self, name: str, result: Sequence[Any], *more: Any) -> Mapped:
-        return Mapped(ca.Function(name, [self._z, self._k, *more], [ca.densify(part) for part in result], {"cse": True}))
+        return Mapped(
+            ca.Function(name, [self._z, self._k, *more], [ca.densify(part) for part in result], {"cse": True})
+        )
 
     @cached_property
     def _rows(self) -> Mapped:

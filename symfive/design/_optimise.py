@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 LARGEST_REFINED = 80
 """Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are as good."""
-SHARES, STEPS = (1.0, 0.5, 0.3), (12, 30, 150)
+SHARES, STEPS = (1.0, 0.5, 0.0), (12, 30, 150)
 """Successive halving: this share of the starts, at least one, is refined by so many steps."""
 FIRST_PASSES = 3
 ROUNDINGS, FEW_ROUNDS, LOOSE, WORTH = 2, 5, 1e-2, 5e-3
