@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
 
 from symfive.campaign import FIRST_LINE
 from symfive.campaign._disk import let_go
@@ -100,6 +99,8 @@ class Identification(OnScreen):
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """The central interval that holds the true value with probability `level` (Student's t for few readings)."""
+        from scipy.special import ndtri, stdtrit
+
         i = self._place(name)
         tail = (1 - level) / 2
         factor = float(-stdtrit(self.dof, tail) if 1.0 < self.dof < 1e4 else -ndtri(tail))

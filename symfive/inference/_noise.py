@@ -7,12 +7,12 @@ spent are accounted for.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from symfive.campaign._disk import let_go
 from symfive.inference._whitening import Noise, innovations, steady_variance, whiten
@@ -78,7 +78,7 @@ def estimate_noise(blocks: Sequence[Block], declared: float, precision: Array) -
     if score(better) < best_score:
         best, best_score = better, score(better)
     coloured = _with_coloured_part(blocks, declared, best, score)
-    if coloured is not None and best_score - score(coloured) > chdtri(2, LEVEL):
+    if coloured is not None and best_score - score(coloured) > _exceeded(LEVEL):
         best = coloured
     return best
 
@@ -142,7 +142,7 @@ def _with_coloured_part(
     start_white = np.log(max(white.white / declared, 1.0)) + 0.05
     starts = [[start_white, level, 0.25 * k * span] for k in (1, 2, 3) for level in (-1.0, 0.5)]
     rough = _minimise(noise, min(starts, key=lambda x: plain(noise(x))), plain, evaluations=150)
-    if plain(white) - plain(rough) < chdtri(2, 0.1):
+    if plain(white) - plain(rough) < _exceeded(0.1):
         return None
     x = [
         np.log(rough.white / declared) + 1e-3,
@@ -150,6 +150,11 @@ def _with_coloured_part(
         np.log(rough.time_constant / interval),
     ]
     return _minimise(noise, x, score, evaluations=45)
+
+
+def _exceeded(level: float) -> float:
+    """What a χ² of two degrees of freedom, exp(-x/2) beyond x, exceeds with the probability `level`."""
+    return -2.0 * math.log(level)
 
 
 def _minimise(

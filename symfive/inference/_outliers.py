@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from symfive.campaign._disk import let_go, new_table
 from symfive.inference._noise import Block
@@ -34,7 +34,7 @@ class Outlier:
 
 def outlier_limit(readings: int) -> float:
     """What noise exceeds once in 1/`OUTLIER_LEVEL` campaigns of so many readings, in σ."""
-    return float(-ndtri(0.5 * OUTLIER_LEVEL / max(readings, 1)))
+    return -NormalDist().inv_cdf(0.5 * OUTLIER_LEVEL / max(readings, 1))
 
 
 def isolated_outliers(block: Block, noise: Noise, limit: float, leverage: Array) -> tuple[list[tuple[int, int]], Array]:
