@@ -237,6 +237,7 @@ def subject() -> Subject:
         effects=(),
         left_out=(),
         fitted=False,
+        covariance=None,
         digest="benchmark",
     )
 
