@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/codegen.py [--quick] [--peers PYTHON] [--march SET ...]
 
 Chain of five axes with six exact errors each: the point (3) and its Jacobian by 30 parameters, 10⁵ poses. `--peers` names a
-Python with pinocchio (`pip install pin`) and JAX; what is not installed there is skipped and said. `--march x86-64-v3
+Python with pinocchio (`pip install pin`), JAX and SymForce; what is not installed there is skipped and said. `--march x86-64-v3
 x86-64-v4` measures kernel, limits and CasADi's C by each of these instruction sets in one run. Least processor time of
 several repetitions; ratios travel between machines, nanoseconds do not.
 """
@@ -40,6 +40,7 @@ from symfive.machine import ErrorTerm, preset
 from symfive.parameters import Parameter
 
 POSES = 100_000
+EIGEN = Path(ca.__file__).parent / "include" / "eigen3"
 TOOL = (0.0, 0.0, -150.0)
 LIMITS = """
 #include <stddef.h>
@@ -196,6 +197,49 @@ for _ in range(2):
 numpy.save(sys.argv[4], j[:50]); print(best / n)
 """
 )
+SYMFORCE = """
+import ctypes, subprocess, sys, time, numpy, symforce
+symforce.set_symbolic_api('symengine')
+symforce.set_epsilon_to_zero()
+import symforce.symbolic as sf
+from symforce import codegen
+from symforce.values import Values
+n = int(sys.argv[1]); q = numpy.load(sys.argv[2])[:n].copy(); p = numpy.load(sys.argv[3])
+def turn(k, a):
+    c, s = sf.cos(a), sf.sin(a)
+    return sf.M33(([[1, 0, 0], [0, c, -s], [0, s, c]], [[c, 0, s], [0, 1, 0], [-s, 0, c]], [[c, -s, 0], [s, c, 0], [0, 0, 1]])[k])
+def pose(e, linear, k, sign, q):
+    r, t = turn(0, 1e-6 * e[3]) * turn(1, 1e-6 * e[4]) * turn(2, 1e-6 * e[5]), sf.V3(*(1e-3 * e[j] for j in range(3)))
+    if linear:
+        t[k] = t[k] + sign * q
+    return (r, t) if linear else (r * turn(k, sign * q), t)
+Q, P = (sf.Matrix([[sf.Symbol(name + str(i))] for i in range(size)]) for name, size in (('q', 5), ('p', 30)))
+axes = (1, 1, -1), (1, 0, -1), (0, 1, -1), (0, 2, -1), (1, 2, 1)
+*workpiece, (r, t) = [pose(P[6 * i : 6 * i + 6], *axis, Q[i]) for i, axis in enumerate(axes)]
+d = r * sf.V3(0, 0, -150) + t
+for r, t in workpiece:
+    d = r.T * (d - t)
+made = codegen.Codegen(Values(q=Q, p=P), Values(d=d, j=d.jacobian(P)), codegen.CppConfig(), name='point')
+place = made.generate_function(output_dir='symforce', skip_directory_nesting=True).output_dir
+open('symforce.cc', 'w').write('''
+#include "point.h"
+template <int rows, int columns> using M = Eigen::Matrix<double, rows, columns>;
+extern "C" void loop(size_t n, const double *q, const double *p, double *d, double *j) {
+    const M<30, 1> P = Eigen::Map<const M<30, 1>>(p);
+    for (size_t i = 0; i < n; ++i) {
+        M<3, 1> D; M<3, 30> J;
+        sym::Point<double>(Eigen::Map<const M<5, 1>>(q + 5 * i), P, &D, &J);
+        Eigen::Map<M<3, 1>>(d + 3 * i) = D; Eigen::Map<M<3, 30>>(j + 90 * i) = J;
+    }
+}''')
+built = ['g++', '-O3', '-w', '-march=' + sys.argv[5], '-shared', '-fPIC', '-I', str(place), '-isystem', sys.argv[6]]
+subprocess.run([*built, 'symforce.cc', '-o', 'symforce.so'], check=True)
+loop = ctypes.CDLL('./symforce.so').loop; d = numpy.empty((n, 3)); j = numpy.empty((n, 90)); best = 1e9
+for _ in range(5):
+    s = time.process_time(); loop(ctypes.c_size_t(n), *(ctypes.c_void_p(x.ctypes.data) for x in (q, p, d, j)))
+    best = min(best, time.process_time() - s)
+numpy.save(sys.argv[4], j[:50].reshape(50, 30, 3).transpose(0, 2, 1)); print(best / n)
+"""
 PINOCCHIO = """
 import sys, time, numpy, pinocchio as pin
 n = int(sys.argv[1]); q = numpy.load(sys.argv[2])[:n]
@@ -428,14 +472,15 @@ def peers(
     value = best(lambda: mapped(*inputs), 2)
     line("CasADi .map(100000)", f"{value:.0f}", f"{value / ours:.0f} x (target 80)")
     told["CasADi map"] = value
-    scripts = (("pinocchio: forward kinematics and regressor, Python loop", PINOCCHIO, 20_000, " (target 25)"),
+    scripts = (("pinocchio: forward kinematics and joint regressor, Python loop", PINOCCHIO, 20_000, " (target 25)"),
+               ("SymForce: generated C++, tight loop, -O3", SYMFORCE, POSES, ""),
                ("JAX: jit(vmap(jacrev))", JAX, 20_000, ""), ("numpy, complex step, batched", COMPLEX, 5000, ""))  # fmt: skip
     wanted = by_p[:50].reshape(50, 30, 3).transpose(0, 2, 1)
     for text, script, count, target in scripts:
         (folder / "peer.py").write_text(script)
         found = folder / "found.npy"
         found.unlink(missing_ok=True)
-        command = [python, "peer.py", str(count), "q.npy", "p.npy", str(found)]
+        command = [python, "peer.py", str(count), "q.npy", "p.npy", str(found), march, str(EIGEN)]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode:
             told[text] = "skipped: " + done.stderr.strip().splitlines()[-1]
