@@ -52,25 +52,27 @@ def parameters_chart(identification: Identification, *, setup: bool = False) -> 
 
 
 def _draw(axes: Axes, identification: Identification, parameters: list[Parameter], unit: str) -> None:
-    reach = []
-    for row, p in enumerate(parameters):
-        value, (low, high) = identification[p.name], identification.interval(p.name)
-        std = identification.uncertainty(p.name)
-        axes.barh(row, 2.0 * p.sigma, left=p.mean - p.sigma, height=0.62, color=FAINT, alpha=0.22, linewidth=0)
-        colour = BLUE if std < LEARNT * p.sigma else ORANGE
-        axes.plot([low, high], [row, row], color=colour, linewidth=2.0, solid_capstyle="butt")
-        face = colour if colour == BLUE else "none"
-        axes.plot([value], [row], "o", color=colour, markerfacecolor=face, markersize=4.5)
+    rows, values = np.arange(len(parameters)), np.array([identification[p.name] for p in parameters])
+    stds = np.array([identification.uncertainty(p.name) for p in parameters])
+    low, high = np.array([identification.interval(p.name) for p in parameters]).T
+    mean, sigma = (np.array([getattr(p, name) for p in parameters]) for name in ("mean", "sigma"))
+    axes.barh(rows, 2.0 * sigma, left=mean - sigma, height=0.62, color=FAINT, alpha=0.22, linewidth=0)
+    learnt = stds < LEARNT * sigma
+    for chosen, colour, face in ((learnt, BLUE, BLUE), (~learnt, ORANGE, "none")):
+        axes.hlines(rows[chosen], low[chosen], high[chosen], color=colour, linewidth=2.0)
+        axes.plot(values[chosen], rows[chosen], "o", color=colour, markerfacecolor=face, markersize=4.5)
+    for row, (value, std) in enumerate(zip(values.tolist(), stds.tolist(), strict=True)):
         said = f"{rounded(value, std, unit)} ± {rounded(std, std, unit)}"
         axes.text(1.02, row, said, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
-        reach += [low, high] + ([p.mean - p.sigma, p.mean + p.sigma] if p.sigma < 50.0 * max(abs(value), std) else [])
+    near = sigma < 50.0 * np.maximum(np.abs(values), stds)  # a prior that is much wider would leave the values a dot
+    reach = np.concatenate([low, high, (mean - sigma)[near], (mean + sigma)[near]])
     axes.set_yticks(range(len(parameters)), [short(p.name.removeprefix("setup.")) for p in parameters])
     axes.set_ylim(len(parameters) - 0.4, -0.6)
     axes.set_xlabel(unit_words(unit))
     axes.axvline(0.0, color=INK, linewidth=0.6)
     axes.grid(visible=False, axis="y")
     margin = 0.04 * max(float(np.ptp(reach)), 1e-9)
-    axes.set_xlim(min(min(reach), 0.0) - margin, max(max(reach), 0.0) + margin)
+    axes.set_xlim(min(float(reach.min()), 0.0) - margin, max(float(reach.max()), 0.0) + margin)
 
 
 def _legend(figure: Figure) -> None:
