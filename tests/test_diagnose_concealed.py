@@ -134,7 +134,7 @@ def test_noise_too_slow_and_too_large_for_an_instrument_is_a_drift_without_a_nam
     """Heat in a library that has none: noise that wanders would explain it, but as large hardly any instrument has."""
     machine = plant.static_table()
     drift = {"effect": "thermal_drift", "amplitude": 14.0, "direction": [-0.55, 0.63, 0.55], "time_constant_s": 900.0}
-    lacking = ("thermal_drift", "spindle_growth", "bar_temperature", "setup_shift")
+    lacking = ("thermal_drift", "axis_growth", "spindle_growth", "bar_temperature", "setup_shift")
     runs = _bars(machine)[:2]
     wandering = plant.NoiseOptions(coloured_um=0.2, correlation_s=500.0)
     for effects, expected in (([drift], [("unknown", None)]), ([], [])):
