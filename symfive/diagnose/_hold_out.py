@@ -13,10 +13,11 @@ from symfive.campaign import Campaign
 from symfive.diagnose._split import Split
 from symfive.diagnose._words import coordinate_words, named
 from symfive.effects import Effect
+from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
-from symfive.numbers import change
+from symfive.numbers import change, unit_words
 from symfive.posterior import Expansion, fitted
 from symfive.threads import one_thread
 
@@ -131,12 +132,15 @@ def _set_up(model: Model, known: Mapping[str, float], strange: Sequence[str]) ->
 @one_thread
 def withdraw(here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansion, tuple[Withdrawn, ...]]:
     """The fit without the effects that make the held-out part of the campaign worse, one after the other, the worst first; all
-    else is identified anew each time."""
+    else is identified anew each time. Raises `InputError` where no held-out reading has the unit of the fit's."""
     unit, gone = here.fit.file_unit, list[Withdrawn]()
 
     def rms(fit: Identification) -> float:
         return root(*held_out_square(fit, campaign, split, unit))
 
+    if not held_out_square(here.fit, campaign, split, unit)[1]:
+        problem = f"nothing that is held out reads in {unit_words(unit)}, as what is fitted does"
+        raise InputError(problem, remedy="hold out runs of the same instrument")
     now = rms(here.fit)
     while here.held:
         others = [_lacking(here, form.effect) for form in here.held]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
@@ -28,11 +29,11 @@ UM_PER_PPM_MM = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class AxisGrowth(Effect):
-    """q → q + (ppm·q + shift)·g(t), t on the campaign's clock.
+    """q → q + (growth·q + shift)·g(t), t on the campaign's clock.
 
     `shape`: `exponential`, g = 1 - exp(-t/time_constant_s); `linear`, g = t/span_s, of which only the first part is seen and
-    `span_s` is how long the campaign runs. A screw or scale grows away from where it is held, at q = -shift/ppm, which need not
-    be the axis' zero. Typical 10–100 µm/h at the free end of a steel screw, τ of 5–60 min.
+    `span_s` is how long the campaign runs. A screw or scale grows away from where it is held, at q = -shift/growth, wherever that
+    is. Typical 10–100 µm/h at the free end of a steel screw, τ of 5–60 min.
     """
 
     id = "axis_growth"
@@ -51,6 +52,10 @@ class AxisGrowth(Effect):
         effect = super().prepare(campaign)
         if self.its_axis(campaign).rotary:
             raise InputError(f"{self.key}: a rotary axis does not grow along its way", remedy="use thermal_drift")
+        if not 0.0 <= self.span_s < math.inf:
+            raise InputError(
+                f"{self.key}: span_s = {self.span_s} is no time", remedy="write span_s = …, in s, or leave it out"
+            )
         if self.shape != "linear":
             return replace(effect, span_s=0.0)
         return replace(effect, span_s=self.span_s or self.clock_span(campaign))
@@ -62,20 +67,20 @@ class AxisGrowth(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         farthest = max(map(abs, self.its_axis(campaign).travel))
-        found = (self.own("ppm", "ppm", PPM), self.own("shift", "um", PPM * farthest * UM_PER_PPM_MM))
+        found = (self.own("growth", "ppm", PPM), self.own("shift", "um", PPM * farthest * UM_PER_PPM_MM))
         return found if self.shape == "linear" else (*found, self.time_constant(0.5 * self.clock_span(campaign)))
 
     def apply(self, row: Row) -> None:
         axis = str(self.axis)
         grown: Any = row.clock / self.span_s if self.shape == "linear" else self._rise(row)
-        far = self.parameter(row, "ppm") * row.signal(Position(axis)) + self.parameter(row, "shift")
+        far = self.parameter(row, "growth") * row.signal(Position(axis)) + self.parameter(row, "shift")
         row.axis[axis] += far * grown
 
     def _rise(self, row: Row) -> Any:
         return 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s"))
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """Its parameters, and `reached`, the growth at the end of the campaign: well known where `ppm` and time constant are
+        """Its parameters, and `reached`, the growth at the end of the campaign: well known where growth and time constant are
         not, because only the first part of the rise was seen."""
         end, names = self.clock_span(campaign), [p.name for p in self.parameters(campaign)]
 
