@@ -28,7 +28,8 @@ TRIES = 3
 DECISIVE = 3.0
 """Nats by which another shape has to be better (H. Jeffreys 1961: strong evidence)."""
 CLEAR = 10.0
-"""Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that."""
+"""Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that. By so
+many something has to be better before settled laws are given up for it."""
 Progress = Callable[[str], None]
 Keys = frozenset[tuple[str, str]]
 """What a fit holds: `Expansion.keys`."""
@@ -60,19 +61,20 @@ def polish(
 
 
 def _settled(here: Expansion, candidates: Candidates, progress: Progress, before: _Round | None = None) -> _Round:
-    """The expansion at which nothing moves any more, from `here` on; there the rivals were asked `before`."""
-    been: dict[Keys, _Round] = {}
+    """The expansion at which nothing moves any more, from `here` on; there the rivals were asked `before`, and what was settled
+    then is given up for a clear gain only."""
+    been, least = dict[Keys, _Round](), 0.0 if before is None else CLEAR
     for number in range(ROUNDS):
         progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
         now = been[here.keys] = _Round.at(here, candidates, progress)
         better = (now.exact(subset) for subset in _ahead(now.posterior))
-        ahead = next((there for gain, there in better if gain > 0.0 and there.keys not in been), None)
+        ahead = next((there for gain, there in better if gain > least and there.keys not in been), None)
         if number == 0 and before is not None:
             now.exactly.update({subset: mass for subset, mass in before.exactly.items() if subset not in now.exactly})
         elif ahead is None:
             rivals = [each for each in map(now.exact, _rivals(now.posterior)) if each[1].keys not in been]
             best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
-            ahead = ahead if best > 0.0 else None
+            ahead = ahead if best > least else None
         if ahead is None or number == ROUNDS - 1:
             break
         here = settled(ahead)
