@@ -106,6 +106,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     show_default=False,
     help="Your control's line that starts a reading, as M64 P0 (with trigger).",
 )
+@click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds.")
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: none but this one.")
@@ -141,6 +142,7 @@ def plan(
     dwell: float,
     at_pose: str,
     trigger: str,
+    no_proof: bool,
     starts: int,
     seed: int,
     workers: int,
@@ -180,7 +182,7 @@ def plan(
                 result = make_plan(
                     data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
                     setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um,
-                    survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
+                    survive=survive, robust=robust, prove=not no_proof, starts=starts, seed=seed, for_=names,
                     given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
         result.write(folder, nc=dialects, post=post)

@@ -125,7 +125,7 @@ def plan(
     lengths: Sequence[float] = (), minutes: float | None = None,
     per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
     setup_sigma: SetupSigma | None = None, survive: bool = False, robust: str = "nominal", starts: int = 6,
-    anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
+    anywhere: bool = True, prove: bool = True, seed: int = 0, pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
@@ -138,7 +138,8 @@ def plan(
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
     `repeats` readings of each pose; `survive` prefers a plan that stays good if any one pose is lost; `robust` `nominal`, or
     the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
-    certificate also compares with all other set-ups (a few seconds); `pool` any executor (`symfive.executors`), whose workers
+    certificate also compares with all other set-ups (a few seconds); `prove`: whether its bound is proved (up to two
+    minutes for a ball bar on five axes); `pool` any executor (`symfive.executors`), whose workers
     share the starts.
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
@@ -200,7 +201,7 @@ def plan(
         fewer = shortened(space, task, schedule.rows, estimate, estimate.seconds - over, lay).rows
         schedule, post = _with_ways(lay, fewer)
     progress("certificate")
-    certificate = _certified(space, task, schedule.rows, runs, anywhere)
+    certificate = _certified(space, task, schedule.rows, runs, anywhere, prove)
     return _finished(
         space,
         task,
@@ -225,8 +226,8 @@ def _with_ways(lay: Callable[[Rows], Schedule], design: Rows) -> tuple[Schedule,
     return retimed(schedule, post), post
 
 
-def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool) -> Certificate:
-    certificate = certify(space, task, rows)
+def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool, prove: bool) -> Certificate:
+    certificate = certify(space, task, rows, prove=prove)
     if not anywhere:
         return certificate
     bound = min(certificate.bound, bound_anywhere(space, task, rows, runs))
