@@ -4,7 +4,7 @@ Column generation: the relaxed design on a growing list of poses gives G; a glob
 ⟨G, F(pose)⟩ gives the Kiefer–Wolfowitz bound (see `_relaxed`) and the pose to add, until bound and value meet.
 
 How rigorous: branch and bound (`_proof`) covers every pose of the plan's own set-ups, four dimensions of a ball bar included,
-wherever the readings are trigonometric polynomials of the angles: location errors, Fourier error motions of rotary axes,
+wherever the readings are smooth polynomials of the angles: location errors, Fourier error motions of rotary axes,
 polynomial ones of all axes. A pose met on the way that tells more than the search had found joins the relaxed design. Apart from
 rounding errors of double precision that is a proof. Elsewhere (B-splines, Fourier error motions of linear axes) the search stands
 alone; `rigour` says which.

@@ -1,7 +1,7 @@
 """Branch and bound over the poses of one set-up: no pose tells more than what it returns.
 
 In a cell of half widths h about a pose φ is its Taylor polynomial of second order and a remainder below Σ sup|∂ᵅφ| hᵅ/α! over all
-third derivatives, whose bounds hold wherever the angles are (`_spectrum`). With slope g and second derivatives H, and since
+third derivatives, whose bounds hold everywhere (`_spectrum`). With slope g and second derivatives H, and since
 |H_ij δ_i δ_j| ≤ |H_ij| (δ_i² h_j/h_i + δ_j² h_i/h_j)/2,
 
     φ ≤ φ(centre) + Σ_i max over 0 ≤ t ≤ h_i of (|g_i| t + D_i t²/2) + remainder,    D_i = H_ii + Σ_j |H_ij| h_j/h_i.
@@ -48,12 +48,12 @@ def largest_told(
     space: Space, layout: Layout, pull: Array, z: Array, k: Array, g: int, top: float, slack: float
 ) -> Proved | None:  # fmt: skip
     """An upper bound of ⟨G, F⟩ over all poses of the set-up `z`, `k` of run `g`, no sharper than (1 + `slack`) of the most that
-    was found, `top` or a better pose met on the way. None where the readings are no trigonometric polynomials of the angles."""
+    was found, `top` or a better pose met on the way. None where φ is no polynomial of the angles."""
     values, vectors = np.linalg.eigh(pull)
     half = (vectors * np.sqrt(np.maximum(values, 0.0))).T
     poses = space.poses
     setup = _Setup(space, half[:, _columns(layout, g)], z[poses:], k)
-    spectrum = spectrum_of(setup.weighed, space.lower[:poses], space.upper[:poses])
+    spectrum = spectrum_of(setup.told, space.lower[:poses], space.upper[:poses])
     if spectrum is None:
         return None
     proved = _Cells(setup, spectrum.third()).search(top, slack)
@@ -78,10 +78,10 @@ class _Setup:
         n = len(poses)
         return np.concatenate([poses, np.tile(self.setup, (n, 1))], axis=1), np.tile(self.k, (n, 1))
 
-    def weighed(self, poses: Array) -> Array:
-        """Rows (n, r, ny) whose squares sum up to φ."""
+    def told(self, poses: Array) -> Array:
+        """φ (n,)."""
         rows = self.space.kernel.rows(*self.decided(poses))
-        return np.asarray(self.half @ rows)
+        return np.asarray(np.sum((self.half @ rows) ** 2, axis=(1, 2)))
 
     def taylor(self, poses: Array) -> tuple[Array, Array, Array]:
         """φ (n,), its slopes (n, d) and second derivatives (n, d, d)."""

@@ -1,13 +1,13 @@
-"""A sensitivity function as a trigonometric polynomial of its angles, with bounds of its derivatives that hold everywhere.
+"""A sensitivity function as a polynomial of its angles, with bounds of its derivatives that hold everywhere in their ranges.
 
-Positions follow from rotations, so what a pose tells, φ = ⟨G, F(pose)⟩, is a trigonometric polynomial of every angle: location
-errors, Fourier error motions of rotary axes and polynomial ones of linear axes alike. A polynomial error motion of a rotary axis
-multiplies it by a polynomial of the same angle. There the angle is taken twice: s, in the travel, of which φ is an algebraic
-polynomial, and θ, all the way round, of which it is a trigonometric one; φ at s = θ + 2πm, m = 0, 1, …, tells one from the other.
+Positions follow from rotations, and error motions are polynomials or harmonics of positions. What a pose tells,
+φ = ⟨G, F(pose)⟩, is therefore a trigonometric polynomial of every angle that goes all the way round and in which it is periodic.
+In any other angle it is entire, and its Chebyshev series on the angle's range ends, to rounding, after a few terms; a spline's
+does not, and is refused.
 
 A grid finer than the degrees bounds such a polynomial everywhere (H. Ehlich & K. Zeller 1964): sup|f| is at most the largest |f|
-on the grid times 1/cos(πd/n) for every angle (degree d, n > 2d points) and 1/cos(πp/2n) for every s (degree p, n > p Chebyshev
-points). Derivatives have the same degrees, so the same holds for them.
+on the grid times 1/cos(πd/n) for every periodic angle (degree d, n > 2d points) and 1/cos(πp/2n) for every other (degree p, n > p
+Chebyshev points). Derivatives have no higher degrees, so the same holds for them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -24,13 +24,12 @@ from numpy.typing import NDArray
 __all__ = ["Spectrum", "spectrum_of"]
 
 Array = NDArray[np.float64]
-RowsAt = Callable[[Array], Array]
-"""Rows (n, r, ny) at poses (n, d) with φ = Σ rows²."""
+ValuesAt = Callable[[Array], Array]
+"""φ (n,) at poses (n, d)."""
 TURN = 2.0 * math.pi
 LINE, LINES = 96, 3
-MOST_TURNS = 9
-VANISHES = 1e-9
-"""Share of the largest coefficient below which one is rounding."""
+VANISHES = 1e-12
+"""Share of the largest coefficient of a line from which on all are rounding."""
 AGREES, PROBES = 1e-6, 200
 """How well the polynomial has to agree with φ, as a share of its largest value, at so many random poses."""
 MOST_COEFFICIENTS, MOST_GRID = 1_500_000, 10_000_000
@@ -40,49 +39,45 @@ FINENESS = (8.0, 6.0, 5.0, 4.0, 3.0)
 
 @dataclass(frozen=True)
 class _Angle:
-    """One coordinate: trigonometric of degree `degree` in the angle and of degree `power` in its place on the travel."""
+    """One coordinate between `low` and `high`, `round` where φ is periodic in it, and its `degree`."""
 
-    degree: int
-    power: int
     low: float
     high: float
+    round: bool
+    degree: int
 
     @property
     def size(self) -> int:
-        return (2 * self.degree + 1) * (self.power + 1)
+        """Number of basis functions."""
+        return 2 * self.degree + 1 if self.round else self.degree + 1
 
-    def grid(self, angles: int, places: int) -> tuple[Array, Array]:
-        """Places s and angles θ of a product grid, flat."""
-        theta = TURN * np.arange(angles) / angles
+    def grid(self, count: int) -> Array:
+        """Points that bound a polynomial."""
+        if self.round:
+            return self.low + TURN * np.arange(count) / count
         middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        s = middle + half * np.cos(math.pi * (np.arange(places) + 0.5) / places)
-        return np.repeat(s, angles), np.tile(theta, places)
+        return np.asarray(middle + half * np.cos(math.pi * (np.arange(count) + 0.5) / count))
 
-    def matrix(self, s: Array, theta: Array, order: int) -> Array:
-        """Derivatives of that order along s = θ of all basis functions T_j(s) · (1, cos kθ, sin kθ): (n, size)."""
+    def matrix(self, q: Array, order: int) -> Array:
+        """Derivatives of that order of the basis functions 1, cos kq, sin kq or T_k(q) at points (n,): (n, size)."""
+        if self.round:
+            k = np.arange(1, self.degree + 1)
+            turned = k * q[:, None] + 0.5 * math.pi * order
+            constant = np.full((len(q), 1), 1.0 if order == 0 else 0.0)
+            waves = [constant, k**order * np.cos(turned), k**order * np.sin(turned)]
+            return np.asarray(np.concatenate(waves, axis=1), dtype=np.float64)
         half = 0.5 * (self.high - self.low)
-        x = (s - 0.5 * (self.low + self.high)) / half
-        total = np.zeros((len(s), self.size))
-        for m in range(order + 1):
-            product = (
-                math.comb(order, m) * self._places(x, half, m)[:, :, None] * self._waves(theta, order - m)[:, None]
-            )
-            total += product.reshape(len(s), -1)
-        return total
+        derived = chebyshev.chebder(np.eye(self.size), order) if order else np.eye(self.size)
+        x = (q - 0.5 * (self.low + self.high)) / half
+        return np.asarray(chebyshev.chebvander(x, len(derived) - 1) @ derived / half**order, dtype=np.float64)
 
-    def _places(self, x: Array, half: float, order: int) -> Array:
-        each = np.eye(self.power + 1)
-        derived = [chebyshev.chebval(x, chebyshev.chebder(c, order) if order else c) for c in each]
-        return np.asarray(
-            np.stack([np.broadcast_to(d, x.shape) for d in derived], axis=1) / half**order, dtype=np.float64
-        )
+    def points(self, fine: float) -> int:
+        """How many points of a grid so fine."""
+        return max(1, math.ceil(fine * self.degree * (1.0 if self.round else 0.5)))
 
-    def _waves(self, theta: Array, order: int) -> Array:
-        k = np.arange(1, self.degree + 1)
-        turned = k * theta[:, None] + 0.5 * math.pi * order
-        constant = np.full((len(theta), 1), 1.0 if order == 0 else 0.0)
-        waves = [constant, k**order * np.cos(turned), k**order * np.sin(turned)]
-        return np.asarray(np.concatenate(waves, axis=1), dtype=np.float64)
+    def enlarged(self, count: int) -> float:
+        """By how much a polynomial can exceed its largest value on the grid."""
+        return 1.0 / math.cos(math.pi * self.degree / count * (1.0 if self.round else 0.5))
 
 
 @dataclass(frozen=True)
@@ -95,127 +90,80 @@ class Spectrum:
 
     def values(self, poses: Array) -> Array:
         """φ at poses (n, d)."""
-        found = np.broadcast_to(self.coefficients, (len(poses), *self.coefficients.shape))
-        for i in reversed(range(len(self.angles))):
-            found = np.einsum("n...k,nk->n...", found, self.angles[i].matrix(poses[:, i], poses[:, i], 0))
+        first, *others = (angle.matrix(poses[:, i], 0) for i, angle in enumerate(self.angles))
+        found = np.tensordot(first, self.coefficients, axes=([1], [0]))
+        for basis in others:
+            found = np.einsum("nk...,nk->n...", found, basis)
         return np.asarray(found)
 
     def largest(self, order: tuple[int, ...]) -> float:
-        """A bound of the absolute derivative of those orders wherever the angles are and the places in their travels."""
-        fine = next((f for f in FINENESS if self._points(f) <= MOST_GRID), FINENESS[-1])
+        """A bound of the absolute derivative of those orders everywhere in the ranges."""
+        sizes = [[angle.points(fine) for angle in self.angles] for fine in FINENESS]
+        counts = next((size for size in sizes if math.prod(size) <= MOST_GRID), sizes[-1])
         found, enlarged = self.coefficients, 1.0
-        for angle, m in zip(self.angles, order, strict=True):
-            n, p = _grid_sizes(angle, fine)
-            enlarged /= math.cos(math.pi * angle.degree / n) * math.cos(0.5 * math.pi * angle.power / p)
-            found = np.tensordot(found, angle.matrix(*angle.grid(n, p), m), axes=([0], [1]))
+        for angle, count, m in zip(self.angles, counts, order, strict=True):
+            enlarged *= angle.enlarged(count)
+            found = np.tensordot(found, angle.matrix(angle.grid(count), m), axes=([0], [1]))
         return float(np.abs(found).max()) * enlarged
-
-    def _points(self, fine: float) -> float:
-        return math.prod(float(math.prod(_grid_sizes(angle, fine))) for angle in self.angles)
 
     def third(self) -> dict[tuple[int, ...], float]:
         """Bounds of all third derivatives, by their orders."""
-        d = len(self.angles)
-        orders = (order for order in itertools.product(range(4), repeat=d) if sum(order) == 3)
+        orders = (order for order in itertools.product(range(4), repeat=len(self.angles)) if sum(order) == 3)
         return {order: self.largest(order) for order in orders}
 
 
-def _grid_sizes(angle: _Angle, fine: float) -> tuple[int, int]:
-    return max(1, math.ceil(fine * angle.degree)), max(1, math.ceil(0.5 * fine * angle.power))
-
-
-def spectrum_of(rows_at: RowsAt, low: Array, high: Array) -> Spectrum | None:
-    """The polynomial that φ = Σ `rows_at`² is for angles between `low` and `high`; None where it is none."""
-    d = len(low)
+def spectrum_of(values_at: ValuesAt, low: Array, high: Array) -> Spectrum | None:
+    """The polynomial that φ is for angles between `low` and `high`; None where it is none of a moderate degree."""
     generator = np.random.default_rng(0)
-    bases = low + (high - low) * generator.random((LINES, d))
-    powers = [_power(rows_at, bases, i) for i in range(d)]
-    if None in powers:
-        return None
-    split = _Split(rows_at, [p or 0 for p in powers], low, high)
-    degrees = [_degree(split, bases, i) for i in range(d)]
-    if None in degrees:
-        return None
-    angles = tuple(
-        _Angle(degree or 0, 2 * (power or 0), float(a), float(b))
-        for degree, power, a, b in zip(degrees, powers, low, high, strict=True)
-    )
+    bases = low + (high - low) * generator.random((LINES, len(low)))
+    angles: list[_Angle] = []
+    for i, (a, b) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
+        angle = _angle(values_at, bases, i, a, b)
+        if angle is None:
+            return None
+        angles.append(angle)
     if math.prod(angle.size for angle in angles) > MOST_COEFFICIENTS:
         return None
-    found = split.values(angles)
+    found = _on_grid(values_at, angles)
     for i, angle in enumerate(angles):
-        inverse = np.linalg.inv(angle.matrix(*angle.grid(2 * angle.degree + 1, angle.power + 1), 0))
+        inverse = np.linalg.inv(angle.matrix(angle.grid(angle.size), 0))
         found = np.moveaxis(np.tensordot(inverse, found, axes=([1], [i])), 0, i)
-    spectrum = Spectrum(angles, found, 0.0)
-    poses = low + (high - low) * generator.random((PROBES, d))
-    true = np.sum(rows_at(poses) ** 2, axis=(1, 2))
+    spectrum = Spectrum(tuple(angles), found, 0.0)
+    poses = low + (high - low) * generator.random((PROBES, len(low)))
+    true = values_at(poses)
     off = float(np.abs(spectrum.values(poses) - true).max())
-    return Spectrum(angles, found, off) if off <= AGREES * float(true.max()) else None
+    return replace(spectrum, disagrees=off) if off <= AGREES * float(true.max()) else None
 
 
-def _power(rows_at: RowsAt, bases: Array, i: int) -> int | None:
-    """Degree of the polynomial by which the rows change from turn to turn of one angle."""
-    turned = np.repeat(bases, MOST_TURNS, axis=0)
-    turned[:, i] += TURN * np.tile(np.arange(MOST_TURNS), len(bases))
-    found = rows_at(turned)
-    if not np.isfinite(found).all():
+def _angle(values_at: ValuesAt, bases: Array, i: int, low: float, high: float) -> _Angle | None:
+    """Whether φ is periodic in one angle, and its degree."""
+    turned = bases.copy()
+    turned[:, i] += TURN
+    before, after = values_at(bases), values_at(turned)
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):  # the chain is singular somewhere
         return None
-    differences = found.reshape(len(bases), MOST_TURNS, -1)
-    largest = np.abs(differences).max()
-    for power in range(MOST_TURNS - 1):
-        differences = np.diff(differences, axis=1)
-        if np.abs(differences).max() <= VANISHES * largest:
-            return power
-    return None
-
-
-@dataclass(frozen=True)
-class _Split:
-    """φ with the places s apart from the angles θ, the rows being polynomials of degrees `powers` in s."""
-
-    rows_at: RowsAt
-    powers: list[int]
-    low: Array
-    high: Array
-
-    def at(self, s: Array, theta: Array) -> Array:
-        """φ at places s and angles θ, both (n, d)."""
-        poses, weights = theta[None], np.ones((1, len(theta)))
-        for i, power in enumerate(self.powers):
-            if power == 0:
-                continue
-            first = np.round((0.5 * (self.low[i] + self.high[i]) - theta[:, i]) / TURN - 0.5 * power)
-            nodes = theta[:, i] + TURN * (first + np.arange(power + 1)[:, None])
-            lagrange = np.stack([
-                np.prod([(s[:, i] - nodes[b]) / (nodes[a] - nodes[b]) for b in range(power + 1) if b != a], axis=0)
-                for a in range(power + 1)
-            ])  # fmt: skip
-            poses = np.repeat(poses, power + 1, axis=0)
-            poses[:, :, i] = np.tile(nodes, (len(poses) // (power + 1), 1))
-            weights = (weights[:, None] * lagrange).reshape(-1, len(theta))
-        rows = sum(w[:, None, None] * self.rows_at(p) for w, p in zip(weights, poses, strict=True))
-        return np.asarray(np.sum(np.asarray(rows) ** 2, axis=(1, 2)))
-
-    def values(self, angles: tuple[_Angle, ...]) -> Array:
-        """φ on the grid that determines its coefficients, one axis per angle."""
-        grids = [angle.grid(2 * angle.degree + 1, angle.power + 1) for angle in angles]
-        shape = tuple(len(s) for s, _ in grids)
-        found = np.empty(math.prod(shape))
-        for first in range(0, len(found), 20_000):
-            place = np.unravel_index(np.arange(first, min(first + 20_000, len(found))), shape)
-            s = np.stack([grid[0][p] for grid, p in zip(grids, place, strict=True)], axis=1)
-            theta = np.stack([grid[1][p] for grid, p in zip(grids, place, strict=True)], axis=1)
-            found[first : first + len(s)] = self.at(s, theta)
-        return found.reshape(shape)
-
-
-def _degree(split: _Split, bases: Array, i: int) -> int | None:
-    """Trigonometric degree in one angle."""
-    theta = np.repeat(bases, LINE, axis=0)
-    theta[:, i] = np.tile(TURN * np.arange(LINE) / LINE, len(bases))
-    values = split.at(np.repeat(bases, LINE, axis=0), theta).reshape(len(bases), LINE)
+    whole = high - low >= TURN - 1e-9 and np.allclose(before, after, rtol=1e-9, atol=1e-9 * np.abs(before).max())
+    line = _Angle(low, high, whole, LINE // 2 - 1 if whole else LINE - 1)
+    points = line.grid(line.size)
+    poses = np.repeat(bases, line.size, axis=0)
+    poses[:, i] = np.tile(points, len(bases))
+    values = values_at(poses).reshape(len(bases), line.size)
     if not np.isfinite(values).all():
         return None
-    strength = np.abs(np.fft.rfft(values, axis=1)).max(axis=0)
-    strong = np.flatnonzero(strength > VANISHES * strength.max())
-    return None if strong.max() > LINE // 3 else int(strong.max())
+    strength = np.abs(np.linalg.solve(line.matrix(points, 0), values.T)).max(axis=1)
+    if whole:  # the cosine and the sine of every degree
+        strength = np.concatenate([strength[:1], np.maximum(*strength[1:].reshape(2, -1))])
+    degree = int(np.flatnonzero(strength > VANISHES * strength.max()).max(initial=0))
+    return None if degree > 0.7 * line.degree else replace(line, degree=degree)
+
+
+def _on_grid(values_at: ValuesAt, angles: list[_Angle]) -> Array:
+    """φ on the grid that determines its coefficients, one axis per angle."""
+    grids = [angle.grid(angle.size) for angle in angles]
+    shape = tuple(map(len, grids))
+    found = np.empty(math.prod(shape))
+    for first in range(0, len(found), 20_000):
+        place = np.unravel_index(np.arange(first, min(first + 20_000, len(found))), shape)
+        poses = np.stack([grid[p] for grid, p in zip(grids, place, strict=True)], axis=1)
+        found[first : first + len(poses)] = values_at(poses)
+    return found.reshape(shape)
