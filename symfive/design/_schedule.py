@@ -45,16 +45,22 @@ class Schedule:
     rows: Rows
 
 
-def scheduled(space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float) -> Schedule:
-    """Both orders (round trip; there and back) are laid out and the one with more information per minute is taken."""
-    plans = [_laid_out(space, rows, order, returns, repeats, noise_um) for order in (lambda o: o, there_and_back)]
+def scheduled(
+    space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float, index: bool = False
+) -> Schedule:  # fmt: skip
+    """Both orders (round trip; there and back) are laid out and the one with more information per minute is taken; `index`: the
+    first pose of every run is read once more with the spindle turned by 180°."""
+    plans = [
+        _laid_out(space, rows, order, returns, repeats, noise_um, index) for order in (lambda o: o, there_and_back)
+    ]
     # ψ of D per parameter falls by log(time) when twice the time is spent on readings, so time and efficiency compare
     return max(plans, key=lambda p: math.log(max(p.drift, 1e-9)) - math.log(p.seconds))
 
 
 def _laid_out(
-    space: Space, rows: Rows, ordering: Callable[[Indices], Indices], returns: int, repeats: int, noise_um: float
-) -> Schedule:
+    space: Space, rows: Rows, ordering: Callable[[Indices], Indices], returns: int, repeats: int, noise_um: float,
+    index: bool,
+) -> Schedule:  # fmt: skip
     runs: list[Run] = []
     unsafe: dict[str, tuple[int, ...]] = {}
     clock = 0.0
@@ -67,6 +73,9 @@ def _laid_out(
         _, pose = np.unique(np.stack(list(commands.values()), axis=1), axis=0, return_inverse=True)
         order = kept_apart(out_and_back(ordering(round_trip(times)), returns), pose.ravel(), times)
         order = np.repeat(order, repeats)
+        turned = np.zeros(len(order) + index)
+        if index:
+            order, turned[1] = np.insert(order, 1, order[0]), 180.0
         commands = {name: values[order] for name, values in commands.items()}
         leaves = _leaves(space, rows, mine[order[:-1]], mine[order[1:]], DENSELY)
         leaves |= space.instrument == "touch_probe"  # a tip cannot follow a sphere: it goes out and around
@@ -78,14 +87,15 @@ def _laid_out(
             commands=commands, table_ball=space.table_ball(rows.z[first]),
             tool_ball=space.tool_ball(rows.z[first]),
             length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None,
-            noise_um=noise_um, setup_sigma_um=space.setup_sigma,
+            noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None,
         )  # fmt: skip
         if rows_unsafe:
             unsafe[name] = rows_unsafe
         run, clock = _timed(space.machine, run, Post(unsafe=unsafe), clock)
         runs.append(run)
-        instants.append(run.start_s + run.time)
-        places.append(mine[order])
+        straight = turned == 0.0
+        instants.append((run.start_s + run.time)[straight])
+        places.append(mine[order][straight])
     campaign = Campaign(machine=space.machine, runs=tuple(runs), name="plan")
     drift = _drift(space, rows, np.concatenate(places), np.concatenate(instants), repeats)
     return Schedule(campaign, clock, unsafe, drift, rows)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, spindle_of, vector_constants
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
     from symfive.machine import Machine
     from symfive.model._row import Row
+    from symfive.motion import Signal
 
 FIVE_TOUCHES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
 FRAMES = ("tool", "machine")
@@ -53,9 +54,12 @@ class TouchProbe(Instrument):
         lobes = tuple(setup_parameter(run, f"lobing.{f}", "um", lobing) for f in ("cos", "sin")) if lobing else ()
         return (
             *setup_vector(run, "table_ball", sigma.table_ball),
-            *setup_vector(run, "tool_ball", sigma.tool_ball),
+            *setup_vector(run, "tool_ball", sigma.tool),
             *lobes,
         )
+
+    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
+        return spindle_of(run)
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
         return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}

@@ -19,6 +19,7 @@ from symfive.motion._signals import (
     ReversalDistance,
     ReversalTime,
     Signal,
+    SpindleAngle,
     Velocity,
     approach,
     unmoved,
@@ -26,7 +27,8 @@ from symfive.motion._signals import (
 
 __all__ = [
     "FINE_S", "FRICTION", "GAINS", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position",
-    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal", "Velocity",
+    "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal",
+    "SpindleAngle", "Velocity",
     "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of",
     "unmoved",
 ]  # fmt: skip

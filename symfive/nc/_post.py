@@ -43,6 +43,8 @@ DWELL_S = 2.0
 HAND_S = 30.0
 """Time that a stop takes at which the operator takes a bar off or puts it on."""
 SHORT_REST_S = 0.1
+ORIENT_S = 5.0
+"""Time in which the spindle turns by half a turn and is held; an operator who turns it needs `HAND_S`."""
 READ_S = 10.0
 """Time that a stop takes at which the operator reads."""
 AT_POSE = ("dwell", "stop", "trigger")
@@ -103,7 +105,10 @@ def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0, 
     stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least `least_s` a
     pose, to 0.1 s; `rest_s` what is done at each pose where it is no rest of the program."""
     writer = Writer(machine, run, post)
-    needed = [(rest_s or post.rest_s) + writer.seconds_to(row) for row in range(1, run.rows)]
+    needed = [
+        (rest_s or post.rest_s) + writer.seconds_to(row) + (ORIENT_S if writer.turned(row) else 0.0)
+        for row in range(1, run.rows)
+    ]
     each = np.maximum(
         np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
     )  # the program waits on ways around: `tenths`
@@ -169,6 +174,13 @@ class Writer:
         self._known: dict[bool, dict[int, tuple[Array, Array, Array]]] = {}
         self.circle = circle_of(machine, run)
 
+    def turned(self, row: int) -> str:
+        """The angle to which the spindle is turned before a row, degree; nothing where it stays."""
+        angles = self.run.spindle
+        if angles is None or (row and angles[row] == angles[row - 1]):
+            return ""
+        return f"{angles[row]:g}"
+
     def steps(self) -> list[Step]:
         run = self.run
         ball = next((SEATED[name] for name in run.instrument if name in SEATED), "BALL")
@@ -200,6 +212,7 @@ class Writer:
         return [
             Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
             Step(kind="stop", text=f"CLEAR? {self.upright} GOES TO TOP FIRST"),
+            *self._orient(0),
             *self._centred(False, {}),
             self._to_the_top(0),
             *self._alone(lifted, 0),
@@ -257,10 +270,20 @@ class Writer:
         around = set(self.post.unsafe.get(self.run.id, ()))
         for row in range(1, self.run.rows):
             seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.rest_s
+            seconds -= ORIENT_S if self.turned(row) else 0.0
             found += self._detour(row) if row in around else self._way(row, seconds)[0]
             early = seconds - self.seconds_to(row) if row in around else 0.0
-            found += [Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)), *self._read(row)]
+            found += [
+                *self._orient(row),
+                Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)),
+                *self._read(row),
+            ]
         return found
+
+    def _orient(self, row: int) -> list[Step]:
+        """The spindle turned to where a row wants it, the ball being in its place already."""
+        angle = self.turned(row)
+        return [Step(kind="orient", text=angle)] if angle else []
 
     def _read(self, row: int) -> list[Step]:
         """What a settled pose is read by."""
