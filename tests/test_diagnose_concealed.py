@@ -114,7 +114,6 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
 
 
-@wrong("its onset is not found")
 def test_heat_that_comes_late_is_not_taken_for_slow_noise(tmp_path):
     """Six circles within a few minutes: in each the drift is hardly more than a set-up that lies elsewhere."""
     machine = plant.planar_table()

@@ -27,7 +27,7 @@ from symfive.diagnose import (
 from symfive.effects import Form, make_effect
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset
-from symfive.posterior import Posterior, baseline, candidates, decide, expanded, explore, moments_of, polish
+from symfive.posterior import Posterior, baseline, candidates, coarsened, decide, expanded, explore, moments_of, polish
 from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid, static_ball_bar
 from symfive.simulate import simulate
 
@@ -64,7 +64,7 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
         ("thermal_drift", None),
     }
     posterior, here = polish(before, stated)
-    verdicts = decide(posterior)
+    verdicts = decide(posterior, coarsened(posterior))
     assert {verdict.names for verdict in verdicts} == {(("gravity_sag", "B"),), (("thermal_drift", None),)}
     findings = findings_of(posterior, here, before, verdicts, located(posterior.moments, detection))
     shares = {finding.name: finding.share for finding in findings}
@@ -73,7 +73,7 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     for finding in findings:
         says = finding.says
         assert says.startswith(f"{finding.title}: ") and says.count(". ") == 0 and len(says) < 180
-        assert "; it had hidden in the geometry (" in says and " %; " in says and "amplitude" in says
+        assert "; before, the geometry absorbed it (" in says and " %; " in says and "amplitude" in says
         facts = facts_of(finding, here.fit)
         assert facts["where"].endswith("in all runs") and " ± " in facts["how large"]
     sag = make_effect("gravity_sag", "B", component="EZB", parts=("one_minus_cos",))

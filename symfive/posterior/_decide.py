@@ -71,6 +71,8 @@ def _verdict(posterior: Posterior, coarse: Posterior, held: frozenset[int], term
     if choice == 0:
         return None
     told = tuple(named[: max(choice, 0)])
+    if own not in told:  # what is said is what is fitted; another name that is likelier here is a rival
+        told = ()
     alias, alone = _alias(posterior, held, term)
     first = told[0] if told else (own if nameless else UNNAMED)
     probability = shares[first] if told else acts
