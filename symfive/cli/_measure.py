@@ -89,6 +89,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
 @click.option("--circles", help="Instead of poses, circles: synchronous or planar (needs --effect).")
 @click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
+@click.option("--feed", "feeds", type=POSITIVE, multiple=True, help="Feed of circles in mm/min; may be repeated.")
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
 @click.option(
     "--tool-centre-on",
@@ -151,6 +152,7 @@ def plan(
     robust: str,
     circles: str | None,
     effects: tuple[str, ...],
+    feeds: tuple[float, ...],
     count: int,
     tool_centre_on: str,
     tool_centre_off: str,
@@ -169,8 +171,8 @@ def plan(
     quiet: bool,
 ) -> None:
     """The optimal measurement plan: a campaign without readings, certificate, NC programs, set-up sheet."""
+    from symfive.design import FEEDS, plan_circles
     from symfive.design import plan as make_plan
-    from symfive.design import plan_circles
     from symfive.executors import executor
     from symfive.given import machine_given
     from symfive.nc import Post
@@ -192,7 +194,7 @@ def plan(
         if circles is not None:
             result: Any = plan_circles(
                 data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
-                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data),
+                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data), feeds=feeds or FEEDS,
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:

@@ -35,6 +35,8 @@ KEPT, FIRST, PATIENCE = 1e-5, 1000, 4
 SUPPORT = 1e-4
 PROOF = 0.5
 LEAST_WEIGHT = 0.01
+WEAK = 0.9
+"""Efficiency below which a plan says why."""
 COARSE_TO_FINE = (3.0, 1.0, 1.0)
 """How sharp the proofs are one after the other. Each may find poses that the search has missed; they join the relaxed design."""
 SEARCHED = (
@@ -69,6 +71,18 @@ class Certificate:
     def proved(self) -> bool:
         """Whether branch and bound covered every pose of the set-ups."""
         return self.rigour.startswith("branch and bound")
+
+    @property
+    def why_low(self) -> str:
+        """Where an efficiency below `WEAK` comes from, in one sentence; nothing above it."""
+        if self.efficiency >= WEAK:
+            return ""
+        whole, slack = (1.0 - math.exp(x) for x in (self.relaxed - self.value, self.bound - self.relaxed))
+        return (
+            f"certified below {WEAK:g}: weights on poses in the same set-ups would lower the variance by {100.0 * whole:.0f} %, "
+            f"which {self.points} whole poses cannot share out so, and the bound itself may be {100.0 * slack:.1f} % too low; "
+            "more poses raise the certificate"
+        )
 
     @property
     def says(self) -> str:
