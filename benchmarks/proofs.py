@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/proofs.py [MACHINE ...]
 
-Designs are of one start and not rounded: what counts here is the bound, not the plan. `gap` is how much lower the bound's variance
+Designs are of one start and not rounded: what counts is the bound, not the plan. `gap` is how much lower the bound's variance
 is than that of the best weighted design found.
 """
 

@@ -133,18 +133,20 @@ def certify(
             bound, rigour = found.bound, SEARCHED
             break
         bound = max(bound, _bound(task, found.relaxed, rows.groups, points, proved[0]))
-        if found.reached - bound <= gap + 2.0 * slack:
+        if proved[2] or found.reached - bound <= gap + 2.0 * slack:
             break
         found = generate(space, task, rows, gap, value=value, more=_joined(found.columns, proved[1]))
     efficiency = min(1.0, math.exp(bound - value))
     return Certificate(efficiency, value, bound, min(value, found.reached), rigour, found.rounds, points)
 
 
-def _proved(space: Space, task: Task, rows: Rows, found: Generated, slack: float) -> tuple[float, Candidates] | None:
-    """What no pose of the set-ups tells more than, no sharper than `slack`, and poses that tell more than all that were found;
-    None where nothing can be proved."""
+def _proved(
+    space: Space, task: Task, rows: Rows, found: Generated, slack: float
+) -> tuple[float, Candidates, bool] | None:
+    """What no pose of the set-ups tells more than, no sharper than `slack`, poses that tell more than all that were found, and
+    whether cells ran out, so that nothing sharper can be had; None where nothing can be proved."""
     top, climbed = found.search.largest(found.relaxed, found.columns)
-    layout, highest, better = task.layout(rows.groups), 0.0, climbed
+    layout, highest, better, exhausted = task.layout(rows.groups), 0.0, climbed, False
     for g in range(rows.groups):
         first = int(np.flatnonzero(rows.group == g)[0])
         z, k = rows.z[first], rows.k[first]
@@ -152,10 +154,11 @@ def _proved(space: Space, task: Task, rows: Rows, found: Generated, slack: float
         if told is None:
             return None
         highest, n = max(highest, told.bound), len(told.better)
+        exhausted |= told.exhausted
         some = np.concatenate([told.better, np.tile(z[rows.poses :], (n, 1))], axis=1)
         lengths = np.tile(k, (n, 1))
         better = _joined(better, Candidates(some, lengths, np.full(n, g), space.kernel.rows(some, lengths)))
-    return highest, better.take(np.arange(len(climbed), len(better)))
+    return highest, better.take(np.arange(len(climbed), len(better))), exhausted
 
 
 def generate(
