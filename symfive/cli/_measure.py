@@ -202,7 +202,7 @@ def plan(
     quiet: bool,
 ) -> None:
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
-    from symfive.design import circular_test, plan_circles
+    from symfive.design import FEEDS, circular_test, plan_circles
     from symfive.design import plan as make_plan
     from symfive.executors import executor
     from symfive.given import machine_given
@@ -236,7 +236,7 @@ def plan(
             result = plan_circles(
                 data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
                 per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data), planes=planes or ("XY",),
-                feeds=feeds or (500.0, 1000.0),
+                feeds=feeds or FEEDS,
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:

@@ -35,6 +35,8 @@ KEPT, FIRST, PATIENCE = 1e-5, 1000, 4
 SUPPORT = 1e-4
 PROOF = 0.5
 LEAST_WEIGHT = 0.01
+WEAK = 0.9
+"""Efficiency below which a plan says why."""
 COARSE_TO_FINE = (3.0, 1.0, 1.0)
 """How sharp the proofs are one after the other. Each may find poses that the search has missed; they join the relaxed design."""
 SEARCHED = (
@@ -69,6 +71,18 @@ class Certificate:
     def proved(self) -> bool:
         """Whether branch and bound covered every pose of the set-ups."""
         return self.rigour.startswith("branch and bound")
+
+    @property
+    def why_low(self) -> str:
+        """Where an efficiency below `WEAK` comes from, in one sentence; nothing above it."""
+        if self.efficiency >= WEAK:
+            return ""
+        whole, slack = (1.0 - math.exp(x) for x in (self.relaxed - self.value, self.bound - self.relaxed))
+        return (
+            f"certified below {WEAK:g}: weights on poses in the same set-ups would lower the variance by {100.0 * whole:.0f} %, "
+            f"which {self.points} whole poses cannot share out so, and the bound itself may be {100.0 * slack:.1f} % too low; "
+            "more poses raise the certificate"
+        )
 
     @property
     def says(self) -> str:
@@ -119,18 +133,20 @@ def certify(
             bound, rigour = found.bound, SEARCHED
             break
         bound = max(bound, _bound(task, found.relaxed, rows.groups, points, proved[0]))
-        if found.reached - bound <= gap + 2.0 * slack:
+        if proved[2] or found.reached - bound <= gap + 2.0 * slack:
             break
         found = generate(space, task, rows, gap, value=value, more=_joined(found.columns, proved[1]))
     efficiency = min(1.0, math.exp(bound - value))
     return Certificate(efficiency, value, bound, min(value, found.reached), rigour, found.rounds, points)
 
 
-def _proved(space: Space, task: Task, rows: Rows, found: Generated, slack: float) -> tuple[float, Candidates] | None:
-    """What no pose of the set-ups tells more than, no sharper than `slack`, and poses that tell more than all that were found;
-    None where nothing can be proved."""
+def _proved(
+    space: Space, task: Task, rows: Rows, found: Generated, slack: float
+) -> tuple[float, Candidates, bool] | None:
+    """What no pose of the set-ups tells more than, no sharper than `slack`, poses that tell more than all that were found, and
+    whether cells ran out, so that nothing sharper can be had; None where nothing can be proved."""
     top, climbed = found.search.largest(found.relaxed, found.columns)
-    layout, highest, better = task.layout(rows.groups), 0.0, climbed
+    layout, highest, better, exhausted = task.layout(rows.groups), 0.0, climbed, False
     for g in range(rows.groups):
         first = int(np.flatnonzero(rows.group == g)[0])
         z, k = rows.z[first], rows.k[first]
@@ -138,10 +154,11 @@ def _proved(space: Space, task: Task, rows: Rows, found: Generated, slack: float
         if told is None:
             return None
         highest, n = max(highest, told.bound), len(told.better)
+        exhausted |= told.exhausted
         some = np.concatenate([told.better, np.tile(z[rows.poses :], (n, 1))], axis=1)
         lengths = np.tile(k, (n, 1))
         better = _joined(better, Candidates(some, lengths, np.full(n, g), space.kernel.rows(some, lengths)))
-    return highest, better.take(np.arange(len(climbed), len(better)))
+    return highest, better.take(np.arange(len(climbed), len(better))), exhausted
 
 
 def generate(

@@ -292,7 +292,8 @@ def _finished(
         over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
         notes=(
-            *_shortage(len(rows.z), space.instrument, expected), *what_dominates(space, task, rows),
+            *(_shortage(len(rows.z), space.instrument, expected) or filter(None, [certificate.why_low])),
+            *what_dominates(space, task, rows),
             *_rounding_notes(space, schedule), *_notes(schedule, values),
         ),
     )  # fmt: skip

@@ -30,7 +30,7 @@ __all__ = ["Proved", "largest_told"]
 
 Array = NDArray[np.float64]
 FIRST_WIDTH = math.radians(20.0)
-MOST_CELLS, TOGETHER = 3_000_000, 20_000
+MOST_CELLS, TOGETHER = 2_000_000, 20_000
 KINKED = "tool and post"
 
 
@@ -42,6 +42,11 @@ class Proved:
     bound: float
     better: Array
     cells: int
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the cells ran out before the bound was as sharp as wished."""
+        return self.cells >= MOST_CELLS
 
 
 def largest_told(
