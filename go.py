@@ -22,7 +22,7 @@ VENV = ROOT / ".venv"
 PYTHON = VENV / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 STAMP = VENV / f"installed-{sys.implementation.cache_tag}"  # "<fingerprint> <extra> <extra> ..."
 LOCK = ROOT / "constraints.txt"
-EXTRAS = ("build", "test", "lint", "docs", "dask", "sbom", "lock")
+EXTRAS = ("build", "test", "lint", "docs", "dask", "history", "sbom", "lock")
 FAST = "not slow and not linuxcnc"
 
 

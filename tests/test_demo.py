@@ -92,6 +92,25 @@ def test_the_concealed_sag_is_found_and_the_geometry_moves_back(demo, machine, t
     assert (tmp_path / "residuals-before.png").stat().st_size > 1000
 
 
+def test_the_readme_s_picture_shows_what_it_says(demo, machine, tmp_path):
+    """Rigid geometry is far from the truth by its own uncertainty, with the sag it is not; on a coarser grid."""
+    spec = importlib.util.spec_from_file_location("picture", SCRIPT.with_name("picture.py"))
+    picture = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(picture)
+    measured = demo.conceal(machine, step_deg=60.0)
+    rigid = identify(measured.campaign, noise="declared")
+    sagging = identify(measured.campaign, effects=[demo.SAG])
+    names = [term.name for term in rigid.model.machine.location_errors if term.angular]
+
+    def off(result):
+        return max(abs(result[name] - measured.truth[name]) / result.uncertainty(name) for name in names)
+
+    assert off(rigid) > 10.0 and off(sagging) < 3.0
+    figure = picture.picture(rigid, sagging, measured.truth)
+    (axes,) = figure.axes
+    assert [label.get_text().split(":")[0] for label in axes.get_yticklabels()] == names
+
+
 def test_the_real_drive_agrees_with_the_published_values(demo):
     try:
         result = demo.real_drive()

@@ -251,8 +251,10 @@ def test_a_test_that_sees_more_adds_directions_and_a_poorer_one_disturbs_nothing
 
 
 def test_alarms_begin_when_the_scatter_is_known():
-    trend = trend_of(Past(12, visits=5).drawn(), [])
-    assert trend.begins == 11 and "Alarms begin with visit 11" in trend_text(trend)
+    few = trend_of(Past(12, visits=5).drawn(), [])
+    assert few.begins is None and "No alarm can be raised yet" in trend_text(few) and few.directions == 8
+    many = trend_of(Past(12, visits=60).drawn(), [])
+    assert many.begins is not None and 2 * 8 <= many.begins <= 4 * 8 and "No alarm can" not in trend_text(many)
 
 
 # --- forecast -----------------------------------------------------------------------------------------------------

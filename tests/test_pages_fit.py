@@ -17,7 +17,8 @@ from symfive.results import write_diagnosis, write_identification
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 NESTS = Path(__file__).parent / "data" / "campaigns" / "static-none" / "fit"
-PAGES = ("setup.html", "identification.html", "report.html", "sf.html", "sf-siemens.html", "sf-haas.html")
+PAGES = ("setup.html", "identification.html", "report.html", "sf.html", "sf-siemens.html", "sf-haas.html", "fleet.html",
+         "history.html")  # fmt: skip
 MEASURE = """<script>addEventListener("load", () => {
   const root = document.documentElement, wide = root.clientWidth;
   const inside = e => { for (let p = e.parentElement; p; p = p.parentElement)
@@ -46,7 +47,11 @@ def pages(tmp_path_factory) -> dict[str, Path]:
     for target in ("c", "siemens", "haas"):
         sf.codegen(sf.fitted_model(result), folder / "code" / target, target=target)
     write_diagnosis(sf.diagnose(NESTS), folder / "diagnosis")
-    return {path.name: path for path in folder.rglob("*.html")}
+    found = {path.name: path for path in folder.rglob("*.html")}
+    with sf.History(folder / "history", create=True) as history:
+        history.add(folder / "id")
+        fleet, machine = history.write_pages(folder / "pages")
+    return {**found, "fleet.html": fleet, "history.html": machine}
 
 
 @pytest.mark.slow

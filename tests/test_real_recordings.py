@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,11 +42,9 @@ def least_squares(model: Model, run_id: str, column: int) -> tuple[np.ndarray, n
 
 
 @pytest.mark.parametrize("name", CONVERTERS)
-def test_conversion_is_quick_and_survives_the_disk(name: str, tmp_path: Path) -> None:
+def test_conversion_survives_the_disk(name: str, tmp_path: Path) -> None:
     recordings(name)
-    begin = time.perf_counter()
     campaign = convert(name)
-    assert time.perf_counter() - begin < 5.0
     assert campaign.measured
     write_campaign(campaign, tmp_path / "campaign")
     again = read_campaign(tmp_path / "campaign")

@@ -16,17 +16,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from symfive.campaign import Campaign, write_campaign
 from symfive.convert import convert
 from symfive.design import Plan, plan
 from symfive.diagnose import Diagnosis, diagnose
+from symfive.drawing.render import rendered
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Identification, Prediction, fitted_model, identify, predict
 from symfive.machine import Machine, preset
 from symfive.model import write_model
-from symfive.outputs import write_json
+from symfive.outputs import write_bytes, write_json
 from symfive.procedures import campaign_of, planar_circle, r_test_grid, rotary_circle
 from symfive.report import (
     diagnosis_report,
@@ -128,12 +130,16 @@ def lines_of_drive(result: Identification) -> list[str]:
     return lines
 
 
+def save_picture(figure: Figure, path: Path) -> None:
+    """One figure as PNG; `figure.savefig` lays it out and draws it twice."""
+    write_bytes(path, rendered(figure, "png", {}, 110.0))
+
+
 def save_identification(result: Identification, folder: Path) -> None:
     """The identification as data, model, page and figures."""
     write_json(folder / "identification.json", result.to_data())
     write_model(fitted_model(result), folder / "model.json")
-    identification_report(result, folder)
-    save_figures(result, folder / "figures")
+    identification_report(result, folder, figures=folder / "figures")
 
 
 def save_prediction(prediction: Prediction, measured: Campaign, folder: Path) -> None:
@@ -147,16 +153,16 @@ def save_prediction(prediction: Prediction, measured: Campaign, folder: Path) ->
             np.stack([other.readings[name] for name in names], axis=1),
             at=run.time, along="time / s", names=names, noise=run.noise(run.instrument[0]), title=f"held-out run {run.id}",
         )  # fmt: skip
-        figure.savefig(folder / f"held-out-{run.id}.png", dpi=110)
+        save_picture(figure, folder / f"held-out-{run.id}.png")
 
 
 def save_diagnosis(found: Diagnosis, folder: Path) -> None:
     """The diagnosis as data and page, the residuals over the axes before and after, what the sag does by itself."""
     write_json(folder / "diagnosis.json", found.to_data())
     diagnosis_report(found, folder)
-    residuals_over_coordinates(found.before).savefig(folder / "residuals-before.png", dpi=110)
-    residuals_over_coordinates(found.after).savefig(folder / "residuals-after.png", dpi=110)
-    plot_signature(SAG, found.before.model.campaign).savefig(folder / "signature-of-the-sag.png", dpi=110)
+    save_picture(residuals_over_coordinates(found.before), folder / "residuals-before.png")
+    save_picture(residuals_over_coordinates(found.after), folder / "residuals-after.png")
+    save_picture(plot_signature(SAG, found.before.model.campaign), folder / "signature-of-the-sag.png")
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -12,20 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
+from symfive.diagnose import Split, first_half
 from symfive.importers import every, split
 
-__all__ = ["RECORDINGS", "Part", "Recording", "halves", "runs_with"]
+__all__ = ["RECORDINGS", "Recording", "halves", "runs_with"]
 
 Rows = NDArray[np.bool_]
 STEP_DEG = 4.0
-
-
-@dataclass(frozen=True)
-class Part:
-    """A way to part a recording: `learn` says of each run which of its rows (N,) are fitted; the others are predicted."""
-
-    label: str
-    learn: Callable[[Run], Rows]
 
 
 @dataclass(frozen=True)
@@ -45,7 +38,7 @@ class Recording:
     unit: str
     over: str
     column: str
-    parts: tuple[Part, ...]
+    parts: tuple[Split, ...]
     prepare: Callable[[Campaign], Campaign] = lambda campaign: campaign
     draw: Callable[[Run], bool] = lambda run: True
     bins: int = 0
@@ -59,18 +52,16 @@ class Recording:
         return self.name.split(" ")[0]
 
 
-def halves() -> tuple[Part, Part]:
-    """The first half of the time of every run, and the second."""
-
-    def early(run: Run) -> Rows:
-        return np.asarray(run.time < 0.5 * (run.time[0] + run.time[-1]))
-
-    return Part("first half → second half", early), Part("second half → first half", lambda run: ~early(run))
+def halves() -> tuple[Split, Split]:
+    """The first half of every run, and the second."""
+    return Split("first half → second half", first_half), Split(
+        "second half → first half", lambda run: ~first_half(run)
+    )
 
 
-def runs_with(label: str, *marks: str) -> Part:
+def runs_with(label: str, *marks: str) -> Split:
     """Runs whose id holds one of the marks are fitted, the others predicted."""
-    return Part(label, lambda run: np.full(run.rows, any(mark in run.id for mark in marks)))
+    return Split(label, lambda run: np.full(run.rows, any(mark in run.id for mark in marks)))
 
 
 def _without_friction(campaign: Campaign) -> Campaign:
@@ -127,11 +118,11 @@ def _seen_from_outside(campaign: Campaign) -> Campaign:
     return replace(campaign, runs=tuple(runs))
 
 
-def _every(step: int) -> Part:
+def _every(step: int) -> Split:
     def learn(run: Run) -> Rows:
         return np.asarray(np.arange(run.rows) % step == 0)
 
-    return Part("every other pose → those between", learn)
+    return Split("every other pose → those between", learn)
 
 
 ESS = "A. Sandström, anderssandstrom/ecmc_target_muts_logger"
@@ -144,7 +135,7 @@ SEATED = (
 )
 
 
-def _panda(name: str, places: Part) -> Recording:
+def _panda(name: str, places: Split) -> Recording:
     """One of the arms; their sockets in turn, and `places`."""
     return Recording(
         name=f"mukca/{name}",

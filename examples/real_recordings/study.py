@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose import Diagnosis, Finding, Location, diagnose, locate
+from symfive.diagnose import Diagnosis, Finding, Location, Split, diagnose, held_out_square, locate, root
 from symfive.effects import Effect
 from symfive.identify import Identification, fitted_model, predict
 from symfive.inference import gauss_newton
 from symfive.model import Model
 
-from .recordings import Part, Recording
+from .recordings import Recording
 
 __all__ = [
     "HeldOut",
@@ -94,7 +94,7 @@ def study(
     return Study(recording, campaign, found, left, tuple(parts), time.perf_counter() - begin)
 
 
-def _held_out(found: Diagnosis, part: Part, unit: str) -> HeldOut:
+def _held_out(found: Diagnosis, part: Split, unit: str) -> HeldOut:
     without = {f.effect.key: held_out_rms(lacking(found.after, f.effect), part, unit) for f in found.findings}
     before, after = (held_out_rms(fit, part, unit) for fit in (found.before, found.after))
     return HeldOut(part.label, before, after, without)
@@ -124,42 +124,20 @@ def lacking(fit: Identification, effect: Effect) -> Identification:
     return replace(fit, model=model, values=model.vector(start))
 
 
-def held_out_rms(fit: Identification, part: Part, unit: str) -> float:
+def held_out_rms(fit: Identification, part: Split, unit: str) -> float:
     """Root mean square, in `unit`, of the readings that `part` does not learn from, with the parameters of those it does.
 
-    The noise is that of the whole fit. A run of which nothing is learnt has its own zeros and set-up fitted, nothing else:
-    so the machine is predicted, not where the instrument stood. All of these readings count, outliers too.
+    The noise of those is that of the whole fit.
     """
-    learnt = {run.id: part.learn(run) for run in fit.model.campaign.runs}
-    problem = fit.problem()
-    problem.left_out = {id: problem.left_out[id] | ~rows[:, None] for id, rows in learnt.items()}
+    problem, campaign = fit.problem(), fit.model.campaign
+    problem.left_out = {run.id: problem.left_out[run.id] | ~part.learn(run)[:, None] for run in campaign.runs}
     values, _ = gauss_newton(problem, fit.values, TOLERANCE)
-    strange = {id for id, rows in learnt.items() if not rows.any()}
-    own = np.array([p.run in strange for p in fit.parameters])
-    if own.any():
-        setting_up = fit.problem()
-        setting_up.free = own
-        values, _ = gauss_newton(setting_up, values, TOLERANCE)
-    return _rms(fit, values, {id: ~rows for id, rows in learnt.items()}, unit)
+    return root(*held_out_square(replace(fit, values=values), campaign, part, unit))
 
 
 def rms_of(fit: Identification, unit: str) -> float:
     """Root mean square of all readings, in `unit`; NaN where none has it."""
     return fit.rms.get(unit, float("nan"))
-
-
-def _rms(fit: Identification, values: Array, rows: Mapping[str, NDArray[np.bool_]], unit: str) -> float:
-    squares, number = 0.0, 0
-    problem = fit.problem()
-    for run in fit.model.campaign.runs:
-        residual = fit.model.readings(run) - fit.model.predict_run(run, values)
-        columns = fit.model.columns(run)
-        for _, part in problem.parts(run):
-            fitted = range(*part.indices(len(columns)))
-            for k in (k for k in fitted if columns[k].unit == unit):
-                squares += float(np.sum(residual[rows[run.id], k] ** 2))
-                number += int(rows[run.id].sum())
-    return float(np.sqrt(squares / number)) if number else float("nan")
 
 
 def coordinate(study: Study, run_id: str) -> Array:

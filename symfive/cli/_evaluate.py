@@ -103,6 +103,7 @@ def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json:
 @click.option(
     "--false-alarms", type=Number(1e-6, 0.5), default=0.01, help="False-alarm rate of the tests that need no name."
 )
+@click.option("--hold-out", metavar="half|cycles|runs:NAMES", help="Learn from the rest, judge by what is held out.")
 @dialects
 @overwrite
 @as_json
@@ -112,6 +113,7 @@ def diagnose(
     output: Path,
     also: tuple[Path, ...],
     false_alarms: float,
+    hold_out: str | None,
     nc: tuple[str, ...],
     overwrite: bool,
     as_json: bool,
@@ -126,7 +128,7 @@ def diagnose(
     progress, dialects = Progress(quiet), dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
         data = joined(campaign, also, quiet)
-        result = diagnose_campaign(data, false_alarms=false_alarms, progress=progress)
+        result = diagnose_campaign(data, false_alarms=false_alarms, hold_out=hold_out, progress=progress)
         write_diagnosis(result, folder, nc=dialects, progress=progress)
     _notes(result.after.notes, quiet)
     tell(result.to_data(), diagnosis_text(result), as_json)

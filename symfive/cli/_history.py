@@ -22,7 +22,10 @@ rate = click.option(
 )
 
 
-@app.group(name="history", cls=type(app), no_args_is_help=True)
+@app.group(
+    name="history", cls=type(app), no_args_is_help=True,
+    epilog='Example: symfive history add results/ --date 2026-03-04 && symfive history show "tilting table BC"',
+)  # fmt: skip
 def history() -> None:
     """What changed on a machine and since when: results of many dates, alarms, forecasts, pages."""
 

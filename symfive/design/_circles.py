@@ -17,7 +17,7 @@ from symfive.machine import Machine
 from symfive.model import Model
 from symfive.procedures import heights
 
-__all__ = ["Circle", "Goal", "circle_information", "measured", "told", "true_values", "typical_values"]
+__all__ = ["Circle", "Goal", "circle_information", "circle_of_runs", "measured", "true_values", "typical_values"]
 
 Array = NDArray[np.float64]
 ROBUST = ("nominal", "mean", "worst")
@@ -85,13 +85,13 @@ def measured(
 ) -> Circle:
     """The circle as it would be recorded. Raises `InputError` where an axis cannot follow."""
     runs = circle_runs(machine, shape, noise_um=noise_um, rate_hz=rate_hz)
-    return told(machine, effects, shape, runs, draws)
+    return circle_of_runs(machine, effects, shape, runs, draws)
 
 
-def told(
+def circle_of_runs(
     machine: Machine, effects: Iterable[Effect], shape: CircleShape, runs: tuple[Run, ...], draws: int = 0
 ) -> Circle:
-    """What the runs of a circle tell."""
+    """A circle with the information that its runs give about effects and geometry."""
     model = Model(Campaign(machine=machine, runs=runs), effects)
     matrices = [_marginal(model, runs, vector) for vector in true_values(model, draws)]
     shared = [p for p in model.parameters if p.kind != "setup"]

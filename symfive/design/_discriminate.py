@@ -1,4 +1,4 @@
-"""Which test tells two rival explanations apart best: T-optimality, and its Bayesian form.
+"""Which test separates two rival explanations best: T-optimality, and its Bayesian form.
 
 For a test with readings η and noise σ, and explanation a true at θ_a (A. C. Atkinson & V. V. Fedorov 1975)
 
@@ -34,7 +34,7 @@ PAUSE_S = 60.0
 USELESS = 1.05
 """A test that raises the separation by less than this factor is as good as none."""
 APART = 3.0
-"""σ from which two explanations are told apart."""
+"""σ from which two explanations count as separated."""
 Candidate = Campaign | Run | Sequence[Run]
 
 
@@ -54,7 +54,7 @@ class Separation:
 class Discrimination(OnScreen):
     """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
     the `table` of all candidates, best first. Of several rivals `each` with its separation by the best test; `separation` and
-    `before` are the smallest of those that it tells apart. `also`: rivals that it tells from each other, where that took
+    `before` are the smallest of those that it separates. `also`: rivals that it separates from each other, where that took
     several runs."""
 
     test: Campaign
@@ -126,16 +126,16 @@ def discriminate(
 
 
 def in_common(parts: Mapping[str, Discrimination], candidates: Sequence[Candidate]) -> Discrimination:
-    """The candidate that separates one explanation from several rivals: from as many as can be told apart at all, and of
+    """The candidate that separates one explanation from several rivals: from as many as can be separated at all, and of
     those from the nearest by most. What counts is what a test adds to what is known: a rival that the priors alone make
-    improbable is not told apart by anything.
+    improbable is not separated by anything.
 
     `parts` a discrimination for every rival by name, all over the same `candidates`.
     """
     added = _added(parts)
 
     def nearest(name: str) -> tuple[int, float, str]:
-        """How many rivals a test tells apart, and the least that it adds for one of them, with that rival."""
+        """How many rivals a test separates, and the least that it adds for one of them, with that rival."""
         apart = {rival: table[name] for rival, table in added.items() if table[name] >= APART}
         rival = min(apart or added, key=lambda r: added[r][name])
         return len(apart), added[rival][name], rival
@@ -154,7 +154,7 @@ def in_common(parts: Mapping[str, Discrimination], candidates: Sequence[Candidat
 
 
 def in_addition(parts: Mapping[str, Discrimination], first: str) -> list[str]:
-    """The candidates by name that tell all pairs apart which any of them can: the `first`, then whichever tells most of what is
+    """The candidates by name that separate all pairs which any of them can: the `first`, then whichever separates most of what is
     left, of those the nearest by most.
 
     `parts` a discrimination for every pair, all over the same candidates.

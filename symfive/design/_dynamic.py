@@ -23,7 +23,7 @@ from symfive.design._assess import assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._choose_circles import check_clear, chosen_clear
 from symfive.design._circle_words import circle_words, gain_words, list_end_words, sigma_words, warnings_of
-from symfive.design._circles import ROBUST, Circle, Goal, circle_information, measured, told
+from symfive.design._circles import ROBUST, Circle, Goal, circle_information, circle_of_runs, measured
 from symfive.design._criteria import criterion_of
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
@@ -208,7 +208,7 @@ def _followed(
         except InputError as error:
             refused = error
         else:
-            circles.append(told(machine, effects, shape, runs, draws))
+            circles.append(circle_of_runs(machine, effects, shape, runs, draws))
     if not circles and refused is not None:
         raise InputError(f"no circle can be run: {refused.problem}", remedy=refused.remedy)
     return circles

@@ -10,9 +10,11 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import detect
 from symfive.diagnose._findings import doubted, findings_of
+from symfive.diagnose._hold_out import Withdrawn, held_out, withdraw
 from symfive.diagnose._locate import located
 from symfive.diagnose._prove import prove
 from symfive.diagnose._result import Diagnosis
+from symfive.diagnose._split import Split, parted
 from symfive.given import campaign_given
 from symfive.posterior import EXPECTED, Posterior, baseline, candidates, coarsened, decide, fitted, polish
 from symfive.threads import one_thread
@@ -26,23 +28,37 @@ def diagnose(
     *,
     false_alarms: float = 0.01,
     exclude: Collection[str] = (),
+    hold_out: str | Split | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Diagnosis:
     """Find, name and model the physics that the baseline leaves out.
 
     `campaign` with readings, or the path of its folder; `false_alarms` is the rate at which the tests that need no name may fail
     a clean campaign (names follow from probabilities and stated losses instead: `symfive.posterior.decide`); `exclude` takes
-    effects (by id) out of the library, as a control. Raises `InputError` for a campaign without readings.
+    effects (by id) out of the library, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) everything is
+    learnt from the rest; a finding that makes the held-out part worse is withdrawn. Raises `InputError` for a campaign without
+    readings, and where nothing is left to fit.
 
     The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened` and `decide` of
-    `symfive.posterior`; `findings_of`, `prove`.
+    `symfive.posterior`; `withdraw`, `findings_of`, `prove`, `held_out`.
     """
-    campaign = campaign_given(campaign)
+    whole = campaign = campaign_given(campaign)
+    split = None
+    if hold_out is not None:
+        whole, split = parted(campaign, hold_out)
+        campaign = split.fitted(whole)
     stated = candidates(campaign, exclude)
     progress("fitting the baseline")
     before = baseline(campaign)
     posterior, here = polish(before, stated, progress)
-    verdicts, after = decide(posterior, coarsened(posterior)), here.fit
+    verdicts = decide(posterior, coarsened(posterior))
+    withdrawn: tuple[Withdrawn, ...] = ()
+    if split is not None:
+        progress("predicting the held-out part")
+        here, withdrawn = withdraw(here, whole, split)
+        kept = {form.effect.key for form in here.held}
+        verdicts = tuple(v for v in verdicts if posterior.moments.terms[v.term].effect.key in kept)
+    after = here.fit
     remaining = detect(after, level=false_alarms)
     detection = remaining
     if after.model.added:  # the baseline under the noise of the final fit
@@ -62,6 +78,7 @@ def diagnose(
         before=before,
         after=doubted(posterior, after),
         false_alarms=false_alarms,
+        hold_out=None if split is None else held_out(before, after, whole, split, withdrawn),
     )
 
 

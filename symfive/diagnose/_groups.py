@@ -8,7 +8,7 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run
 
-__all__ = ["partitions", "way"]
+__all__ = ["kind_of", "partitions", "way"]
 
 SAME_FEED = 1.25
 """Runs in order of their speed are of one feed as long as each is within this factor of the one before."""
@@ -29,6 +29,12 @@ def partitions(campaign: Campaign) -> dict[str, dict[str, tuple[str, ...]]]:
             parted = {key: tuple(ids) for key, ids in groups.items()}
             found.setdefault(frozenset(parted.values()), ([], parted))[0].append(name)
     return {", ".join(names): groups for names, groups in found.values()}
+
+
+def kind_of(run: Run, campaign: Campaign) -> str:
+    """What runs that may stand for each other have in common: instruments, the axes that move, the sense of a circle."""
+    moves = ",".join(name for name, way in run.commands.items() if np.ptp(way) > 0.0)
+    return f"{_instrument(run, campaign)} {moves} {_direction(run, campaign)}"
 
 
 def _feeds(campaign: Campaign) -> dict[str, str]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from symfive.design import Discrimination
 from symfive.diagnose._detect import Detection
+from symfive.diagnose._hold_out import WORSE, HoldOut
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._places import Interval
 from symfive.diagnose._words import coordinate_words, facts_of, named
@@ -28,8 +29,8 @@ __all__ = [
 
 SCHEMA = "symfive.diagnosis/1"
 Array = NDArray[np.float64]
-WORSE, BEYOND = 0.01, 1.5
-"""Held-out readings predicted worse by this share are told (less may be chance), and so many times worse than fitted ones."""
+BEYOND = 1.5
+"""Held-out readings predicted so many times worse than fitted ones are told."""
 EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
 SHOWN_SHARE = 0.01
@@ -205,7 +206,7 @@ class Fit:
 class Diagnosis(OnScreen):
     """Result of `diagnose`. `p_value` bounds how often a clean campaign looks as far from clean; `before` and `after` are the
     identifications without and with the findings, `detection` and `location` what was seen before any name, `remaining` the
-    same tests on what is left."""
+    same tests on what is left; `hold_out` what the findings are worth on readings that were held out of all of these."""
 
     p_value: float
     noise_um: float
@@ -217,6 +218,7 @@ class Diagnosis(OnScreen):
     before: Identification
     after: Identification
     false_alarms: float = 0.01
+    hold_out: HoldOut | None = None
 
     @property
     def unnamed(self) -> tuple[str, ...]:
@@ -256,6 +258,7 @@ class Diagnosis(OnScreen):
                     what: {"rms_before_um": b, "rms_after_um": a} for what, (b, a) in self.fit.heldout_by.items()
                 },
             },
+            "hold_out": None if self.hold_out is None else self.hold_out.to_data(self.after.unit),
             "outliers": {"before": _excluded(self.before), "after": _excluded(self.after)},
             "tests": [
                 {"test": t.name, "statistic": t.statistic, "dof": t.dof, "p_value": t.p_value, "says": t.says}
@@ -273,7 +276,7 @@ class Diagnosis(OnScreen):
     @property
     def letter(self) -> str:
         """The verdict in plain words, a sentence a finding."""
-        return self._warned(" ".join([self._letter(), *self.excluded]))
+        return self._warned(" ".join([self._letter(), *self.excluded, *self.proof]))
 
     def _letter(self) -> str:
         if self.mismatch:
@@ -327,6 +330,11 @@ class Diagnosis(OnScreen):
         return (f"Excluded outliers: {numbers} readings; without them rms {kept} {self.after.unit}.",)
 
     @property
+    def proof(self) -> tuple[str, ...]:
+        """What was withdrawn, and before → after of all readings, the fitted and the held-out ones; none without a hold-out."""
+        return () if self.hold_out is None else self.hold_out.sentences(self.after.unit)
+
+    @property
     def verdict(self) -> str:
         """One short sentence, behind a warning where the fit did not converge."""
         return self._warned(self._verdict())
@@ -356,7 +364,8 @@ class Diagnosis(OnScreen):
     def _quality(self) -> list[str]:
         fit, unit = self.fit, self.after.unit
         noise = plain_number(self.noise_um, unit)
-        lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit} (all readings), noise {noise} {unit}"]
+        which = "all readings" if self.hold_out is None else "fitted readings"
+        lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit} ({which}), noise {noise} {unit}"]
         lines += [line for said in self.excluded for line in wrapped("", said)]
         if self.geometry_share > SHOWN_SHARE:
             lines.append(
@@ -364,14 +373,16 @@ class Diagnosis(OnScreen):
             )
         if fit.heldout_rms_before_um is not None and fit.heldout_rms_after_um is not None:
             held = change(fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit)
-            lines.append(f"held-out runs: rms {held} {unit}")
+            lines.append(
+                f"runs left out in turn: rms {held} {unit}" if self.hold_out else f"held-out runs: rms {held} {unit}"
+            )
         ratio = change(fit.chi2_dof_before, fit.chi2_dof_after)
         lines.append(f"chi²/dof {ratio} to the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:
             lines.append(
                 "± is 1σ (k = 1) if the names are right; confidence: among the catalogue and unidentified effects"
             )
-        return lines
+        return [*lines, *(line for said in self.proof for line in wrapped("", said))]
 
 
 def wrapped(head: str, text: str) -> list[str]:

@@ -11,6 +11,7 @@ from symfive.effects._base import LINKS, STAGES, Effect
 from symfive.effects._form import AXIS, BALL, CARRIED, TOOL, Form, Scan, Tone, moving
 from symfive.effects._options import fits
 from symfive.effects._quantity import Quantity
+from symfive.effects.axis_growth import AxisGrowth
 from symfive.effects.backlash import Backlash
 from symfive.effects.bar_temperature import BarTemperature
 from symfive.effects.counterbalance import Counterbalance
@@ -72,6 +73,7 @@ _TABLE: tuple[type[Effect], ...] = (
     ForceFriction,
     SensorLowPass,
     SpindleGrowth,
+    AxisGrowth,
     BarTemperature,
     TableStep,
     Counterbalance,

@@ -1,12 +1,10 @@
-"""Scale error of a linear axis: positioning error growing with travel (ISO 230-2; ISO 230-3 for its growth)."""
+"""Scale error of a linear axis: positioning error growing with travel (ISO 230-2)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
-
-import casadi as ca
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Scan, Tone, moving
@@ -21,10 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleError(Effect):
-    """q → q + ppm·(q - at), `at` (mm) where the scale or screw is fixed.
+    """q → q + ppm·(q - at), `at` (mm) where the scale or screw is fixed. Typical 5–25 ppm.
 
-    With `growth` it is the thermal growth of a ball screw, ppm·(1 - exp(-t/time_constant_s))·(q - at) on the
-    campaign's clock. Typical 5–25 ppm; a steel screw grows by 11.5 ppm/K, 10–100 µm/h at its free end.
+    Effect `axis_growth` is one that comes as the axis warms up.
     """
 
     id = "scale_error"
@@ -34,12 +31,6 @@ class ScaleError(Effect):
     coordinate = "{axis}"
     needs_axis = True
     at: float = 0.0
-    growth: bool = False
-
-    @property
-    def over_time(self) -> bool:  # type: ignore[override]
-        """Whether it grows with time."""
-        return self.growth
 
     def prepare(self, campaign: Campaign) -> Self:
         super().prepare(campaign)
@@ -49,10 +40,10 @@ class ScaleError(Effect):
         for letter, part in zip("XYZ", axis.direction, strict=True):
             term = campaign.machine.errors.get(f"E{letter}{axis.name}")
             spans = term is not None and term.over == (axis.name,) and term.basis[0] in ("polynomial", "bspline")
-            if abs(part) > 0.999 and spans and not self.growth:
+            if abs(part) > 0.999 and spans:
                 raise InputError(
                     f"the baseline already varies the scale of {axis.name} with E{letter}{axis.name}",
-                    remedy="use growth = true for one that grows with time",
+                    remedy="use axis_growth for one that comes with time",
                 )
         return self
 
@@ -61,13 +52,8 @@ class ScaleError(Effect):
         yield from (Form(effect=cls(axis=axis)) for axis in moving(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        scale = self.own("ppm", "ppm", 20.0)
-        if not self.growth:
-            return (scale,)
-        tau = 0.5 * self.clock_span(campaign)
-        return (scale, self.time_constant(tau))
+        return (self.own("ppm", "ppm", 20.0),)
 
     def apply(self, row: Row) -> None:
-        grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")) if self.growth else 1.0
         distance = row.signal(Position(str(self.axis))) - self.at
-        row.axis[str(self.axis)] += self.parameter(row, "ppm") * grown * distance
+        row.axis[str(self.axis)] += self.parameter(row, "ppm") * distance

@@ -71,6 +71,7 @@ class Watch:
         self._patterns = basis[self._candidates]
         self._sum, self._count = np.zeros((2, basis.shape[1], basis.shape[1]))
         self._pending: tuple[Array, Array] | None = None
+        self.first: int | None = None  # the visit at which the scatter was known
         self.forget()
 
     def forget(self) -> None:
@@ -109,6 +110,7 @@ class Watch:
         whiten, dof = self._whitening(seen)
         if dof < 1.0:
             return None
+        self.first = number if self.first is None else self.first
         x = whiten @ (step.error / step.spread)[seen]
         pattern = self._patterns[:, seen] / step.spread[seen]
         both = np.concatenate([pattern, pattern * step.kept[seen]]) @ whiten.T

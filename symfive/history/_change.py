@@ -91,6 +91,11 @@ class FindingChange:
         return f"{self.words[0].upper()}{self.words[1:]}: {', '.join(entries) or 'found both times'}"
 
 
+def _of(chance: float) -> str:
+    said = power_of_ten(chance)
+    return said if said.startswith(("about", "below")) else f"of {said}"
+
+
 def _size(finding: Finding | None) -> str:
     entries = finding.parameters.items() if finding is not None else ()
     said = [f"{name.replace('_', ' ')} {with_std(v, s, u)}" for name, (v, s, u) in entries]
@@ -133,8 +138,8 @@ class Change:
         if not self.rank:
             lines = [f"{head}: the two tests determine no common direction, so nothing can be compared."]
         elif self.changed:
-            noise = "its usual scatter" if self.learnt else "noise alone"
-            lines = [f"{head}: changed (chance {power_of_ten(self.chance)} that {noise} differs as much)."]
+            noise = "the usual scatter" if self.learnt else "noise"
+            lines = [f"{head}: changed ({noise} alone does as much with a probability {_of(self.chance)})."]
             lines += [f"  {cause_words(cause)}" for cause in self.causes]
         else:
             beyond = "the machine's usual scatter" if self.learnt else "the uncertainties"

@@ -32,7 +32,8 @@ class Trend:
     `come_back` the date (s) until which all tolerances hold with 95 %, None without tolerances; `horizon` the last date
     looked at; `rate` false alarms a year that the limits allow. `path` and `band` (n, k) are the level and its 1σ after each
     visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C;
-    `scatter` what it does from visit to visit, None before it is known; alarms begin with the visit number `begins`."""
+    `scatter` what it does from visit to visit, None before it is known; alarms can be raised from the visit
+    number `begins` (from 0) on, None while they cannot."""
 
     machine: MachineId
     visits: tuple[Visit, ...]
@@ -48,7 +49,8 @@ class Trend:
     come_back: float | None = None
     temperature: float = REFERENCE
     scatter: Scatter | None = None
-    begins: int = 0
+    begins: int | None = None
+    directions: int = 0
 
     @property
     def open_alarms(self) -> tuple[Alarm, ...]:
@@ -158,7 +160,8 @@ def trend_of(
         determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(watched.alarms),
         forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon,
         come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
-        scatter=_scatter(watched.filter, watched.watch, readings, said), begins=readings.basis.shape[1] + 3,
+        scatter=_scatter(watched.filter, watched.watch, readings, said), begins=watched.watch.first,
+        directions=readings.basis.shape[1],
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What the data cannot tell apart, decided by noise and prior alone, and said by name.
+"""Combinations of parameters that the data cannot separate, by noise and prior alone, with their names.
 
 In units of the prior (x = θ/σ_prior) the data's information has eigenvalues λ. A direction with λ < 1 has learnt less
 from the data than was known before: its posterior variance is more than half its prior variance. The number of the

@@ -66,13 +66,13 @@ def _settled(here: Expansion, candidates: Candidates, progress: Progress, before
         progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
         now = been[here.keys] = _Round.at(here, candidates, progress)
         better = (now.exact(subset) for subset in _ahead(now.posterior))
-        ahead = next((there for worth, there in better if worth > now.own and there.keys not in been), None)
+        ahead = next((there for gain, there in better if gain > 0.0 and there.keys not in been), None)
         if number == 0 and before is not None:
             now.exactly.update({subset: mass for subset, mass in before.exactly.items() if subset not in now.exactly})
         elif ahead is None:
             rivals = [each for each in map(now.exact, _rivals(now.posterior)) if each[1].keys not in been]
             best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
-            ahead = ahead if best > now.own else None
+            ahead = ahead if best > 0.0 else None
         if ahead is None or number == ROUNDS - 1:
             break
         here = settled(ahead)
@@ -97,13 +97,12 @@ def _agreed(now: _Round, been: Mapping[Keys, _Round]) -> _Round:
 
 @dataclass(frozen=True)
 class _Round:
-    """One expansion: its fit, the posterior about it, the log mass `own` of all subsets with the names that it holds, and
-    `exactly` the log mass of the subsets that were refitted; `leads`: by what a refit holds, how much better it is than what the
-    expansion holds, and its subset."""
+    """One expansion: its fit, the posterior about it, the log `mass` of what it holds, and `exactly` that of the subsets that
+    were refitted; `leads`: by what a refit holds, how much better it is than what the expansion holds, and its subset."""
 
     here: Expansion
     posterior: Posterior
-    own: float
+    mass: float
     candidates: Candidates
     progress: Progress
     exactly: dict[Subset, float] = field(default_factory=dict)
@@ -115,17 +114,21 @@ class _Round:
         moments = moments_about(here, candidates)
         held = held_by(moments)
         posterior = explore(moments, range(moments.held))
-        return cls(here, posterior, posterior.worth(held, evidence + log_prior(moments, held)), candidates, progress)
+        return cls(here, posterior, evidence + log_prior(moments, held), candidates, progress)
 
     def exact(self, subset: Subset) -> tuple[float, Expansion]:
-        """The log mass of all subsets of its names by an exact refit of one in its best shapes, and that fit."""
+        """By how many nats an exact refit of a subset, in its best shapes, is better than what the expansion holds, and that
+        fit: all subsets of its names together; of the same names, forms of them, that subset alone."""
         known = {form.effect.key for form in self.here.held}
         there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
         mass = self.exactly[subset] = evidence + log_prior(self.posterior.moments, subset)
-        worth = self.posterior.worth(subset, mass)
-        self.leads[there.keys] = worth - self.own, subset
-        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {worth - self.own:+.1f} nats")
-        return worth, there
+        held = held_by(self.posterior.moments)
+        gain = mass - self.mass
+        if self.posterior.named(subset) != self.posterior.named(held):
+            gain = self.posterior.worth(subset, mass) - self.posterior.worth(held, self.mass)
+        self.leads[there.keys] = gain, subset
+        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {gain:+.1f} nats")
+        return gain, there
 
 
 def _ahead(posterior: Posterior) -> Iterator[Subset]:
@@ -184,13 +187,13 @@ def _rivals(posterior: Posterior) -> list[Subset]:
 
 
 def _clear(posterior: Posterior, best: Subset) -> Subset:
-    """The members of a subset that stand out, of several over one coordinate the clearest; what the linear model needs beside
-    them, relinearising or another shape may explain."""
+    """The members of a subset that stand out, of several new ones over one coordinate the clearest; what the linear model needs
+    beside it, relinearising or another shape may explain."""
     mass, _ = weighed(posterior.moments, best)
     gains = {m: mass - weighed(posterior.moments, tuple(o for o in best if o != m))[0] for m in best}
     terms, kept = posterior.moments.terms, list[Member]()
     for member in sorted(best, key=lambda m: (m[0] >= posterior.moments.held, -gains[m])):
-        covered = {terms[t].covers for t, _ in kept} - {("", "")}
+        covered = {terms[t].covers for t, _ in kept if t >= posterior.moments.held} - {("", "")}
         if (
             not kept
             or member[0] < posterior.moments.held

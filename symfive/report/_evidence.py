@@ -20,15 +20,17 @@ MOST_GAPS = 500
 def fit_table(diagnosis: Diagnosis) -> str:
     """rms, χ²/dof and held-out runs, before and after, each against what noise alone would give."""
     fit, noise, unit = diagnosis.fit, diagnosis.noise_um, diagnosis.after.unit
-    before, after = diagnosis.before, diagnosis.after
+    before, after, held = diagnosis.before, diagnosis.after, diagnosis.hold_out
     aim = plain_number(noise, unit)
     band = expected_ratio(after.dof).removeprefix("noise alone gives ")
     lines: list[tuple[str, float | None, float | None, str, str]] = [
-        ("residual RMS of all readings", fit.rms_before_um, fit.rms_after_um, unit, aim),
+        (f"residual RMS of {'all readings' if held is None else 'the fitted part'}", fit.rms_before_um, fit.rms_after_um, unit,
+         aim),
         ("residual RMS of held-out runs (each run in turn)", fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit,
          aim),
         *((f"residual RMS, each {what} held out in turn", b, a, unit, aim)
           for what, (b, a) in fit.heldout_by.items()),
+        *([] if held is None else [(f"residual RMS of what no fit has seen ({held.label})", *held.rms["held_out"], unit, aim)]),
         ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", band),
         ("χ²/dof against the estimated noise", before.chi2_dof_whitened, after.chi2_dof_whitened, "", band),
         ("parameters", len(before.parameters), len(after.parameters), "", ""),

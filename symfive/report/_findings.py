@@ -30,6 +30,8 @@ def _next_step(diagnosis: Diagnosis) -> str:
         return "use model.json: its correction holds, but the cause is not unique"
     if diagnosis.doubts:
         return "record further runs and diagnose all together (--with) before you act on these findings"
+    if diagnosis.findings and diagnosis.hold_out is not None:
+        return "the findings stand on readings that no fit has seen: diagnose all readings for the final values"
     if diagnosis.findings:
         return "the corrected model is model.json; check it on a run that was not used here (symfive predict)"
     if diagnosis.noise_ratio > EXPLAINED:

@@ -11,7 +11,7 @@ __all__ = ["identification_text"]
 
 
 def identification_text(identification: Identification) -> str:
-    """The verdict, value ± 1σ of the machine's parameters, fit, what the readings cannot tell apart, and what correcting each
+    """The verdict, value ± 1σ of the machine's parameters, fit, what the readings cannot separate, and what correcting each
     location error is worth."""
     rows = [("parameter", "value", "1σ", "unit", "prior 1σ")]
     rows += [

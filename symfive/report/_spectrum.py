@@ -50,7 +50,7 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
     Columns of one instrument are added in squares; a long recording's spectrum is the mean of those of a few stretches (P. D.
     Welch 1967). The dashed line is what white noise of the declared size passes somewhere in one of a hundred spectra: peaks
     above it are real. Frequency: Hann window, one-sided amplitude. Order: least squares at whole orders of the circle's angle, or
-    of the axis that turns by a whole turn, as many as the angles tell apart. Raises `InputError` where no run is long enough.
+    of the axis that turns by a whole turn, as many as the angles resolve. Raises `InputError` where no run is long enough.
     """
     groups: dict[tuple[str, str], list[Trace]] = {}
     for trace in traces_of(identification, runs):

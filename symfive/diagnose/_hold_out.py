@@ -1,0 +1,184 @@
+"""Hold out: what findings are worth on readings that no fit has seen, and those that do not stand it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Campaign
+from symfive.diagnose._split import Split
+from symfive.diagnose._words import coordinate_words, named
+from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.identify import Identification
+from symfive.inference import Problem, gauss_newton
+from symfive.model import Model
+from symfive.numbers import change, unit_words
+from symfive.posterior import Expansion, fitted
+from symfive.threads import one_thread
+
+__all__ = ["WORSE", "HoldOut", "Withdrawn", "held_out", "held_out_square", "root", "withdraw"]
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.bool_]
+TOLERANCE = 1e-2
+"""Share of its 1σ by which no set-up error moves any more."""
+WORSE = 0.01
+"""A held-out part counts as worse by this share; less may be chance."""
+PARTS = {"all": "of all readings", "fitted": "of the fitted part", "held_out": "of the held-out part"}
+
+
+@dataclass(frozen=True)
+class Withdrawn:
+    """An effect that the fitted part shows, and with which the held-out part is predicted worse: rms without and with it."""
+
+    effect: Effect
+    rms_without_um: float
+    rms_with_um: float
+
+    @property
+    def words(self) -> str:
+        """The effect and its axis."""
+        if self.effect.nameless:
+            return f"unidentified effect over {coordinate_words(self.effect.coordinate)}"
+        return named(self.effect.vocabulary, self.effect.belongs_to)
+
+
+@dataclass(frozen=True)
+class HoldOut:
+    """How readings that no fit has seen are predicted. `label` says what was held out, `readings` how many there are and `rms`
+    (before, after) by part: `all`, `fitted`, `held_out`. `withdrawn` are the effects that did not stand it, in order."""
+
+    label: str
+    readings: Mapping[str, int]
+    rms: Mapping[str, tuple[float, float]]
+    withdrawn: tuple[Withdrawn, ...] = ()
+
+    def sentences(self, unit: str) -> tuple[str, ...]:
+        """What was withdrawn and why; at last before → after of each part."""
+        gone = [
+            f"Withdrawn: {w.words} predicted {self.label} worse, {change(w.rms_without_um, w.rms_with_um, unit)} {unit}."
+            for w in self.withdrawn
+        ]
+        sizes = [f"{words} {change(*self.rms[part], unit)} {unit}" for part, words in PARTS.items()]
+        share = f"{self.readings['held_out']} of {self.readings['all']} readings"
+        return (*gone, f"Held out: {self.label} ({share}); rms {', '.join(sizes)}.")
+
+    def to_data(self, unit: str) -> dict[str, Any]:
+        """`hold_out` of diagnosis.json."""
+        return {
+            "held_out": self.label,
+            "readings": dict(self.readings),
+            "rms_before_um": {part: before for part, (before, _) in self.rms.items()},
+            "rms_after_um": {part: after for part, (_, after) in self.rms.items()},
+            "withdrawn": [
+                {
+                    "effect": w.effect.vocabulary, "axis": w.effect.belongs_to, "form": w.effect.key,
+                    "heldout_rms_without_um": w.rms_without_um, "heldout_rms_with_um": w.rms_with_um,
+                }
+                for w in self.withdrawn
+            ],
+            "says": " ".join(self.sentences(unit)),
+        }  # fmt: skip
+
+
+def held_out_square(fit: Identification, campaign: Campaign, split: Split, unit: str) -> tuple[float, int]:
+    """Sum of squares, in `unit`, of the campaign's readings that the split holds out, and how many they are.
+
+    `fit` has learnt from the rest. A run of which it knows nothing has its own zeros and set-up fitted, nothing else: so the
+    machine is predicted, not where the instrument stood. A run of which a part was fitted keeps its set-up. Outliers count.
+    """
+    learnt = {run.id: split.learn(run) for run in campaign.runs}
+    model = fit.model if fit.model.campaign is campaign else Model(campaign, fit.model.added)
+    values = model.vector({name: value for name, value in fit.named.items() if name in model.index})
+    strange = [id for id, rows in learnt.items() if not rows.any()]
+    if strange:
+        own = _set_up(model, model.named(values), strange)
+        values = model.vector(model.named(values) | own)
+    return _square(model, values, {id: ~rows for id, rows in learnt.items()}, unit)
+
+
+def _square(model: Model, values: Array, which: Mapping[str, Rows], unit: str) -> tuple[float, int]:
+    """Sum of squares of the residuals of some rows of each run, in a unit, and how many there are."""
+    problem, square, count = Problem.of(model), 0.0, 0
+    for run in model.campaign.runs:
+        columns = model.columns(run)
+        sensed = (k for _, part in problem.parts(run) for k in range(*part.indices(len(columns))))
+        shown = [k for k in sensed if columns[k].unit == unit]
+        if which[run.id].any() and shown:
+            residual = (model.readings(run) - model.predict_run(run, values))[which[run.id]][:, shown]
+            square, count = square + float(np.sum(residual**2)), count + residual.size
+    return square, count
+
+
+def _set_up(model: Model, known: Mapping[str, float], strange: Sequence[str]) -> dict[str, float]:
+    """Zeros, set-up errors and states at the start of some runs, fitted on their own readings; all else is known."""
+    campaign = model.campaign.select(*strange)
+    part = Model(campaign, [e for e in model.added if any(map(e.applies, campaign.runs))])
+    problem = Problem.of(part)
+    problem.free = np.array([p.run in strange for p in part.parameters])
+    values = part.vector({name: value for name, value in known.items() if name in part.index})
+    if problem.free.any():
+        values, _ = gauss_newton(problem, values, TOLERANCE)
+        if problem.flag_outliers(problem.survey(values)):
+            values, _ = gauss_newton(problem, values, TOLERANCE)
+    return {p.name: float(v) for p, v in zip(part.parameters, values, strict=True) if p.run in strange}
+
+
+@one_thread
+def withdraw(here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansion, tuple[Withdrawn, ...]]:
+    """The fit without the effects that make the held-out part of the campaign worse, one after the other, the worst first; all
+    else is identified anew each time. Raises `InputError` where no held-out reading has the unit of the fit's."""
+    unit, gone = here.fit.file_unit, list[Withdrawn]()
+
+    def rms(fit: Identification) -> float:
+        return root(*held_out_square(fit, campaign, split, unit))
+
+    if not held_out_square(here.fit, campaign, split, unit)[1]:
+        problem = f"nothing that is held out reads in {unit_words(unit)}, as what is fitted does"
+        raise InputError(problem, remedy="hold out runs of the same instrument")
+    now = rms(here.fit)
+    while here.held:
+        others = [_lacking(here, form.effect) for form in here.held]
+        sizes = [rms(other.fit) for other in others]
+        least = int(np.argmin(sizes))
+        if now <= (1.0 + WORSE) * sizes[least]:
+            break
+        gone.append(Withdrawn(here.held[least].effect, sizes[least], now))
+        here, now = others[least], sizes[least]
+    return here, tuple(gone)
+
+
+def held_out(
+    before: Identification,
+    after: Identification,
+    campaign: Campaign,
+    split: Split,
+    withdrawn: tuple[Withdrawn, ...] = (),
+) -> HoldOut:
+    """Before → after over the fitted part, of which the two fits are, over the held-out part and over all."""
+    unit, fits = after.file_unit, (before, after)
+    whole = {run.id: np.ones(run.rows, dtype=bool) for run in after.model.campaign.runs}
+    learnt = [_square(fit.model, fit.values, whole, unit) for fit in fits]
+    held = [held_out_square(fit, campaign, split, unit) for fit in fits]
+    every = [(a + b, n + m) for (a, n), (b, m) in zip(learnt, held, strict=True)]
+    squares = dict(zip(PARTS, (every, learnt, held), strict=True))
+    rms = {part: (root(*first), root(*last)) for part, (first, last) in squares.items()}
+    return HoldOut(split.label, {part: last[1] for part, (_, last) in squares.items()}, rms, withdrawn)
+
+
+def _lacking(here: Expansion, effect: Effect) -> Expansion:
+    """The fit without an effect, under the same noise and without the same outliers."""
+    kept = tuple(form for form in here.held if form.effect.key != effect.key)
+    model = Model(here.fit.model.campaign, [form.effect for form in kept])
+    fit = fitted(model, [here.fit.named], here.node, here.kappa2, here.fit)
+    return Expansion(fit, kept, here.node, here.kappa2)
+
+
+def root(square: float, count: int) -> float:
+    """Root mean square of a sum of squares; NaN of nothing."""
+    return float(np.sqrt(square / count)) if count else float("nan")

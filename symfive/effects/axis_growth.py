@@ -1,0 +1,91 @@
+"""Growth of a linear axis as its screw or scale warms up: a scale error that comes with time (ISO 230-3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
+
+import casadi as ca
+import numpy as np
+
+from symfive.effects._base import Effect
+from symfive.effects._form import Form, Scan, Tone, moving
+from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.errors import InputError
+from symfive.motion import Position
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.row import Row
+    from symfive.runs import Campaign
+
+SHAPES = ("exponential", "linear")
+PPM = 20.0
+"""1σ of the growth: a steel screw (11.5 ppm/K) that is some two kelvins warmer than its scale."""
+UM_PER_PPM_MM = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisGrowth(Effect):
+    """q → q + (growth·q + shift)·g(t), t on the campaign's clock.
+
+    `shape`: `exponential`, g = 1 - exp(-t/time_constant_s); `linear`, g = t/span_s, of which only the first part is seen and
+    `span_s` is how long the campaign runs. A screw or scale grows away from where it is held, at q = -shift/growth, wherever that
+    is. Typical 10–100 µm/h at the free end of a steel screw, τ of 5–60 min.
+    """
+
+    id = "axis_growth"
+    stage = "axis"
+    over_time = True
+    says = "the axis grows as its screw or scale warms up"
+    hidden_by = "a drift of the tool along the axis, where all positions are close together; the other axes' growth in a ball bar"
+    coordinate = "{axis}, t"
+    reported_as = "thermal_drift"
+    needs_axis = True
+    shape: str = "exponential"
+    span_s: float = 0.0
+
+    def prepare(self, campaign: Campaign) -> Self:
+        self.choose("shape", SHAPES)
+        effect = super().prepare(campaign)
+        if self.its_axis(campaign).rotary:
+            raise InputError(f"{self.key}: a rotary axis does not grow along its way", remedy="use thermal_drift")
+        if not 0.0 <= self.span_s < math.inf:
+            raise InputError(
+                f"{self.key}: span_s = {self.span_s} is no time", remedy="write span_s = …, in s, or leave it out"
+            )
+        if self.shape != "linear":
+            return replace(effect, span_s=0.0)
+        return replace(effect, span_s=self.span_s or self.clock_span(campaign))
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        for axis in moving(campaign):
+            yield Form(effect=cls(axis=axis), shapes=(cls(axis=axis, shape="linear"),))
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        farthest = max(map(abs, self.its_axis(campaign).travel))
+        found = (self.own("growth", "ppm", PPM), self.own("shift", "um", PPM * farthest * UM_PER_PPM_MM))
+        return found if self.shape == "linear" else (*found, self.time_constant(0.5 * self.clock_span(campaign)))
+
+    def apply(self, row: Row) -> None:
+        axis = str(self.axis)
+        grown: Any = row.clock / self.span_s if self.shape == "linear" else self._rise(row)
+        far = self.parameter(row, "growth") * row.signal(Position(axis)) + self.parameter(row, "shift")
+        row.axis[axis] += far * grown
+
+    def _rise(self, row: Row) -> Any:
+        return 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s"))
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """Its parameters, and `reached`, the growth at the end of the campaign: well known where growth and time constant are
+        not, because only the first part of the rise was seen."""
+        end, names = self.clock_span(campaign), [p.name for p in self.parameters(campaign)]
+
+        def reached(p: Any) -> list[float]:
+            return [float(p[0] * (end / self.span_s if self.shape == "linear" else 1.0 - np.exp(-end / p[2])))]
+
+        (value,), (std,) = propagate(reached, names, values, covariance)
+        return {**super().describe(campaign, values, covariance), "reached": Quantity(float(value), float(std), "ppm")}
