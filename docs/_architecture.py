@@ -18,7 +18,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
     "campaigns": ("campaign", "plausible", "circles", "convert", "procedures", "importers"),
     "model": ("model", "given", "check", "simulate"),
     "verbs": ("inference", "identify", "nc", "drawing", "design", "codegen", "standards", "worth", "posterior", "diagnose"),
-    "results": ("report", "results", "fleet", "symfive", "cli"),
+    "results": ("report", "results", "fleet", "history", "symfive", "cli"),
 }  # fmt: skip
 """A package imports those of lower layers and those that stand before it in its own; `symfive` is the package's face."""
 

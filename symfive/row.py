@@ -10,7 +10,7 @@ import casadi as ca
 
 from symfive.kinematics import Pose, ball_in_workpiece, chain_poses
 from symfive.machine import Machine
-from symfive.motion import Signal
+from symfive.motion import Signal, SpindleAngle
 from symfive.runs import Column
 
 __all__ = ["Row"]
@@ -55,7 +55,7 @@ class Row:
         self._parameters = parameters
         self._constants = constants
         self.table_ball = self.vector("table_ball") + self._setup("table_ball")
-        self.tool_ball = self.vector("tool_ball") + self._setup("tool_ball")
+        self.tool_ball = self.vector("tool_ball") + self._turned(self._setup("tool_ball"))
 
     def signal(self, signal: Signal) -> Symbol:
         """The value of a signal that the effect or instrument has declared."""
@@ -79,6 +79,14 @@ class Row:
 
     def _setup(self, name: str) -> Symbol:
         return ca.vertcat(*(self._parameters.get(f"setup.{name}.{c}", ca.SX(0)) for c in "xyz"))
+
+    def _turned(self, offset: Symbol) -> Symbol:
+        """An offset of what the spindle holds, in the tool frame, by the spindle's angle; z is its axis."""
+        angle = self._signals.get(SpindleAngle())
+        if angle is None:
+            return offset
+        c, s = ca.cos(angle), ca.sin(angle)
+        return ca.vertcat(c * offset[0] - s * offset[1], s * offset[0] + c * offset[1], offset[2])
 
     def add_motion(self, name: str, value: Symbol) -> None:
         """Add to an error motion (mm or rad)."""

@@ -14,7 +14,8 @@ from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.design import circle_information, plan_circles
-from symfive.design._circles import typical_values
+from symfive.design._circle_words import list_end_words
+from symfive.design._circles import Circle, typical_values
 from symfive.design._moved_run import MovedRun
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs, make_path
 from symfive.design._sheet import Sheet, setup_sheet
@@ -287,3 +288,23 @@ def test_a_circle_along_which_bodies_meet_gives_way_to_another(tmp_path: Path) -
     with pytest.raises(InputError, match="no circle can be run: run yz-ccw: bar and cup along the recording"):
         plan_circles(machine, [make_effect("backlash", "Z")], family="planar", count=1, radii=(50.0,), planes=("YZ",),
                      feeds=(1000.0,), rate_hz=20.0, refine=False)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("feed", "said"),
+    [
+        (500.0, "feed 500 mm/min is the smallest offered"),
+        (1999.9, "feed 2000 mm/min is the largest offered"),
+        (900.0, ""),
+    ],
+)
+def test_a_circle_at_the_end_of_its_list_is_said(feed: float, said: str) -> None:
+    """The radius was not a choice, so its only value is no end."""
+
+    def shape(value: float) -> CircleShape:
+        values = {"ratio": 0.9, "radius": 50.0, "feed": value, "height": 80.0}
+        return CircleShape(family="synchronous", direction="both", values=values)
+
+    circle = Circle(shape(feed), (), np.eye(1), (), {})
+    notes = list_end_words([circle], [shape(500.0), shape(2000.0)])
+    assert [note.startswith(said) for note in notes] == [True] * bool(said)

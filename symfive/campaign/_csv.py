@@ -21,6 +21,9 @@ from symfive.separated import LARGEST, SIGNS, Marks, cells_of, sign_of
 __all__ = ["read_columns", "write_columns"]
 
 Array = NDArray[np.float64]
+SPINDLE = "spindle_deg"
+"""The column that says how far the spindle is turned; a file may leave it out."""
+
 MOST_GAPS = 20
 _UNITS = ("_mm", "_deg", "_um", "_urad", "_s", "_N", "_Nm", "_rad", "_m", "_ms")
 
@@ -30,8 +33,10 @@ WRITTEN_ROWS = 1 << 14
 
 def read_columns(
     path: Path, machine: Machine, readings: tuple[str, ...], *, dynamic: bool = False
-) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    """Time, commands and readings of a CSV. `readings` are the columns that the run's instruments write.
+) -> tuple[Array, dict[str, Array], dict[str, Array], Array | None]:
+    """Time, commands, readings and spindle angles (None where no column has them) of a CSV.
+
+    `readings` are the columns that the run's instruments write.
 
     Semicolons or tabs may separate the columns instead of commas; a comma in a cell is then a decimal comma.
     Either all reading columns are there or none (a plan). Columns of files above `BLOCK_BYTES` lie on disk.
@@ -63,7 +68,8 @@ def read_columns(
     if dynamic:
         clock.check_pauses()
     column = dict(zip(header, columns, strict=True))
-    return column["t_s"], {a: column[name] for name, a in commands.items()}, {name: column[name] for name in measured}
+    moved = {a: column[name] for name, a in commands.items()}
+    return column["t_s"], moved, {name: column[name] for name in measured}, column.get(SPINDLE)
 
 
 def _turned(tables: Iterator[Array]) -> Array | None:
@@ -88,7 +94,7 @@ def _check_header(
             )
         if header.index(name) != i:
             raise InputError(f"column {shown(name)} stands twice", path=path, line=1, column=i + 1, remedy="remove one")
-        if name not in expected:
+        if name not in (*expected, SPINDLE):
             raise _unknown_column(path, header, i, expected)
     for name in ("t_s", *commands):
         if name not in header:
@@ -218,8 +224,9 @@ class _Clock:
 
 def write_columns(path: Path, run: Run, machine: Machine, *, to_edit: bool = False) -> None:
     """Write a run's CSV, whole or not at all; numbers in the shortest form that reads back exactly."""
-    names = ["t_s", *(machine.axes[a].column for a in machine.axis_names), *run.readings]
-    columns = [run.time, *(run.commands[a] for a in machine.axis_names), *run.readings.values()]
+    turned = {} if run.spindle is None else {SPINDLE: run.spindle}
+    names = ["t_s", *(machine.axes[a].column for a in machine.axis_names), *turned, *run.readings]
+    columns = [run.time, *(run.commands[a] for a in machine.axis_names), *turned.values(), *run.readings.values()]
 
     def parts() -> Iterator[bytes]:
         yield (",".join(names) + "\n").encode()

@@ -23,7 +23,9 @@ __all__ = ["SCHEMA", "campaign_problems", "read_campaign", "write_campaign", "wr
 
 SCHEMA = "symfive.campaign/1"
 _TOP = ("schema", "machine", "run", "name")
-_FIELDS = {f.name for f in fields(Run)} - {"options", "time", "commands", "readings", "instrument", "setup_sigma_um"}
+_FIELDS = {f.name for f in fields(Run)} - {
+    "options", "time", "commands", "readings", "instrument", "setup_sigma_um", "spindle",
+}  # fmt: skip
 _KEYS = (*sorted(_FIELDS), *OPTIONS, "instrument", "setup_sigma_um")
 
 
@@ -156,8 +158,8 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
 
 def _with_columns(folder: Path, draft: Run, machine: Machine) -> Run:
     columns = tuple(c.name for instrument in instruments_of(draft) for c in instrument.columns(draft, machine))
-    time, commands, readings = read_columns(folder / draft.file, machine, columns, dynamic=draft.dynamic)
-    return replace(draft, time=time, commands=commands, readings=readings)
+    time, commands, readings, spindle = read_columns(folder / draft.file, machine, columns, dynamic=draft.dynamic)
+    return replace(draft, time=time, commands=commands, readings=readings, spindle=spindle)
 
 
 def _tuple(value: Any) -> Any:
@@ -192,6 +194,8 @@ def _run_table(run: Run) -> dict[str, Any]:
         table["setup_sigma_um"]["length"] = sigma.length
     if sigma.plate:
         table["setup_sigma_um"]["plate"] = sigma.plate
+    known = {"tool_length": sigma.tool_length, "zero": sigma.zero}
+    table["setup_sigma_um"] |= {key: value for key, value in known.items() if value is not None}
     table["setup_sigma_um"] |= dict(sigma.extra)
     return {**table, **dict(run.options)}
 

@@ -29,6 +29,7 @@ from symfive.cli._common import (
 )
 
 if TYPE_CHECKING:
+    from symfive.campaign import SetupSigma
     from symfive.effects import Effect
     from symfive.machine import Machine
 
@@ -75,6 +76,16 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--repeats", type=COUNT, default=1, help="Readings of each pose.")
 @click.option("--returns", type=COUNT, default=2, help="Visits back to the first pose of a run, against drift.")
 @click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
+@click.option("--tool-ball-sigma", type=POSITIVE, help="1σ of the tool ball across the spindle's axis, µm (usual: 20).")
+@click.option(
+    "--tool-length-sigma", type=POSITIVE, help="1σ of the tool ball along the spindle's axis, µm (usual: as across)."
+)
+@click.option("--table-ball-sigma", type=POSITIVE, help="1σ of the table ball's or sphere's place, µm (usual: 20).")
+@click.option(
+    "--zero-sigma", type=POSITIVE, help="1σ of an R-test nest's place in the workpiece frame, µm (usual: unknown)."
+)
+@click.option("--bar-length-sigma", type=POSITIVE, help="1σ of the bar's length, µm (usual: 0.5).")
+@click.option("--index", is_flag=True, help="Read the first pose of a run with the spindle at 0° and 180° (R-test).")
 @click.option("--survive", is_flag=True, help="Remain good if any one pose is lost.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
 @click.option(
@@ -131,6 +142,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 )
 @click.option("--sphere-radius", type=POSITIVE, default=12.5, help="Of a touch probe's sphere, mm.")
 @click.option("--tip-radius", type=POSITIVE, default=3.0, help="Of a touch probe's tip, mm.")
+@click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds.")
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: only this one.")
@@ -154,6 +166,12 @@ def plan(
     repeats: int,
     returns: int,
     noise_um: float,
+    tool_ball_sigma: float | None,
+    tool_length_sigma: float | None,
+    table_ball_sigma: float | None,
+    zero_sigma: float | None,
+    bar_length_sigma: float | None,
+    index: bool,
     survive: bool,
     robust: str,
     circles: str | None,
@@ -174,6 +192,7 @@ def plan(
     frame: str,
     sphere_radius: float,
     tip_radius: float,
+    no_proof: bool,
     starts: int,
     seed: int,
     workers: int,
@@ -183,7 +202,7 @@ def plan(
     quiet: bool,
 ) -> None:
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
-    from symfive.design import circular_test, plan_circles
+    from symfive.design import FEEDS, circular_test, plan_circles
     from symfive.design import plan as make_plan
     from symfive.executors import executor
     from symfive.given import machine_given
@@ -217,18 +236,30 @@ def plan(
             result = plan_circles(
                 data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
                 per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data), planes=planes or ("XY",),
-                feeds=feeds or (500.0, 1000.0),
+                feeds=feeds or FEEDS,
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:
                 result = make_plan(
                     data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
                     setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um, frame=frame,
-                    survive=survive, robust=robust, starts=starts, seed=seed, for_=names,
+                    setup_sigma=_setup_sigma(
+                        tool_ball=tool_ball_sigma, tool_length=tool_length_sigma, table_ball=table_ball_sigma,
+                        zero=zero_sigma, length=bar_length_sigma,
+                    ),
+                    index=index, survive=survive, robust=robust, prove=not no_proof, starts=starts, seed=seed, for_=names,
                     given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
         result.write(folder, nc=dialects, post=post)
     tell(result.to_data(), str(result), as_json)
+
+
+def _setup_sigma(**given: float | None) -> SetupSigma:
+    """Set-up errors as they were given, the others as usual."""
+    from symfive.campaign import SetupSigma
+
+    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    return SetupSigma(**chosen)
 
 
 def _rotary(machine: Machine, names: str) -> tuple[str, ...]:

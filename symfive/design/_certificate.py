@@ -3,11 +3,11 @@
 Column generation: the relaxed design on a growing list of poses gives G; a global search over all poses for the largest
 ⟨G, F(pose)⟩ gives the Kiefer–Wolfowitz bound (see `_relaxed`) and the pose to add, until bound and value meet.
 
-How rigorous: with two rotary axes (an R-test) and readings that are trigonometric polynomials in them (location errors and
-Fourier error motions), ⟨G, F⟩ is one too; its degrees are read off its discrete Fourier transform, and S. Bernstein's
-inequality |∂²φ/∂v²| ≤ (Σ dₖ|vₖ|)² max|φ| bounds it in a box, so branch and bound covers every pose. Rounding errors of
-double precision apart that is a proof for the plan's own set-ups. Elsewhere (ball bars: four dimensions; polynomial error
-motions) it is a dense search with local refinement and no proof; `rigour` says which.
+How rigorous: branch and bound (`_proof`) covers every pose of the plan's own set-ups, four dimensions of a ball bar included,
+wherever the readings are smooth polynomials of the angles: location errors, Fourier error motions of rotary axes,
+polynomial ones of all axes. A pose met on the way that tells more than the search had found joins the relaxed design. Apart from
+rounding errors of double precision that is a proof. Elsewhere (B-splines, Fourier error motions of linear axes) the search stands
+alone; `rigour` says which.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
+from symfive.design._proof import largest_told
 from symfive.design._refine import Rows
 from symfive.design._relaxed import Relaxed, best_told, relax
 from symfive.design._search import COARSE, Search
@@ -34,6 +35,18 @@ KEPT, FIRST, PATIENCE = 1e-5, 1000, 4
 SUPPORT = 1e-4
 PROOF = 0.5
 LEAST_WEIGHT = 0.01
+WEAK = 0.9
+"""Efficiency below which a plan says why."""
+COARSE_TO_FINE = (3.0, 1.0, 1.0)
+"""How sharp the proofs are one after the other. Each may find poses that the search has missed; they join the relaxed design."""
+SEARCHED = (
+    f"a search from {COARSE} quasi-random poses, edges and corners, refined from the best and from the relaxed design's own: "
+    "numerically global, not proved"
+)
+PROVED = (
+    "branch and bound over all poses of the set-ups with bounds of the third derivatives; a cell counts unless a limit excludes "
+    "all of it; double precision"
+)
 SHARP = 0.1
 """Share of the distance between plan and relaxed design to which the bound is made tight; nothing is gained by more."""
 
@@ -58,6 +71,18 @@ class Certificate:
     def proved(self) -> bool:
         """Whether branch and bound covered every pose of the set-ups."""
         return self.rigour.startswith("branch and bound")
+
+    @property
+    def why_low(self) -> str:
+        """Where an efficiency below `WEAK` comes from, in one sentence; nothing above it."""
+        if self.efficiency >= WEAK:
+            return ""
+        whole, slack = (1.0 - math.exp(x) for x in (self.relaxed - self.value, self.bound - self.relaxed))
+        return (
+            f"certified below {WEAK:g}: weights on poses in the same set-ups would lower the variance by {100.0 * whole:.0f} %, "
+            f"which {self.points} whole poses cannot share out so, and the bound itself may be {100.0 * slack:.1f} % too low; "
+            "more poses raise the certificate"
+        )
 
     @property
     def says(self) -> str:
@@ -92,40 +117,63 @@ class Generated:
         return self.columns.take(np.flatnonzero(self.relaxed.weights > SUPPORT))
 
 
-def certify(space: Space, task: Task, rows: Rows, value: float | None = None, gap: float = GAP) -> Certificate:
-    """The certificate of a design `rows` with ψ = `value` (of its own rows, if None)."""
+def certify(
+    space: Space, task: Task, rows: Rows, value: float | None = None, gap: float = GAP, *, prove: bool = True
+) -> Certificate:
+    """The certificate of a design `rows` with ψ = `value` (of its own rows, if None); without `prove` by search alone."""
     points = len(rows.z)
     if value is None:
         value = task.value(task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups))
     found = generate(space, task, rows, gap, value=value)
-    bound = found.bound
-    rigour = (
-        f"a search from {COARSE} quasi-random poses, refined from the best and from the relaxed design's own: "
-        "numerically global, not proved"
-    )
-    proved = found.search.proved_largest(found.relaxed, PROOF * gap)
-    if proved is not None:
-        bound = _bound(task, found.relaxed, rows.groups, points, proved)
-        rigour = (
-            "branch and bound over all rotary positions with Bernstein's inequality; a cell counts unless a limit excludes all "
-            "of it; double precision"
-        )
+    bound, rigour = (-math.inf, PROVED) if prove else (found.bound, SEARCHED)
+    for times in COARSE_TO_FINE if prove else ():
+        slack = max(PROOF * gap, SHARP * (value - found.reached))
+        proved = _proved(space, task, rows, found, times * slack)
+        if proved is None:
+            bound, rigour = found.bound, SEARCHED
+            break
+        bound = max(bound, _bound(task, found.relaxed, rows.groups, points, proved[0]))
+        if proved[2] or found.reached - bound <= gap + 2.0 * slack:
+            break
+        found = generate(space, task, rows, gap, value=value, more=_joined(found.columns, proved[1]))
     efficiency = min(1.0, math.exp(bound - value))
     return Certificate(efficiency, value, bound, min(value, found.reached), rigour, found.rounds, points)
 
 
+def _proved(
+    space: Space, task: Task, rows: Rows, found: Generated, slack: float
+) -> tuple[float, Candidates, bool] | None:
+    """What no pose of the set-ups tells more than, no sharper than `slack`, poses that tell more than all that were found, and
+    whether cells ran out, so that nothing sharper can be had; None where nothing can be proved."""
+    top, climbed = found.search.largest(found.relaxed, found.columns)
+    layout, highest, better, exhausted = task.layout(rows.groups), 0.0, climbed, False
+    for g in range(rows.groups):
+        first = int(np.flatnonzero(rows.group == g)[0])
+        z, k = rows.z[first], rows.k[first]
+        told = largest_told(space, layout, found.relaxed.pull, z, k, g, top, slack)
+        if told is None:
+            return None
+        highest, n = max(highest, told.bound), len(told.better)
+        exhausted |= told.exhausted
+        some = np.concatenate([told.better, np.tile(z[rows.poses :], (n, 1))], axis=1)
+        lengths = np.tile(k, (n, 1))
+        better = _joined(better, Candidates(some, lengths, np.full(n, g), space.kernel.rows(some, lengths)))
+    return highest, better.take(np.arange(len(climbed), len(better))), exhausted
+
+
 def generate(
     space: Space, task: Task, rows: Rows, gap: float = GAP, most: int = ROUNDS, *, value: float = math.inf,
-    points: int | None = None,
+    points: int | None = None, more: Candidates | None = None,
 ) -> Generated:  # fmt: skip
     """Column generation for `points` readings (as many as `rows`, if None) in the set-ups of `rows`, until bound and relaxed
-    design meet to `gap`, or to a small share of the distance to ψ = `value` of a plan."""
+    design meet to `gap`, or to a small share of the distance to ψ = `value` of a plan; `more` poses to begin with."""
     points = points or len(rows.z)
     setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
     lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
     search = Search(space, task, setups, lengths)
     own = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
     columns = _joined(own, search.grid.take(np.arange(0, len(search.grid), max(1, len(search.grid) // FIRST))))
+    columns = columns if more is None else _joined(columns, more)
     given = len(own)
     weights = np.concatenate(
         [np.full(given, points / given), np.full(len(columns) - given, 0.1 * points / len(columns))]

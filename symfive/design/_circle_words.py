@@ -8,17 +8,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from symfive.design._circles import Circle
+from symfive.design._paths import CircleShape
 from symfive.effects import Effect
 from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
 
-__all__ = ["circle_words", "gain_words", "sigma_words", "warnings_of"]
+__all__ = ["circle_words", "gain_words", "list_end_words", "sigma_words", "warnings_of"]
 
 UNSEEN = 0.9
 """A parameter whose 1σ stays above this share of its prior's is not seen."""
 NOTHING = 0.05
 """Gains below this, per cent, are none."""
 STILL = 1e-6
+NEAR_END = 1e-3
+"""Share of a list's range within which a refined value stands at its end."""
 NAMES = {"ratio": "X_T/r", "radius": "radius r"}
 UNITS = {"ratio": "", "feed": " mm/min"}
 
@@ -47,6 +50,27 @@ def gain_words(psi_of_list: float, psi: float) -> str:
     if gain < NOTHING:
         return "refinement: no better than the best circles of the list"
     return f"refined: 1σ {gain:.2g} % smaller than with the best circles of the list"
+
+
+def list_end_words(circles: Sequence[Circle], listed: Sequence[CircleShape]) -> list[str]:
+    """Variables in which circles stand at an end of what was offered, so that a longer list may give better ones."""
+    notes = []
+    for name in circles[0].shape.values:
+        offered = [shape.values[name] for shape in listed]
+        low, high = min(offered), max(offered)
+        ends = {
+            end
+            for circle in circles
+            for end in (low, high)
+            if abs(circle.shape.values[name] - end) <= NEAR_END * (high - low)
+        }
+        for end in sorted(ends) if high > low else ():
+            side = "smallest" if end == low else "largest"
+            notes.append(
+                f"{NAMES.get(name, name)} {end:g}{UNITS.get(name, ' mm')} is the {side} offered: the circles stop at the end of "
+                "their list, not at a limit of the machine; offer more if your machine allows it"
+            )
+    return notes
 
 
 def warnings_of(

@@ -22,7 +22,7 @@ from symfive.campaign import Campaign
 from symfive.design._assess import assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._choose_circles import check_clear, chosen_clear
-from symfive.design._circle_words import circle_words, gain_words, sigma_words, warnings_of
+from symfive.design._circle_words import circle_words, gain_words, list_end_words, sigma_words, warnings_of
 from symfive.design._circles import ROBUST, Circle, Goal, circle_information, circle_of_runs, measured
 from symfive.design._criteria import criterion_of
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
@@ -40,11 +40,13 @@ from symfive.procedures import PLANES, campaign_of, circle_frame, heights, sense
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["Circle", "CirclePlan", "best_ratio", "circle_information", "plan_circles"]
+__all__ = ["FEEDS", "Circle", "CirclePlan", "best_ratio", "circle_information", "plan_circles"]
 
 Array = NDArray[np.float64]
 RATIOS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.3, 1.5, 1.8)
 FREE = {"synchronous": ("ratio", "feed"), "planar": ("feed", "x", "y", "z")}
+FEEDS = (500.0, 1000.0)
+"""mm/min of circles where no others are given."""
 RATE_HZ = 50.0
 DRAWS = 4
 TO_RUN = {"ratio": 1e-4, "radius": 1e-3, "feed": 1.0, "height": 1.0, "x": 1.0, "y": 1.0, "z": 1.0}
@@ -107,7 +109,7 @@ class CirclePlan(OnScreen):
 @one_thread
 def plan_circles(
     machine: Machine | Path | str, effects: Sequence[Effect], *, family: str = "synchronous", count: int = 2,
-    radii: Sequence[float] = (50.0,), ratios: Sequence[float] = RATIOS, feeds: Sequence[float] = (500.0, 1000.0),
+    radii: Sequence[float] = (50.0,), ratios: Sequence[float] = RATIOS, feeds: Sequence[float] = FEEDS,
     centres: Sequence[Sequence[float]] = (), planes: Sequence[str] = ("XY",), directions: Sequence[str] = ("both",),
     for_: Iterable[str] = (), criterion: str = "D", robust: str = "nominal", draws: int = DRAWS,
     per_minute: bool = False, refine: bool = True, free: Sequence[str] | None = None, noise_um: float = 0.3,
@@ -141,7 +143,7 @@ def plan_circles(
             notes.append(str(error))
         else:
             best = _kept(machine, effects, goal, chosen, refined_shapes(objective), noise_um, rate_hz, extra)
-    return _plan_of(machine, model, goal, effects, circles, chosen, best, notes)
+    return _plan_of(machine, model, goal, effects, circles, chosen, best, [*notes, *list_end_words(best, shapes)])
 
 
 def _check(

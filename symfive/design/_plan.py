@@ -19,7 +19,9 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._budget import affordable, most_per_minute, shortened
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._certificate import Certificate, certify
+from symfive.design._dominance import what_dominates
 from symfive.design._exchange import Candidates
+from symfive.design._indexing import indexed
 from symfive.design._information import Task
 from symfive.design._joint import chosen_with_moves
 from symfive.design._optimise import optimise, value_of
@@ -126,8 +128,9 @@ def plan(
     for_: Iterable[str] = (), given: Campaign | Path | str | None = None, setups: int | None = None,
     lengths: Sequence[float] = (), minutes: float | None = None,
     per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
-    setup_sigma: SetupSigma | None = None, frame: str = "workpiece", survive: bool = False, robust: str = "nominal",
-    starts: int = 6, anywhere: bool = True, seed: int = 0, pool: Executor | None = None,
+    setup_sigma: SetupSigma | None = None, frame: str = "workpiece", index: bool = False, survive: bool = False,
+    robust: str = "nominal", starts: int = 6, anywhere: bool = True, prove: bool = True, seed: int = 0,
+    pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
@@ -138,11 +141,12 @@ def plan(
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
-    `repeats` readings of each pose; `frame` of an R-test's readings, `workpiece` of a nest on the table, `machine` or `tool` of a
-    head in the spindle; `survive` prefers a plan that stays good if any one pose is lost; `robust` `nominal`, or
-    the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
-    certificate also compares with all other set-ups (a few seconds); `pool` any executor (`symfive.executors`), whose workers
-    share the starts.
+    `repeats` readings of each pose; `setup_sigma` 1σ of set-up errors; `frame` of an R-test's readings, `workpiece` of a nest on
+    the table, `machine` or `tool` of a head in the spindle; `index`: the first pose of every run is read with the spindle at 0°
+    and 180°, which tells the tool ball's run-out; `survive` prefers a plan that stays good if any one pose is lost; `robust`
+    `nominal`, or the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
+    certificate also compares with all other set-ups (a few seconds); `prove`: whether its bound is proved (up to two minutes for
+    a ball bar on five axes); `pool` any executor (`symfive.executors`), whose workers share the starts.
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
     """
@@ -161,6 +165,7 @@ def plan(
     names = tuple(p.name for p in space.shared)
     wanted = interest_of(names, tuple(for_))
     task = task_of(space, criterion, wanted, given)
+    task = indexed(space, task) if index else task
     shares = affordable(machine, minutes, points, setups or (3 if instrument == "ball_bar" else 2), returns, repeats)
     points, runs = shares[-1]
     refuse_unseen(space, task, points, names)
@@ -169,7 +174,7 @@ def plan(
     reach = Reach(space)
 
     def lay(design: Rows) -> Schedule:
-        return scheduled(space, design, returns=returns, repeats=repeats, noise_um=noise_um)
+        return scheduled(space, design, returns=returns, repeats=repeats, noise_um=noise_um, index=index)
 
     def best_of(count: int, at_most: int) -> tuple[Rows, tuple[float, ...]]:
         design, psi = optimise(space, task, count, at_most, starts=starts, seed=seed, pool=pool, progress=progress)
@@ -210,7 +215,7 @@ def plan(
         fewer = shortened(space, task, schedule.rows, estimate, estimate.seconds - over, lay).rows
         schedule, post = _with_ways(lay, fewer)
     progress("certificate")
-    certificate = _certified(space, task, schedule.rows, runs, anywhere)
+    certificate = _certified(space, task, schedule.rows, runs, anywhere, prove)
     return _finished(
         space,
         task,
@@ -247,8 +252,8 @@ def _with_ways(lay: Callable[[Rows], Schedule], design: Rows) -> tuple[Schedule,
     return retimed(schedule, post), post
 
 
-def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool) -> Certificate:
-    certificate = certify(space, task, rows)
+def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool, prove: bool) -> Certificate:
+    certificate = certify(space, task, rows, prove=prove)
     if not anywhere:
         return certificate
     bound = min(certificate.bound, bound_anywhere(space, task, rows, runs))
@@ -287,7 +292,9 @@ def _finished(
         over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
         notes=(
-            *_shortage(len(rows.z), space.instrument, expected), *_rounding_notes(space, schedule), *_notes(schedule, values),
+            *(_shortage(len(rows.z), space.instrument, expected) or filter(None, [certificate.why_low])),
+            *what_dominates(space, task, rows),
+            *_rounding_notes(space, schedule), *_notes(schedule, values),
         ),
     )  # fmt: skip
 

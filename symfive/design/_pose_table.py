@@ -85,6 +85,8 @@ def _before(run: Run, row: int, post: Post, same: Sequence[int]) -> str:
         said.append(
             "take the bar off, mount it again" if bar else "out of the nest, seat it again: leave the nest as it is"
         )
+    if run.spindle is not None and (row == 0 or run.spindle[row] != run.spindle[row - 1]):
+        said.append(f"spindle turned to {run.spindle[row]:g}°")
     if row > same[0]:
         said.append(f"again pose {same[0] + 1}, reading {same.index(row) + 1} of {len(same)}")
     elif len(same) > 1:

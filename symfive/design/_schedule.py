@@ -60,19 +60,22 @@ class RunMoves:
         return self.seated.via(int(self.order[row - 1]), int(self.order[row]), self.sides[row], clear)
 
 
-def scheduled(space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float) -> Schedule:
-    """Both orders (round trip; there and back) are laid out and the one with more information per minute is taken."""
+def scheduled(
+    space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float, index: bool = False
+) -> Schedule:  # fmt: skip
+    """Both orders (round trip; there and back) are laid out and the one with more information per minute is taken; `index`: the
+    first pose of every run is read once more with the spindle turned by 180°."""
     groups = [np.flatnonzero(rows.group == g) for g in range(rows.groups)]
     seated = [Seated(space, rows.z[mine], rows.k[mine]) for mine in groups]
     orders = (lambda order: order, there_and_back)
-    plans = [_laid_out(space, rows, seated, order, returns, repeats, noise_um) for order in orders]
+    plans = [_laid_out(space, rows, seated, order, returns, repeats, noise_um, index) for order in orders]
     # ψ of D per parameter falls by log(time) when twice the time is spent on readings, so time and efficiency compare
     return max(plans, key=lambda p: math.log(max(p.drift, 1e-9)) - math.log(p.seconds))
 
 
 def _laid_out(
     space: Space, rows: Rows, seated: Sequence[Seated], ordering: Callable[[Indices], Indices], returns: int, repeats: int,
-    noise_um: float,
+    noise_um: float, index: bool,
 ) -> Schedule:  # fmt: skip
     runs: list[Run] = []
     unsafe: dict[str, tuple[int, ...]] = {}
@@ -84,13 +87,16 @@ def _laid_out(
     for g, own in enumerate(seated):
         mine = np.flatnonzero(rows.group == g)
         order = np.repeat(_order(own, ordering, returns), repeats)
+        turned = np.zeros(len(order) + index)
+        if index:
+            order, turned[1] = np.insert(order, 1, order[0]), 180.0
         name, first = f"{letter}-{g + 1}", mine[0]
         run = Run(
             id=name, instrument=(space.instrument,), sampling="static", time=np.arange(len(order), dtype=float),
             commands={axis: values[order] for axis, values in own.commands.items()},
             table_ball=space.table_ball(rows.z[first]), tool_ball=space.tool_ball(rows.z[first]),
             length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None,
-            noise_um=noise_um, setup_sigma_um=space.setup_sigma, options=space.options,
+            noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None, options=space.options,
         )  # fmt: skip
         moves[name] = RunMoves(own, order, _sides(space.machine, run))
         ways = {i: moves[name].via(i) for i in range(1, len(order)) if order[i] != order[i - 1]}
@@ -98,8 +104,9 @@ def _laid_out(
         via |= {name: bent} if (bent := {i: way for i, way in ways.items() if way}) else {}
         run, clock = _timed(space.machine, run, Post(unsafe=unsafe, via=via), clock)
         runs.append(run)
-        instants.append(run.start_s + run.time)
-        places.append(mine[order])
+        straight = turned == 0.0
+        instants.append((run.start_s + run.time)[straight])
+        places.append(mine[order][straight])
     campaign = Campaign(machine=space.machine, runs=tuple(runs), name="plan")
     drift = _drift(space, rows, np.concatenate(places), np.concatenate(instants), repeats)
     return Schedule(campaign, clock, unsafe, via, moves, drift, rows)

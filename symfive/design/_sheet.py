@@ -124,6 +124,12 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run, picture: str) -> str:
         steps.append(f"{end} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
     if run.length is not None and not stays:
         steps.append(f"Bar of {run.length:g} mm, calibrated length entered.")
+    if run.spindle is not None:
+        steps.append(
+            "The spindle is oriented: the run-out of the tool ball is read at "
+            f"{' and '.join(f'{angle:g}°' for angle in np.unique(run.spindle))}. Where the program stops for it, turn the "
+            "spindle by hand; the ball stays in its place."
+        )
     steps.append(f"Start the program of run {escape(run.id)}; it stops where you seat the instrument.")
     if programmed:
         for series in series_of(machine, sheet.campaign.runs):

@@ -14,11 +14,11 @@ from dataclasses import dataclass, fields
 from decimal import Decimal
 from typing import Any
 
-from symfive import __version__
 from symfive.errors import InputError
 from symfive.files import one_line, shown
 from symfive.history._visit import Visit
 from symfive.parameters import LEARNT
+from symfive.version import __version__
 
 __all__ = ["FACTOR", "PLACES", "PROBABILITY", "TO_FILL", "UNITS", "Office", "certificate"]
 

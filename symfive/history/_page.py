@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from symfive import __version__
 from symfive.drawing import PAGE_STYLE
 from symfive.history._change import Change, change_between
 from symfive.history._charts import Spark, charts_of, spark
@@ -19,6 +18,7 @@ from symfive.history._visit import Visit, instant
 from symfive.history._words import advice, alarm_sentence, forecast_sentence
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.screen import plural
+from symfive.version import __version__
 
 if TYPE_CHECKING:
     from jinja2 import Environment

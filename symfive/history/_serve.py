@@ -11,9 +11,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
-from symfive import __version__
 from symfive.errors import InputError
 from symfive.history._history import History
+from symfive.version import __version__
 
 __all__ = ["Server"]
 

@@ -61,11 +61,17 @@ def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: Any) -
     return Parameter(name=f"setup.{run.id}.{name}", unit=unit, sigma=sigma, kind="setup", run=run.id, **more)
 
 
-def setup_vector(run: Run, name: str, sigma: float) -> tuple[Parameter, ...]:
-    """Three of them, µm; none where `sigma` is 0 (the position is taken as exact)."""
-    if sigma == 0.0:
-        return ()
-    return tuple(setup_parameter(run, f"{name}.{c}", "um", sigma) for c in "xyz")
+def setup_vector(run: Run, name: str, sigma: float | tuple[float, float, float]) -> tuple[Parameter, ...]:
+    """Three of them, µm, of one `sigma` or one each; none where it is 0 (the coordinate is taken as exact)."""
+    each = sigma if isinstance(sigma, tuple) else (sigma, sigma, sigma)
+    return tuple(setup_parameter(run, f"{name}.{c}", "um", s) for c, s in zip("xyz", each, strict=True) if s)
+
+
+def spindle_of(run: Run) -> tuple[Signal, ...]:
+    """The spindle's angle as a signal, where the run turns it."""
+    from symfive.motion import SpindleAngle
+
+    return () if run.spindle is None else (SpindleAngle(),)
 
 
 def vector_constants(name: str, vector: tuple[float, float, float]) -> dict[str, float]:

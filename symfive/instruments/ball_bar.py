@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, spindle_of, vector_constants
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
+    from symfive.motion import Signal
     from symfive.row import Row
     from symfive.runs import Run
 
@@ -32,9 +33,12 @@ class BallBar(Instrument):
         length = (setup_parameter(run, "length", "um", sigma.length),) if sigma.length else ()
         return (
             *setup_vector(run, "table_ball", sigma.table_ball),
-            *setup_vector(run, "tool_ball", sigma.tool_ball),
+            *setup_vector(run, "tool_ball", sigma.tool),
             *length,
         )
+
+    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
+        return spindle_of(run)
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
         return {

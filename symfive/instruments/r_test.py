@@ -7,11 +7,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symfive.errors import InputError
-from symfive.instruments._base import ZERO_SIGMA_UM, Column, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.instruments._base import (
+    ZERO_SIGMA_UM,
+    Column,
+    Instrument,
+    setup_parameter,
+    setup_vector,
+    spindle_of,
+    vector_constants,
+)
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
+    from symfive.motion import Signal
     from symfive.row import Row
     from symfive.runs import Run
 
@@ -39,12 +48,14 @@ class RTest(Instrument):
 
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         sigma, frame = run.setup_sigma_um, run.options.get("frame", "workpiece")
-        zeros = tuple(
-            setup_parameter(run, f"zero.{name.removeprefix('d')}", "um", ZERO_SIGMA_UM) for name in self._sensors(run)
-        )
+        zero = ZERO_SIGMA_UM if sigma.zero is None else sigma.zero
+        zeros = tuple(setup_parameter(run, f"zero.{name.removeprefix('d')}", "um", zero) for name in self._sensors(run))
         table = setup_vector(run, "table_ball", sigma.table_ball) if frame != "workpiece" else ()
-        tool = setup_vector(run, "tool_ball", sigma.tool_ball) if frame != "tool" else ()
+        tool = setup_vector(run, "tool_ball", sigma.tool) if frame != "tool" else ()
         return (*table, *tool, *zeros)
+
+    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
+        return spindle_of(run)
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
         return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}

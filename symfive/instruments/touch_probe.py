@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, spindle_of, vector_constants
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
+    from symfive.motion import Signal
     from symfive.row import Row
     from symfive.runs import Run
 
@@ -53,9 +54,12 @@ class TouchProbe(Instrument):
         lobes = tuple(setup_parameter(run, f"lobing.{f}", "um", lobing) for f in ("cos", "sin")) if lobing else ()
         return (
             *setup_vector(run, "table_ball", sigma.table_ball),
-            *setup_vector(run, "tool_ball", sigma.tool_ball),
+            *setup_vector(run, "tool_ball", sigma.tool),
             *lobes,
         )
+
+    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
+        return spindle_of(run)
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
         return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}

@@ -91,7 +91,8 @@ def assembled(
     own = tuple((p.name.removeprefix(f"setup.{run.id}."), p.scale) for p in parameters if p.run == run.id)
     shared = tuple((p.name, p.scale) for p in parameters if p.run is None)
     options = repr(sorted(run.options.items(), key=lambda item: item[0]))
-    key = (id(machine), run.instrument, run.dynamic, options, own, shared, tuple(effects), linear)
+    turned = run.spindle is not None
+    key = (id(machine), run.instrument, run.dynamic, turned, options, own, shared, tuple(effects), linear)
     with _LOCK:
         kept = _KEPT.get(key)
         if kept is None:

@@ -18,6 +18,7 @@ from symfive.motion._signals import (
     ReversalAhead,
     ReversalDistance,
     ReversalTime,
+    SpindleAngle,
     Velocity,
     approach,
     unmoved,
@@ -26,5 +27,5 @@ from symfive.motion._signals import (
 __all__ = [
     "FINE_S", "FRICTION", "GAINS", "LOOP", "Acceleration", "AxisMotion", "Command", "Direction", "Play", "Position",
     "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion", "Series", "Signal",
-    "Velocity", "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of", "unmoved",
+    "SpindleAngle", "Velocity", "approach", "drive_response", "linear_recurrence", "moved_response", "programme_of", "unmoved",
 ]  # fmt: skip

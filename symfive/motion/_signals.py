@@ -19,7 +19,7 @@ from symfive.motion._motion import RunMotion, Series
 
 __all__ = [
     "Acceleration", "Command", "Direction", "Play", "Position", "PreSliding", "Resonance",
-    "ReversalDistance", "ReversalTime", "Velocity", "unmoved",
+    "ReversalDistance", "ReversalTime", "SpindleAngle", "Velocity", "unmoved",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -50,6 +50,21 @@ class Command(_OfAxis):
 
     def series(self, motion: RunMotion) -> Series:
         return Series(motion.axis(self.axis).command)
+
+
+@dataclass(frozen=True)
+class SpindleAngle:
+    """How far the spindle is turned at each row, rad."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def series(self, motion: RunMotion) -> Series:
+        """Angles (N,); 0 where the run says none."""
+        turned = motion.run.spindle
+        return Series(np.zeros(motion.run.rows) if turned is None else np.radians(turned), steps=True)
 
 
 class Velocity(_OfAxis):

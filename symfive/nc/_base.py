@@ -12,8 +12,8 @@ __all__ = ["Block", "Dialect", "Step", "plain", "render"]
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One step of a program: `kind` is `rapid`, `feed`, `arc`, `contour`, `retract`, `dwell`, `stop`, `trigger`, `comment` or
-    `text`.
+    """One step of a program: `kind` is `rapid`, `feed`, `arc`, `contour`, `retract`, `dwell`, `stop`, `trigger`, `orient`,
+    `comment` or `text`.
 
     `positions` axis → mm or degree, of the axes that the block names (of a `retract`: one, in machine coordinates; of a `text`:
     where the machine stands, in the words that hold from there on); `seconds` the time of a move or a dwell; `row` of the run
@@ -23,7 +23,8 @@ class Step:
     `feed` mm/min along the path, of moves whose speed is part of the result: a program that has one is written with feeds, not
     with times of blocks. An `arc` names the two axes of its plane in `positions` (XY, YZ, ZX, in this order), `centre` of the
     circle in the same words, the signed `sweep` in degree, positive from the first to the second axis, and the positions of all
-    axes on its `way` by row of the run. `contour` calls the plane named by `text` and the contouring mode.
+    axes on its `way` by row of the run. `orient` turns the spindle to `text` degree. `contour` calls
+    the plane named by `text` and the contouring mode.
     """
 
     kind: str
@@ -78,6 +79,8 @@ class Dialect:
     `retract` drives `{axis}` alone to `{value}` in machine coordinates, tool offset cancelled. `stop` shows its `{text}`, of at
     most 26 characters, on the control's screen and waits. `datum` says in words which lines call datum and tool offset.
     `decimals` to which positions are written, by `word`; `upper`: the control reads capital letters only.
+    `orient` turns the spindle to `{angle}` degree and holds it; controls whose words for it depend on the builder stop and let
+    the operator turn it.
     `contour` calls a circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
     circle's blocks, by default one a turn.
     `tool_centre`: the lines that switch tool-centre control on, with the length of tool `{tool}`, and off; None where they depend
@@ -97,6 +100,7 @@ class Dialect:
     dwell: str
     stop: Sequence[str]
     retract: Sequence[str]
+    orient: Sequence[str]
     comment: str
     datum: str
     rotary: Sequence[str] = ()
@@ -156,6 +160,8 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
         return [line for line in step.text.splitlines() if line.strip()]
     if step.kind == "stop":
         return [line.format(text=text) for line in dialect.stop]
+    if step.kind == "orient":
+        return [line.format(angle=step.text) for line in dialect.orient]
     if step.kind == "dwell":
         return dialect.dwell.format(seconds=f"{step.seconds:.3f}").splitlines()
     if step.kind == "retract":

@@ -16,7 +16,7 @@ from symfive.nc._base import Step
 from symfive.nc._post import Post
 from symfive.nc._recording import pulled_out
 from symfive.nc._route import Positions
-from symfive.nc._writer import LETTERS, STANDSTILL, Writer
+from symfive.nc._writer import LETTERS, ORIENT_S, STANDSTILL, Writer
 
 __all__ = ["arrival_times", "outside_s", "program_steps", "series_of", "series_steps"]
 
@@ -77,7 +77,10 @@ def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0, 
     stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least `least_s` a
     pose, to 0.1 s; `rest_s` what is done at each pose where it is no rest of the program."""
     writer = Writer(machine, run, post)
-    needed = [(rest_s or post.rest_s) + writer.seconds_to(row) for row in range(1, run.rows)]
+    needed = [
+        (rest_s or post.rest_s) + writer.seconds_to(row) + (ORIENT_S if writer.turned(row) else 0.0)
+        for row in range(1, run.rows)
+    ]
     each = np.maximum(
         np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
     )  # the program waits on ways around: `tenths`

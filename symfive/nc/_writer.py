@@ -30,7 +30,7 @@ from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_t
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal
 
-__all__ = ["LETTERS", "STANDSTILL", "Writer"]
+__all__ = ["LETTERS", "ORIENT_S", "STANDSTILL", "Writer"]
 
 Array = NDArray[np.float64]
 LETTERS = "XYZABCUVW"
@@ -40,6 +40,8 @@ CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
 """Feed towards and away from the nest, and on the last millimetres."""
 HAND_S = 30.0
 """Time that a stop takes at which the operator takes a bar off or puts it on."""
+ORIENT_S = 5.0
+"""Time in which the spindle turns by half a turn and is held; an operator who turns it needs `HAND_S`."""
 STANDSTILL = 1e-4
 """mm or degree: the last digit that every control reads."""
 
@@ -60,6 +62,13 @@ class Writer:
         self.seated = self.centred = False
         self._known: dict[bool, dict[int, list[tuple[Array, Array, Array]]]] = {}
         self.circle = circle_of(machine, run)
+
+    def turned(self, row: int) -> str:
+        """The angle to which the spindle is turned before a row, degree; nothing where it stays."""
+        angles = self.run.spindle
+        if angles is None or (row and angles[row] == angles[row - 1]):
+            return ""
+        return f"{angles[row]:g}"
 
     def steps(self) -> list[Step]:
         """From wherever the machine stands to the top again."""
@@ -110,6 +119,7 @@ class Writer:
         return [
             Step(kind="comment", text=f"spindle stopped and locked; {self.upright} goes up first, alone"),
             Step(kind="stop", text=f"CLEAR? {self.upright} GOES TO TOP FIRST"),
+            *self._orient(0),
             *self._centred(False, {}),
             self._to_the_top(0),
             *self._alone(lifted, 0),
@@ -167,10 +177,20 @@ class Writer:
         around = set(self.post.unsafe.get(self.run.id, ()))
         for row in range(1, self.run.rows):
             seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.rest_s
+            seconds -= ORIENT_S if self.turned(row) else 0.0
             found += self._detour(row) if row in around else self._way(row, seconds)[0]
             early = seconds - self.seconds_to(row) if row in around else 0.0
-            found += [Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)), *self._read(row)]
+            found += [
+                *self._orient(row),
+                Step(kind="dwell", seconds=self.post.dwell_s + tenths(early)),
+                *self._read(row),
+            ]
         return found
+
+    def _orient(self, row: int) -> list[Step]:
+        """The spindle turned to where a row wants it, the ball being in its place already."""
+        angle = self.turned(row)
+        return [Step(kind="orient", text=angle)] if angle else []
 
     def _read(self, row: int) -> list[Step]:
         """What a settled pose is read by."""

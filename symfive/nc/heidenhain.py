@@ -2,6 +2,7 @@
 
 A circle is a polar arc about CC, of more than one turn where its angle says so; the contouring mode is cycle 32's, which stays as
 it is set. The planes YZ and ZX count from Y and from Z.
+Cycle 13 says the spindle's angle, `M19` turns it there (`M20` on some machines: the builder's).
 `M91` refers a block to the machine datum; tool 0 has no length; cycle 247 calls the datum (preset) 1.
 """
 
@@ -26,6 +27,7 @@ HEIDENHAIN = Dialect(
     contour=(),
     arc=_arc,
     retract=("L {words} R0 FMAX M91",),
+    orient=("CYCL DEF 13.0 ORIENTATION", "CYCL DEF 13.1 ANGLE {angle}", "M19"),
     comment="; {text}",
     datum="cycle 247 calls datum 1; TOOL CALL 0: no tool length, take the line out where it would empty the spindle, L = 0 then",
     tool_centre_example="FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS after your TOOL CALL, and FUNCTION RESET TCPM",

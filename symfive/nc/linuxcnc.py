@@ -1,7 +1,7 @@
 """LinuxCNC (RS274/NGC): parsed by its own interpreter `rs274` in the tests.
 
 A circle is one block, `P` its turns. `G64 P Q` with small values: the planner splits arcs flatter than P into lines, which Q
-joins.
+joins. `M19` needs a spindle that can be oriented (HAL pins `spindle.0.orient-…`) and waits 30 s for it.
 """
 
 from symfive.nc._base import Block, Dialect
@@ -25,6 +25,7 @@ LINUXCNC = Dialect(
     contour=("{plane} G64 P0.002 Q0.001",),
     arc=_arc,
     retract=("G49", "G53 G0 {words}"),
+    orient=("M19 R{angle} Q30",),
     comment="({text})",
     datum="G54 calls the datum, G49: no tool length offset",
     tool_centre_example="M428 and M429 in some configurations (a remap sets the kinematics), the other way round in others",

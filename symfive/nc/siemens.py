@@ -25,6 +25,7 @@ SIEMENS = Dialect(
     stop=('MSG("{text}")', "M0", "MSG()"),
     arc=_arc,
     retract=("SUPA G0 {words} D0",),
+    orient=("SPOS={angle}",),
     comment="; {text}",
     datum="G54 calls the datum, D0: no tool offset",
     tool_centre=("T{tool} D1\nTRAORI", "TRAFOOF\nD0"),

@@ -62,21 +62,35 @@ def _place(name: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class SetupSigma:
-    """Prior 1σ of a run's set-up errors: ball positions and bar length in µm, plate orientation in µrad."""
+    """Prior 1σ of a run's set-up errors: ball positions and bar length in µm, plate orientation in µrad.
+
+    `tool_ball` is across the spindle's axis and, where `tool_length` does not say otherwise, along it too; `zero` of an R-test's
+    nest in the workpiece frame (None: its place is not known at all).
+    """
 
     table_ball: float = 20.0
     tool_ball: float = 20.0
     length: float = 0.5
     plate: float = 0.0
+    tool_length: float | None = None
+    zero: float | None = None
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", freeze(self.extra))
-        for name in ("table_ball", "tool_ball", "length", "plate"):
+        for name in ("table_ball", "tool_ball", "length", "plate", "tool_length", "zero"):
             value = getattr(self, name)
-            if not is_number(value) or not 0.0 <= value < 1e9:
+            if value is None and name in ("tool_length", "zero"):
+                continue
+            if not is_number(value) or not 0.0 <= value < 1e9 or (name == "zero" and value == 0.0):
                 problem = f"setup_sigma_um: {name} = {shown(value)} is not a standard deviation"
                 raise InputError(problem, remedy="write µm (plate: µrad), at least 0", keys=(name,))
+
+    @property
+    def tool(self) -> tuple[float, float, float]:
+        """Of the tool ball's coordinates in the tool frame, µm."""
+        along = self.tool_ball if self.tool_length is None else self.tool_length
+        return self.tool_ball, self.tool_ball, along
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -87,7 +101,8 @@ class Run(OnScreen):
     empty in a plan; all three stay on disk where they are given as `numpy.memmap`. `clock` is `recorded`, or `none` where it
     was not: then `time` only orders the rows of a static run, and nothing is said over time. `table_ball` and `tool_ball` mm in
     the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one
-    reading, one number or one per instrument.
+    reading, one number or one per instrument; `spindle` (N,) degree by which the spindle was turned at each row of a static run,
+    the tool ball's error with it (None: it stays as it is).
     """
 
     id: str
@@ -106,6 +121,7 @@ class Run(OnScreen):
     clock: str = "recorded"
     noise_um: float | Mapping[str, float] = 0.3
     setup_sigma_um: SetupSigma = field(default_factory=SetupSigma)
+    spindle: Array | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -119,6 +135,7 @@ class Run(OnScreen):
         put(self, "commands", freeze({k: _frozen_array(v) for k, v in self.commands.items()}))
         put(self, "readings", freeze({k: _frozen_array(v) for k, v in self.readings.items()}))
         put(self, "options", freeze(self.options))
+        put(self, "spindle", None if self.spindle is None else _frozen_array(self.spindle))
         one_of(owner, "sampling", self.sampling, ("static", "dynamic"))
         one_of(owner, "clock", self.clock, ("recorded", "none"))
         if self.dynamic and not self.has_clock:
@@ -131,7 +148,11 @@ class Run(OnScreen):
         check_options(owner, self.options)
         if self.time.size == 0 or self.time.ndim != 1:
             raise InputError(f"{owner} has no rows", remedy="record at least one row or remove the run")
-        for name, values in {**self.commands, **self.readings}.items():
+        if self.spindle is not None and self.dynamic:
+            problem = f"{owner}: spindle_deg in a recording at a constant rate"
+            raise InputError(problem, remedy='remove it, or write sampling = "static" where the axes rest at each row')
+        turned = {} if self.spindle is None else {"spindle_deg": self.spindle}
+        for name, values in {**self.commands, **self.readings, **turned}.items():
             if values.shape != self.time.shape:
                 problem = f"{owner}: {name} has {values.size} rows, t_s has {self.time.size}"
                 raise InputError(problem, remedy="give every column the same number of rows")
@@ -242,7 +263,8 @@ class Run(OnScreen):
             self.time - self.time[0], other.time - other.time[0], rtol=1e-6, atol=1e-6
         ):
             return False
-        return all(
+        turned = [np.zeros(run.rows) if run.spindle is None else run.spindle for run in (self, other)]
+        return np.allclose(turned[0], turned[1]) and all(
             np.allclose(v, other.commands[n], atol=1e-6) for n, v in self.commands.items() if n in other.commands
         )
 
@@ -255,7 +277,8 @@ class Run(OnScreen):
             return rows
 
         commands, readings = ({n: cut(v) for n, v in columns.items()} for columns in (self.commands, self.readings))
-        return replace(self, time=cut(self.time), commands=commands, readings=readings)
+        spindle = None if self.spindle is None else cut(self.spindle)
+        return replace(self, time=cut(self.time), commands=commands, readings=readings, spindle=spindle)
 
     def with_readings(self, readings: Mapping[str, Array]) -> Run:
         """The same run with other readings."""

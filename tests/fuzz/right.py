@@ -99,7 +99,7 @@ def recording_is_right(run: Run, target: Path) -> None:
         raise Fault("the steps do not increase")
     target.mkdir()
     write_columns(target / "run.csv", run, machine)
-    time, commands, readings = read_columns(target / "run.csv", machine, ("dL_um",), dynamic=True)
+    time, commands, readings, _ = read_columns(target / "run.csv", machine, ("dL_um",), dynamic=True)
     equal((run.time, run.commands, run.readings), (time, commands, readings), "run")
 
 

@@ -160,7 +160,7 @@ def _set_up(plan: Plan, run: Run) -> Iterator[Finding]:
 
 def _differs(first: Path, other: Path) -> Iterator[Finding]:
     """Moves in work coordinates, dwells and stops agree with those of another dialect."""
-    kinds = ("rapid", "feed", "dwell", "stop")
+    kinds = ("rapid", "feed", "dwell", "stop", "orient")
     mine, theirs = (_order.joined([e for e in p.events if e.kind in kinds and not e.machine]) for p in (first, other))
     if [e.kind for e in mine] != [e.kind for e in theirs]:
         yield other.fault(

@@ -50,7 +50,7 @@ class Arc:
 
 @dataclass(frozen=True)
 class Event:
-    """`kind`: rapid, feed, dwell, stop, switch or end.
+    """`kind`: rapid, feed, dwell, stop, orient (the spindle turned to `text` degree), switch or end.
 
     A move has `start` and `end`, the axes named in the block (`moved`), whether its words are `machine` coordinates or the
     ball's place (`centred`), its `arc` and `seconds` (NaN for a rapid). A stop has the `text` that the control shows, a switch

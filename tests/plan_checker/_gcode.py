@@ -19,6 +19,8 @@ PLANES = {"17": ("X", "Y"), "18": ("Z", "X"), "19": ("Y", "Z")}
 DATUMS = {"iso": r"5[4-9]", "linuxcnc": r"5[4-9](\.[123])?", "siemens": r"5[4-7]|50[5-9]|5[1-9]\d"}
 SETTINGS = re.compile(r"17|18|19|21|40|49|50|6[01]|61\.1|64|69|71|80|9[012]\.1|500|60[1-3]|64[25]|710|43(\.4)?|9[0134]")
 NAMED = set("TRAORI TRAFOOF STOPRE DIAMOF SOFT BRISK FFWON FFWOF COMPOF ORIMKS ORIWKS CYCLE800 TRANS ROT SUPA".split())  # noqa: SIM905
+BY_OPERATOR = re.compile(r"TURN SPINDLE TO ([-\d.]+) DEG")
+"""A stop at which the operator turns the spindle, where the control has no words for it."""
 IGNORED_M = {"2", "5", "9", "19", "30", "17", "62", "63", "64", "65"}
 
 
@@ -151,13 +153,19 @@ class GCode:
         control = self.control
         for code in block.m:
             if code in ("0", "1"):
-                control.say("stop", block.line, self._text(block))
+                text = self._text(block)
+                turned = BY_OPERATOR.fullmatch(text)
+                control.say("orient" if turned else "stop", block.line, turned[1] if turned else text)
+            elif code == "19" and "R" in block.other:
+                control.say("orient", block.line, f"{block.other['R']:g}")
             elif code not in IGNORED_M:
                 control.fault(block.line, f"the checker does not know M{code}")
             if code in ("2", "30"):
                 control.say("end", block.line)
             if code == "5":
                 control.switch(block.line, "M5")
+        if "SPOS" in block.other:
+            control.say("orient", block.line, f"{block.other['SPOS']:g}")
         if "4" in block.g:
             seconds = block.other.get({"iso": "X", "linuxcnc": "P", "siemens": "F"}[self.dialect])
             if self.dialect == "iso" and seconds is None:

@@ -15,7 +15,8 @@ KNOWN = (
     (r"CYCL DEF 247 .*", "datum"), (r"Q339=.*", ""), (r"CYCL DEF 7\.0 DATUM SHIFT", ""), (r"CYCL DEF 7\.\d .*", "datum shift"),
     (r"TRANS DATUM RESET", "no shift"),
     (r"TRANS DATUM .*", "datum shift"), (r"CYCL DEF 10\.\d .*", "rotation"), (r"CYCL DEF 32\.\d .*", ""), (r"BLK FORM .*", ""),
-    (r"CYCL DEF 19\.\d .*", "PLANE RESET"), (r"CYCL DEF 9\.0 DWELL TIME", ""), (r"M5", "M5"), (r"M9", ""), (r"M126|M127", ""),
+    (r"CYCL DEF 19\.\d .*", "PLANE RESET"), (r"CYCL DEF 9\.0 DWELL TIME", ""), (r"CYCL DEF 13\.0 ORIENTATION", ""),
+    (r"M19", ""), (r"M5", "M5"), (r"M9", ""), (r"M126|M127", ""),
 )  # fmt: skip
 
 
@@ -41,6 +42,8 @@ class Klartext:
             return
         if re.fullmatch(r"STOP( M0)?|M0", code):
             control.say("stop", number, comment.strip() or self.comment)
+        elif found := re.fullmatch(r"CYCL DEF 13\.1 ANGLE ([-\d.]+)", code):
+            control.say("orient", number, found[1])
         elif found := re.fullmatch(r"CYCL DEF 9\.1 DWELL (?:TIME)?\s*([\d.]+)", code):
             control.say("dwell", number, seconds=float(found[1]))
         elif found := re.fullmatch(r"TOOL CALL (\S+) Z.*", code):

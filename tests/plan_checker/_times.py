@@ -12,6 +12,9 @@ from ._order import rests_of
 from ._path import Path
 from ._plan import Run
 
+ORIENT_S = 5.0
+"""Half a turn of the spindle until it is held."""
+
 
 def seconds(path: Path) -> float:
     """Time of the program without the operator's: blocks at their feeds, rapids at the axes' limits, dwells."""
@@ -20,6 +23,8 @@ def seconds(path: Path) -> float:
 
 def duration(path: Path, event: Event) -> float:
     """Of one event, s; a move from an unknown position counts nothing."""
+    if event.kind == "orient":
+        return ORIENT_S
     if event.kind == "dwell" or (event.kind == "feed" and np.isfinite(event.seconds)):
         return event.seconds
     if event.kind != "rapid" or not np.isfinite(event.end - event.start).all():

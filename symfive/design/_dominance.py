@@ -1,0 +1,107 @@
+"""What a criterion is stuck at: the set-up error, or the machine's own error, that no number of poses can average away.
+
+With more and more readings at the plan's poses the criterion falls towards that of readings without noise. Where a plan is close
+to it, only knowing something else helps: each group of set-up errors, and where none matters each error of the machine, is
+taken as exactly known in turn, and the one that lowers the criterion most dominates.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.design._information import Task
+from symfive.design._refine import Rows
+from symfive.design._space import Space
+from symfive.numbers import plain_number
+
+__all__ = ["what_dominates"]
+
+Array = NDArray[np.float64]
+MORE = 4.0
+"""So many times as many poses would halve every 1σ that noise causes."""
+STUCK = 0.95
+"""1σ left after that from which more poses count as useless: noise causes a tenth of the variance at most."""
+GROUPS = {
+    "the tool ball's run-out": (
+        ("tool_ball.x", "tool_ball.y"), "read it by spindle indexing (--index) or by an indicator (--tool-ball-sigma)",
+    ),
+    "the tool's length": (("tool_ball.z",), "measure it (--tool-length-sigma)"),
+    "the table ball's place": (
+        ("table_ball.x", "table_ball.y", "table_ball.z"), "measure it (--table-ball-sigma)",
+    ),
+    "the nest's place in the workpiece frame": (
+        ("zero.x", "zero.y", "zero.z"), "put it onto a calibrated place (--zero-sigma)",
+    ),
+    "the bar's length": (("length",), "calibrate it (--bar-length-sigma)"),
+}  # fmt: skip
+"""Set-up errors by what they are of, and what makes them known."""
+
+
+def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
+    """One sentence where the criterion hardly moves with the number of poses; nothing where it does."""
+    prior = task.prior_information(rows.groups)
+    read = task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups) - prior
+    now = task.value(prior + read)
+    more = task.value(prior + MORE * read)
+    if math.exp(0.5 * (more - now)) < STUCK:
+        return []
+    known = {
+        name: task.value(prior + read + np.diag(exact)) for name, exact in _exactly(space, task, rows.groups).items()
+    }
+    name = min((n for n in known if n in GROUPS), key=lambda n: known[n])
+    if (
+        math.exp(0.5 * (known[name] - now)) > STUCK
+    ):  # nothing that stands on the table or in the spindle: an error itself
+        name = min(known, key=lambda n: known[n])
+    sigma = _sizes(space, task)
+    remedy = (
+        GROUPS[name][1]
+        if name in GROUPS
+        else "no reading of this plan sees it apart from the set-up: another instrument may"
+    )
+    return [
+        f"more poses hardly help: {task.criterion.name} is {_size(task, now)}, with {MORE:g} times as many {_size(task, more)}; "
+        f"{name}{sigma.get(name, '')} dominates, and exactly known leaves {_size(task, known[name])}: {remedy}"
+    ]
+
+
+def _exactly(space: Space, task: Task, groups: int) -> dict[str, Array]:
+    """Information that makes one thing exactly known, on the diagonal (size,), by what it is."""
+    layout = task.layout(groups)
+    found: dict[str, Array] = {}
+    for name, (members, _) in GROUPS.items():
+        mine = np.array([n in members for n in space.own], dtype=bool)
+        if mine.any():
+            own = np.where(mine, EXACT / task.own_sigma**2, 0.0)
+            found[name] = np.concatenate([np.zeros(layout.shared), np.tile(own, groups)])
+    errors = [p.name.partition(".")[0] for p in space.shared]
+    for error in dict.fromkeys(errors):
+        shared = np.where(np.array(errors) == error, EXACT, 0.0)
+        found[error] = np.concatenate([shared, np.zeros(layout.own * groups)])
+    return found
+
+
+UNKNOWN_UM = 1000.0
+"""From 1 mm on a place is not known at all."""
+EXACT = 1e8
+"""Information of what is exactly known, in units of its prior's."""
+
+
+def _sizes(space: Space, task: Task) -> dict[str, str]:
+    """1σ of the set-up errors before the first reading, µm."""
+    found = {}
+    for name, (members, _) in GROUPS.items():
+        mine = [s for n, s in zip(space.own, task.own_sigma, strict=True) if n in members]
+        if mine:
+            sigma = max(mine) * space.noise_um
+            found[name] = f" ({plain_number(sigma)} µm)" if sigma < UNKNOWN_UM else " (not known)"
+    return found
+
+
+def _size(task: Task, value: float) -> str:
+    """The criterion as 1σ: µm of the tool centre point, or per prior 1σ."""
+    size = plain_number(math.exp(0.5 * value))
+    return f"{size} µm" if task.criterion.name in ("V", "G") else f"{size} of the priors' 1σ"
