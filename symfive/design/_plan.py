@@ -292,18 +292,20 @@ def _finished(
         over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
         notes=(
-            *(_shortage(len(rows.z), space.instrument, expected) or filter(None, [certificate.why_low])),
-            *what_dominates(space, task, rows),
+            *_why_low(certificate, space.instrument, expected), *what_dominates(space, task, rows),
             *_rounding_notes(space, schedule), *_notes(schedule, values),
         ),
     )  # fmt: skip
 
 
-def _shortage(points: int, instrument: str, assessment: Assessment) -> list[str]:
-    """Why a plan with fewer readings than unknowns stays far from its bound."""
+def _why_low(certificate: Certificate, instrument: str, assessment: Assessment) -> list[str]:
+    """Why a plan stays far from its bound, where it does: fewer readings than unknowns, or whole poses."""
+    if not certificate.why_low:
+        return []
+    points = certificate.points
     readings, unknowns = points * (1 if instrument == "ball_bar" else 3), len(assessment.parameters)
     if readings >= unknowns:
-        return []
+        return [certificate.why_low]
     return [
         f"{readings} readings for {unknowns} unknowns of machine and set-up: they determine {assessment.rank} combinations, the "
         f"priors the others; the bound allows more than {points} poses, so the certificate is low; more poses raise it"
