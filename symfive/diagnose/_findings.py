@@ -166,11 +166,17 @@ def _finding(
 
 
 def _log_nothing(posterior: Posterior, term: int) -> float:
-    """Log of the probability that nothing acts where a term does: of subsets with no other name than the rest of the fit has."""
+    """Log of the probability that nothing acts where a term does: of subsets without it and with no other name than the rest of
+    the fit has."""
     terms = posterior.moments.terms
     names = {terms[t].name for t in range(posterior.moments.held) if t != term}
-    nothing = [mass for subset, mass in posterior.mass.items() if {terms[t].name for t, _ in subset} <= names]
-    return float(logsumexp(nothing) - logsumexp(list(posterior.mass.values())))
+    nothing = [
+        mass
+        for subset, mass in posterior.mass.items()
+        if term not in {t for t, _ in subset} and {terms[t].name for t, _ in subset} <= names
+    ]
+    every = list(posterior.mass.values())
+    return float((logsumexp(nothing) if nothing else min(every)) - logsumexp(every))
 
 
 def _other_forms(posterior: Posterior, term: int) -> list[int]:
