@@ -17,6 +17,7 @@ from symfive.cli import app, main
 from symfive.effects import EFFECTS
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.machine import machine_from_data, preset
+from symfive.nc import DIALECTS
 from symfive.procedures import campaign_of, planar_circle
 from symfive.simulate import simulate
 from symfive.version import __version__
