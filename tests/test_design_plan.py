@@ -570,7 +570,8 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     words = ["--circles", "planar", "--effect", "backlash:X", "--count", "1", "--bar", "50", "--nc", "linuxcnc", "-q"]
     assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     assert "backlash.X.width" in capsys.readouterr().out
-    assert len(list((tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc"))) == 2
+    programs = {path.stem for path in (tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc")}
+    assert len(programs) == 3 and any("+" in name for name in programs)  # one a direction, and both with the bar on
 
 
 def test_no_pose_follows_itself_and_the_ends_stay() -> None:

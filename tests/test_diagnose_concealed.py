@@ -314,7 +314,7 @@ def test_a_step_is_looked_for_where_the_fit_leaves_it_and_not_where_it_is_swallo
     found = next(s for s in locate(campaign).suspects if s.effect.id == "table_step" and s.axis == "X")
     assert -61.0 < found.effect.at < 0.0  # no ball stands between
     assert found.nats > 150.0
-    assert abs(found.values["table_step.X.height"]) == pytest.approx(6.0, rel=0.3)
+    assert abs(found.values[f"{found.effect.key}.height"]) == pytest.approx(6.0, rel=0.3)
 
 
 @pytest.mark.slow

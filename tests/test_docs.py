@@ -70,8 +70,8 @@ def commands(block: Block) -> list[list[str]]:
 
 @pytest.fixture
 def own_tables():
-    """Pages may add instruments and effects; afterwards the tables are as they were."""
-    before = [(table, dict(table)) for table in (INSTRUMENTS, EFFECTS)]
+    """Pages may add instruments, effects and dialects; afterwards the tables are as they were."""
+    before = [(table, dict(table)) for table in (INSTRUMENTS, EFFECTS, DIALECTS)]
     yield
     for table, entries in before:
         table.clear()

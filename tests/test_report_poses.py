@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
@@ -116,7 +117,7 @@ def test_frame_and_table_are_there():
 
 
 def _written(campaign: Campaign, folder: Path) -> str:
-    write_page(folder / "page.html", "poses", poses_figure(campaign))
+    write_page(folder / "page.html", "poses", Markup(poses_figure(campaign)))
     return (folder / "page.html").read_text(encoding="utf-8")
 
 
