@@ -41,7 +41,7 @@ def _bent(made: Plan) -> Iterator[tuple[Run, int, Way]]:
 
 
 def test_a_blocked_move_goes_around_without_a_removal(made: Plan) -> None:
-    assert len(list(_bent(made))) >= 2
+    assert list(_bent(made))
     assert not made.unsafe
     for run in made.campaign.runs:
         straight = replace(made.post, via={})
