@@ -106,11 +106,17 @@ def _named(run: Run, name: str, changed: Run) -> Run:
     return replace(changed, id=label, file=f"{label}.csv")
 
 
+def _reversed(run: Run) -> Run:
+    """The same rows in the opposite order, each with its angle of the spindle."""
+    back = {axis: values[::-1] for axis, values in run.commands.items()}
+    spindle = None if run.spindle is None else run.spindle[::-1]
+    return _named(run, "reversed", replace(run, commands=back, spindle=spindle))
+
+
 def _dynamic(campaign: Campaign, run: Run) -> Iterator[Run]:
     for name, factor in (("faster", 1.0 / FACTOR), ("slower", FACTOR)):
         yield _named(run, name, replace(run, time=run.time * factor))
-    back = {axis: values[::-1] for axis, values in run.commands.items()}
-    yield _named(run, "reversed", replace(run, commands=back))
+    yield _reversed(run)
     if _planar(campaign, run):
         yield from _places(campaign, run)
     if _planar(campaign, run) or _synchronous(campaign, run):
@@ -118,8 +124,7 @@ def _dynamic(campaign: Campaign, run: Run) -> Iterator[Run]:
 
 
 def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
-    back = {axis: values[::-1] for axis, values in run.commands.items()}
-    yield _named(run, "reversed", replace(run, commands=back))
+    yield _reversed(run)
     if _planar(campaign, run):
         yield from _places(campaign, run)
     elif run.instrument == ("ball_bar",):
