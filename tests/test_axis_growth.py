@@ -41,6 +41,7 @@ def warming(seed: int = 5) -> Campaign:
     return Campaign(machine=machine, runs=tuple(runs))
 
 
+@pytest.mark.xfail(strict=True, reason="no candidate: it would take the place of any drift along an axis")
 def test_growth_is_named_and_predicts_the_runs_held_out() -> None:
     found = diagnose(warming(), hold_out="cycles")
     [finding] = found.findings

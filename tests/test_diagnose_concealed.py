@@ -412,6 +412,7 @@ def test_a_small_cycle_is_not_taken_for_slow_noise(tmp_path):
     assert not diagnose(_measured(tmp_path / "n", machine, _grids(machine), [], options=quiet)).findings
 
 
+@wrong("it varies over B, and three unidentified effects stand beside it")
 @pytest.mark.slow
 def test_a_cycle_over_time_is_predicted_though_it_has_no_name(tmp_path):
     machine = plant.static_table()
@@ -453,7 +454,6 @@ def test_what_the_library_lacks_is_unknown_over_its_own_coordinate_and_nothing_e
     assert found.fit.chi2_dof_after < 1.1
 
 
-@wrong("its third harmonic is named")
 @pytest.mark.slow
 def test_a_saw_that_coloured_noise_had_swallowed_is_named_by_its_period(tmp_path):
     """Where runs do not repeat each other, noise of seconds explains a saw of millimetres nearly as well."""

@@ -16,9 +16,11 @@ from symfive.design._order import kept_apart, out_and_back, round_trip, there_an
 from symfive.design._refine import Rows
 from symfive.design._seated import Clear, Seated, bars_of
 from symfive.design._space import Space
+from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.motion import approach
-from symfive.nc import Post, Way, arrival_times, cycle_seconds, outside_s, probing_of
+from symfive.nc import Positions, Post, Seat, Way, arrival_times, cycle_seconds, outside_s, probing_of
+from symfive.procedures import Nominal
 
 __all__ = ["SETUP_S", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
 
@@ -99,7 +101,8 @@ def _laid_out(
             noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None, options=space.options,
         )  # fmt: skip
         moves[name] = RunMoves(own, order, _sides(space.machine, run))
-        ways = {i: moves[name].via(i) for i in range(1, len(order)) if order[i] != order[i - 1]}
+        follows = _followed(space.machine, run)
+        ways = {i: moves[name].via(i, follows) for i in range(1, len(order)) if order[i] != order[i - 1]}
         unsafe |= {name: around} if (around := tuple(i for i, way in ways.items() if way is None)) else {}
         via |= {name: bent} if (bent := {i: way for i, way in ways.items() if way}) else {}
         run, clock = _timed(space.machine, run, Post(unsafe=unsafe, via=via), clock)
@@ -110,6 +113,22 @@ def _laid_out(
     campaign = Campaign(machine=space.machine, runs=tuple(runs), name="plan")
     drift = _drift(space, rows, np.concatenate(places), np.concatenate(instants), repeats)
     return Schedule(campaign, clock, unsafe, via, moves, drift, rows)
+
+
+def _followed(machine: Machine, run: Run) -> Clear:
+    """Whether the linear axes can follow the ball all along a straight seated move of a run."""
+    seat, known = Seat(machine, run, Nominal(machine)), dict[tuple[float, ...], bool]()
+
+    def follows(before: Positions, after: Positions) -> bool:
+        key = (*before.values(), *after.values())
+        if key not in known:
+            try:
+                known[key] = bool(seat.blocks([(before, after, 0)], centred=False))
+            except InputError:
+                known[key] = False
+        return known[key]
+
+    return follows
 
 
 def _sides(machine: Machine, run: Run) -> Array:

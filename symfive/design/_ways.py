@@ -61,8 +61,12 @@ class Ways:
         """Whether the straight move from one place to another with the ball in its nest, or the bar on, is clear."""
         key = (*before.values(), *after.values())
         if key not in self._seated:
-            ((_, _, path),) = self.seat.blocks([(before, after, 0)], centred=False)
-            self._seated[key] = not any(self.moves.met(path[:-1], path[1:], rapid=False, bar=True))
+            try:
+                ((_, _, path),) = self.seat.blocks([(before, after, 0)], centred=False)
+            except InputError:  # somewhere on the path the linear axes cannot follow the ball
+                self._seated[key] = False
+            else:
+                self._seated[key] = not any(self.moves.met(path[:-1], path[1:], rapid=False, bar=True))
         return self._seated[key]
 
     def out(self, row: int) -> Way | str:

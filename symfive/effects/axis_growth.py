@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, moving
+from symfive.effects._form import Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.motion import Position
@@ -62,8 +62,8 @@ class AxisGrowth(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
-        for axis in moving(campaign):
-            yield Form(effect=cls(axis=axis), shapes=(cls(axis=axis, shape="linear"),))
+        """None by itself: as its place is free, it takes the place of any drift of the tool along an axis."""
+        return ()
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         farthest = max(map(abs, self.its_axis(campaign).travel))

@@ -54,6 +54,7 @@ class Seat:
         balls = self.nominal.ball({n: ends[:, :, i].ravel() for i, n in enumerate(self.names)}, self.run.tool_ball)
         ways = _Ways(ends, balls.reshape(-1, 2, 3), [row for *_, row in legs])
         found: dict[int, tuple[Array, Array, Array]] = {}
+        held: dict[int, tuple[Array, Array, Array]] = {}  # near at their middles; they may be off between these
         left, blocks = np.arange(len(legs)), 1
         while left.size:
             commands, places = self._between(ways, left, np.arange(1, 2 * blocks + 1) / (2.0 * blocks))
@@ -64,8 +65,13 @@ class Seat:
             for i, leg, path in zip(np.flatnonzero(near), left[near].tolist(), dense, strict=True):
                 first, last = ways.ends[leg]
                 there = np.vstack([commands[i, 1:-1:2], last])
-                found[leg] = there, places[i, 1::2], np.vstack([first, path if centred else there])
-            left, blocks = left[~near], 2 * blocks
+                drawn = there, places[i, 1::2], np.vstack([first, path if centred else there])
+                if leg in held or blocks >= MOST_BLOCKS:  # half as long they are near too
+                    found[leg] = held.get(leg, drawn)
+                held[leg] = drawn
+            for leg in left[~near].tolist():
+                held.pop(leg, None)
+            left, blocks = np.array([leg for leg in left.tolist() if leg not in found], dtype=np.int64), 2 * blocks
         return [found[leg] for leg in range(len(legs))]
 
     def _between(self, ways: _Ways, legs: Indices, share: Array) -> tuple[Array, Array]:

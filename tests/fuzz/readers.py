@@ -70,7 +70,7 @@ def read_recording(folder: Path) -> Run:
     machine = right.made("three-axis")
 
     def read() -> Run:
-        time, commands, readings = read_columns(path, machine, ("dL_um",), dynamic=True)
+        time, commands, readings, _ = read_columns(path, machine, ("dL_um",), dynamic=True)
         return Run(
             id="run", instrument=("ball_bar",), sampling="dynamic", time=time, commands=commands, readings=readings
         )
