@@ -18,8 +18,27 @@ if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
 __all__ = [
-    "COUNT", "MOST", "PATH", "POSITIVE", "SEED", "Number", "Progress", "app", "as_json", "campaign_path", "cut", "dialects",
-    "dialects_of", "joined", "output_path", "overwrite", "quiet", "read", "scheduler", "tell",
+    "COUNT",
+    "MOST",
+    "PATH",
+    "POSITIVE",
+    "SEED",
+    "Number",
+    "Progress",
+    "app",
+    "as_json",
+    "campaign_path",
+    "cut",
+    "dialects",
+    "dialects_of",
+    "joined",
+    "numbers_of",
+    "output_path",
+    "overwrite",
+    "quiet",
+    "read",
+    "scheduler",
+    "tell",
 ]  # fmt: skip
 
 
@@ -171,3 +190,20 @@ def joined(path: Path, also: Sequence[Path], quiet: bool) -> Campaign:
 def tell(data: dict[str, Any], text: str, as_json: bool) -> None:
     """The result on standard output."""
     click.echo(json.dumps(data, indent=1) if as_json else text)
+
+
+def numbers_of(option: str, entries: Sequence[str], example: str, least: float = -LARGEST) -> dict[str, float]:
+    """NAME=VALUE as a table. Raises `InputError` for text, and for what is no number from `least` up."""
+    from symfive.errors import InputError
+
+    found = {}
+    for entry in entries:
+        name, sign, text = entry.rpartition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not (sign and name.strip() and least <= value <= LARGEST):
+            raise InputError(f"{option} {shown(entry)} is not NAME=VALUE", remedy=f"write {option} {example}")
+        found[name.strip()] = value
+    return found

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
-from symfive.cli._common import PATH, Number, Progress, app, as_json, overwrite, quiet, tell
+from symfive.cli._common import PATH, Number, Progress, app, as_json, numbers_of, overwrite, quiet, tell
 
 __all__ = ["history"]
 
@@ -54,7 +54,7 @@ def add(
 
     details = Details(
         time=None if date is None else instant(date), serial=serial, stage=stage or "", instrument=instrument,
-        operator=operator, temperature=temperature, note=note, corrections=_numbers("--corrected", corrections),
+        operator=operator, temperature=temperature, note=note, corrections=numbers_of("--corrected", corrections, "EX0C=10"),
     )  # fmt: skip
     with History(index, create=True) as opened:
         added = opened.add(results, details, progress=Progress(quiet))
@@ -104,7 +104,7 @@ def show(
     from symfive.history import History, instant, trend_text
     from symfive.outputs import output_folder, write_text
 
-    limits = _numbers("--tolerance", tolerances)
+    limits = numbers_of("--tolerance", tolerances, "EX0C=10")
     with History(index) as opened:
         trend = opened.trend(machine, tolerances=limits, rate=false_alarms)
         text, data = trend_text(trend), trend.to_data()
@@ -219,22 +219,3 @@ def _instant(instant: Callable[[str], float], text: str | None) -> float | None:
     if text is None:
         return None
     return instant(text) + (86399.0 if "T" not in text and " " not in text.strip() else 0.0)
-
-
-def _numbers(option: str, entries: Sequence[str]) -> dict[str, float]:
-    """NAME=VALUE as a table. Raises `InputError` for text."""
-    from symfive.errors import InputError
-    from symfive.files import shown
-    from symfive.separated import LARGEST
-
-    found = {}
-    for entry in entries:
-        name, sign, text = entry.rpartition("=")
-        try:
-            value = float(text)
-        except ValueError:
-            value = float("nan")
-        if not (sign and name.strip() and abs(value) <= LARGEST):
-            raise InputError(f"{option} {shown(entry)} is not NAME=VALUE", remedy=f"write {option} EX0C=10")
-        found[name.strip()] = value
-    return found

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from symfive.cli._common import PATH, app, as_json, campaign_path, quiet, read, tell
+from symfive.cli._common import PATH, app, as_json, campaign_path, numbers_of, quiet, read, tell
 
 __all__ = ["standards"]
 
@@ -34,7 +33,8 @@ def standards(
     from symfive.outputs import output_file, write_json
     from symfive.standards import decided, standard_values, standards_data, standards_text, with_uncertainties
 
-    limits, known = _numbers("--tolerance", tolerances), _numbers("--uncertainty", uncertainties)
+    limits = numbers_of("--tolerance", tolerances, "E=6", least=0.0)
+    known = numbers_of("--uncertainty", uncertainties, "E=6", least=0.0)
     values = with_uncertainties(standard_values(read(campaign, quiet, measured=True)), known)
     decisions = decided(values, limits)
     data = standards_data(values, decisions)
@@ -42,22 +42,3 @@ def standards(
         with output_file(output) as path:
             write_json(path, data)
     tell(data, standards_text(values, decisions), as_json)
-
-
-def _numbers(option: str, entries: Sequence[str]) -> dict[str, float]:
-    """NAME=VALUE as a table. Raises `InputError` for text, and for what is not a number from 0 up."""
-    from symfive.errors import InputError
-    from symfive.files import shown
-    from symfive.separated import LARGEST
-
-    found = {}
-    for entry in entries:
-        name, sign, text = entry.rpartition("=")
-        try:
-            value = float(text)
-        except ValueError:
-            value = -1.0
-        if not (sign and name.strip() and 0.0 <= value <= LARGEST):
-            raise InputError(f"{option} {shown(entry)} is not NAME=VALUE", remedy=f"write {option} E=6")
-        found[name.strip()] = value
-    return found
