@@ -16,7 +16,6 @@ from symfive.design._order import kept_apart, out_and_back, round_trip, there_an
 from symfive.design._refine import Rows
 from symfive.design._seated import Clear, Seated, bars_of
 from symfive.design._space import Space
-from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.motion import approach
 from symfive.nc import Positions, Post, Seat, Way, arrival_times, cycle_seconds, outside_s, probing_of
@@ -122,10 +121,7 @@ def _followed(machine: Machine, run: Run) -> Clear:
     def follows(before: Positions, after: Positions) -> bool:
         key = (*before.values(), *after.values())
         if key not in known:
-            try:
-                known[key] = bool(seat.blocks([(before, after, 0)], centred=False))
-            except InputError:
-                known[key] = False
+            known[key] = seat.path(before, after) is not None
         return known[key]
 
     return follows

@@ -61,12 +61,8 @@ class Ways:
         """Whether the straight move from one place to another with the ball in its nest, or the bar on, is clear."""
         key = (*before.values(), *after.values())
         if key not in self._seated:
-            try:
-                ((_, _, path),) = self.seat.blocks([(before, after, 0)], centred=False)
-            except InputError:  # somewhere on the path the linear axes cannot follow the ball
-                self._seated[key] = False
-            else:
-                self._seated[key] = not any(self.moves.met(path[:-1], path[1:], rapid=False, bar=True))
+            path = self.seat.path(before, after)
+            self._seated[key] = path is not None and not any(self.moves.met(path[:-1], path[1:], rapid=False, bar=True))
         return self._seated[key]
 
     def out(self, row: int) -> Way | str:

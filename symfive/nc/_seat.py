@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Run
+from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures import Nominal
 
@@ -73,6 +74,14 @@ class Seat:
                 held.pop(leg, None)
             left, blocks = np.array([leg for leg in left.tolist() if leg not in found], dtype=np.int64), 2 * blocks
         return [found[leg] for leg in range(len(legs))]
+
+    def path(self, before: Mapping[str, float], after: Mapping[str, float]) -> Array | None:
+        """The path of the axes (m, axes) on a straight move with the ball seated; None where they cannot follow the ball."""
+        try:
+            ((_, _, path),) = self.blocks([(before, after, 0)], centred=False)
+        except InputError:
+            return None
+        return path
 
     def _between(self, ways: _Ways, legs: Indices, share: Array) -> tuple[Array, Array]:
         """Commands (legs, n, axes) and places (legs, n, 3) at n shares of the legs: rotary axes straight, the bar on the shorter
