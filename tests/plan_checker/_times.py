@@ -64,13 +64,19 @@ def time_table(path: Path) -> Iterator[Finding]:
 def up_to_speed(path: Path, events: list[Event]) -> float:
     """What the blocks between two rests take longer than their feeds say, at half of every axis' greatest acceleration, s.
 
-    An axis that goes at v loses v/a: in the v/a up to speed and in the v/a to rest it goes half as far as at v.
+    An axis that goes at v loses v/a: in the v/a up to speed and in the v/a to rest it goes half as far as at v. So it does on
+    every stretch between two corners: block ends where its speed changes by more than it can in the shorter block.
     """
     moves = [e for e in events if e.kind == "feed" and np.isfinite(e.seconds) and e.seconds > 0.0]
     if not moves:
         return 0.0
-    speed = np.max([np.abs(e.end - e.start) / e.seconds for e in moves], axis=0)
-    return float(np.nan_to_num(speed / (0.5 * path.machine.limit("max_acceleration"))).max())
+    push = 0.5 * path.machine.limit("max_acceleration")
+    needed = np.array([e.seconds for e in moves])
+    speeds = np.array([e.end - e.start for e in moves]) / needed[:, None]
+    able = push * np.minimum(needed[1:], needed[:-1])[:, None]
+    corners = 1 + np.flatnonzero((np.abs(np.diff(speeds, axis=0)) > 1.01 * able).any(axis=1))
+    highest = [np.abs(stretch).max(axis=0) for stretch in np.split(speeds, corners)]
+    return float(sum(np.nan_to_num(speed / push).max() for speed in highest))
 
 
 def minutes(paths: list[Path], runs: tuple[Run, ...]) -> tuple[float, float]:
