@@ -30,6 +30,10 @@ KEPT_OFF, RAPID_MM = 15.0, 5.0
 """What the tool ball keeps off the nest and all bodies off each other on rapid moves, mm: the operator's tool is a little longer
 or shorter than planned."""
 ROUNDING_MM = 1e-3
+AT_ONCE = 8192
+"""Positions at which distances are sought at once: what that needs in memory stays small."""
+FEW = 8
+"""Places of a path that are looked at first."""
 ENOUGH_MM = 25.0
 """Distances above it are not sought further."""
 
@@ -44,14 +48,34 @@ class Moves:
         still = ("travel", *ON_THE_BAR)
         self.kept = np.array([0.0 if name.startswith(still) else RAPID_MM for name in self.clearances.names])
         self.bodies = np.array([not name.startswith("travel") for name in self.names])
+        low, high = np.array([machine.axes[n].travel for n in machine.axis_names]).T
+        self.low, self.high = low - ROUNDING_MM, high + ROUNDING_MM
         self.grain = np.array([ROTARY_DEG if machine.axes[n].rotary else LINEAR_MM for n in machine.axis_names])
 
     def vector(self, positions: Positions) -> Array:
         """Positions in the machine's order of axes."""
         return np.array([positions[name] for name in self.machine.axis_names])
 
-    def met(self, starts: Array, ends: Array, *, rapid: bool, bar: bool) -> list[str]:
-        """Of moves (M, axes): what meets first along each, "" where it is clear."""
+    def clear(self, path: Array) -> bool:
+        """Whether nothing meets along a path (n, axes) of straight blocks with the ball seated; blocks shorter than what is
+        tested anyway are taken together. What is blocked is so in many places mostly: a few are looked at first.
+
+        Nothing more of a path is looked at that leaves a travel: near a singular pose it is kilometres long.
+        """
+        if np.any((path < self.low) | (path > self.high)):
+            return False
+        places = [path[0]]
+        for here, after in itertools.pairwise(path[1:]):
+            if np.any(np.abs(after - places[-1]) > self.grain):
+                places.append(here)
+        path = np.array([*places, path[-1]])
+        few = path[:: max(1, len(path) // FEW)]
+        return not any(self.met(few, few, rapid=False, bar=True)) and not any(
+            self.met(path[:-1], path[1:], rapid=False, bar=True, one=True)
+        )
+
+    def met(self, starts: Array, ends: Array, *, rapid: bool, bar: bool, one: bool = False) -> list[str]:
+        """Of moves (M, axes): what meets first along each, "" where it is clear; `one`: the first that is not ends the test."""
         counts = np.maximum(1, np.ceil(np.abs(ends - starts) / self.grain).max(axis=1, initial=0.0)).astype(int)
         owner = np.repeat(np.arange(len(starts)), counts + 1)
         share = np.concatenate([np.arange(count + 1) / count for count in counts])
@@ -63,6 +87,8 @@ class Moves:
         a, b = (commands[first], left[first]), (commands[first + 1], left[first + 1])
         owner = owner[first]
         while owner.size:
+            if one and any(found):
+                break
             on = np.flatnonzero(self._doubtful(a, b) & np.array([not found[i] for i in owner]))
             owner, a, b = owner[on], (a[0][on], a[1][on]), (b[0][on], b[1][on])
             if not owner.size:
@@ -78,7 +104,9 @@ class Moves:
 
     def _left(self, commands: Array, rapid: bool, bar: bool) -> Array:
         """What is left of every clearance above what must be kept (N, pairs)."""
-        values = self.clearances(commands, bar=bar, enough=ENOUGH_MM) - (self.kept if rapid else 0.0)
+        chunks = np.array_split(commands, 1 + len(commands) // AT_ONCE)
+        values = np.concatenate([self.clearances(chunk, bar=bar, enough=ENOUGH_MM) for chunk in chunks])
+        values -= self.kept if rapid else 0.0
         off = np.full(len(commands), np.inf)
         if rapid:
             off = np.linalg.norm(self.clearances.frames(commands)[0] - self.nest, axis=1) - KEPT_OFF

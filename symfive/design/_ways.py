@@ -62,7 +62,7 @@ class Ways:
         key = (*before.values(), *after.values())
         if key not in self._seated:
             path = self.seat.path(before, after)
-            self._seated[key] = path is not None and not any(self.moves.met(path[:-1], path[1:], rapid=False, bar=True))
+            self._seated[key] = path is not None and self.moves.clear(path)
         return self._seated[key]
 
     def out(self, row: int) -> Way | str:

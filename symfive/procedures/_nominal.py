@@ -27,6 +27,8 @@ REACHED_DEG = 1e-6
 COARSE_RAD = 0.02
 SEED_DEG = 30.0
 NEWTON = 25
+REGULAR = 1e-6
+"""Determinant of the directions of three linear axes above which they span the space."""
 POLE = 60.0
 """A rotary axis that turns so much faster than the tool passes within 1° of the pole, where the tool points along it."""
 
@@ -34,6 +36,18 @@ POLE = 60.0
 def home(axis: Axis) -> float:
     """Where an axis stands that a test does not use: at 0, or at the end of its travel that is nearest to 0."""
     return float(np.clip(0.0, *axis.travel))
+
+
+def _shortest(slopes: Array, wanted: Array) -> Array:
+    """The shortest changes (N, m) whose products with the slopes (N, 3, m) come nearest to those wanted (N, 3)."""
+    change = np.zeros((len(slopes), slopes.shape[2]))
+    regular = np.zeros(len(slopes), dtype=bool)
+    if slopes.shape[2] == 3:
+        regular = np.abs(np.linalg.det(slopes)) > REGULAR
+        change[regular] = np.linalg.solve(slopes[regular], wanted[regular, :, None])[..., 0]
+    inverses = np.linalg.pinv(slopes[~regular], rcond=1e-9)
+    change[~regular] = np.einsum("nij,nj->ni", inverses, wanted[~regular])
+    return change
 
 
 class Nominal:
@@ -116,7 +130,7 @@ class Nominal:
         ball, slope, *_ = self._evaluate(commands, tool_ball)
         matrix = slope[:, :, [names.index(name) for name in moving]]
         wanted = target - ball[:, :, 0]
-        change = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), wanted)
+        change = _shortest(matrix, wanted)
         missed = np.linalg.norm(np.einsum("nij,nj->ni", matrix, change) - wanted, axis=1)
         if missed.size and missed.max() > REACHED_MM:
             named = what if isinstance(what, str) else what(int(missed.argmax()))
