@@ -13,6 +13,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Run
+from symfive.design._mounting import STILL
 from symfive.drawing.render import rendered
 from symfive.machine import Machine
 from symfive.numbers import unit_words
@@ -38,14 +39,14 @@ def svg(figure: Figure) -> str:
 
 def pose_figure(machine: Machine, run: Run) -> Figure:
     """Top and side view in the workpiece frame: table, balls, tool directions and bars, coloured by order; and the path
-    of the rotary axes."""
+    of the rotary axes that turn."""
     nominal = Nominal(machine)
     balls = nominal.ball(run.commands, run.tool_ball)
     workpiece, tool = nominal.workpiece_rotation(run.commands), nominal.tool_rotation(run.commands)
     axes_of_tool = np.einsum("nji,nj->ni", workpiece, tool[:, :, 2])
-    rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
+    turning = [name for name in machine.axis_names if machine.axes[name].rotary and np.ptp(run.commands[name]) > STILL]
     figure = Figure(figsize=(11.0, 4.1), layout="constrained")
-    panels = figure.subplots(1, 3 if rotary else 2)
+    panels = figure.subplots(1, 3 if turning else 2)
     colours = matplotlib.colormaps[COLOURS](np.linspace(0.0, 0.92, run.rows))
     for panel, (i, j) in zip(panels[:2], ((0, 1), (0, 2)), strict=True):
         _table(panel, machine, j == 1)
@@ -64,8 +65,8 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
         panel.set_title(
             "from above, as the table sees it" if j == 1 else "from the front, as the table sees it", fontsize=9
         )
-    if rotary:
-        _rotary_path(panels[2], machine, run, rotary, colours)
+    if turning:
+        _rotary_path(panels[2], run, turning, colours)
     _key(figure, "ball_bar" in run.instrument)
     return figure
 
@@ -90,7 +91,7 @@ def _table(panel: Any, machine: Machine, above: bool) -> None:
         panel.plot([x - radius, x + radius], [0.0, 0.0], color="0.6", linewidth=2.0)
 
 
-def _rotary_path(panel: Any, machine: Machine, run: Run, rotary: list[str], colours: Array) -> None:
+def _rotary_path(panel: Any, run: Run, rotary: list[str], colours: Array) -> None:
     first, second = (rotary[0], rotary[1]) if len(rotary) > 1 else (rotary[0], rotary[0])
     x, y = run.commands[second], run.commands[first]
     if len(rotary) == 1:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
+from typing import Any
 
 from symfive.campaign import FIRST_LINE, Campaign, Run
 from symfive.instruments import instruments_of
@@ -30,38 +30,31 @@ def mounted_before(runs: Sequence[Run], run: Run) -> Run | None:
     return None
 
 
-def pose_table(campaign: Campaign, run: Run, post: Post) -> str:
-    """Pose by pose: number, line of the file, when the program gets there, the axes' positions, what to do before.
+def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:
+    """Pose by pose: number, line of the file, when the program gets there, the axes' positions, what to do before: `heads`, and
+    `rows` of numbers and what comes before.
 
-    All poses of a run have the same ball, dwell and reading columns; these stand above the table.
+    All poses of a run have the same ball, dwell and reading columns; `what` says these.
     """
     machine = campaign.machine
     names = sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary)
-    heads = [
-        "pose",
-        "line",
-        "read at / min:s",
-        *(f"{escape(n)} / {unit_words(machine.axes[n].unit)}" for n in names),
-        "before",
-    ]
+    positions = [f"{name} / {unit_words(machine.axes[name].unit)}" for name in names]
     rows, readings = [], _readings(run)
     for row in range(run.rows):
-        cells = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + post.dwell_s)]
-        cells += [f"{run.commands[name][row] + 0.0:.3f}" for name in names]
-        numbers = "".join(f'<td class="n">{cell}</td>' for cell in cells)
-        rows.append(f'<tr>{numbers}<td class="again">{escape(_before(run, row, post, readings[row]))}</td></tr>')
+        numbers = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + post.dwell_s)]
+        numbers += [f"{run.commands[name][row] + 0.0:.3f}" for name in names]
+        rows.append((numbers, _before(run, row, post, readings[row])))
     columns = [column.name for i in instruments_of(run) for column in i.columns(run, machine)]
     at = ", ".join(f"{v:.1f}" for v in run.table_ball)
     what = f"table ball at ({at}) mm, bar of {run.length:g} mm" if run.length is not None else f"nest at ({at}) mm"
-    head = "".join(f"<th>{h}</th>" for h in heads)
     different = len({same[0] for same in readings})
     counted = f"All {run.rows} poses" + (f", {different} of them different" if different < run.rows else "")
-    return (
-        f"<p>{counted}: {what}; {post.dwell_s:g} s at rest, then {READ[post.at_pose]} "
-        f"{escape(', '.join(columns))} into the line of "
-        f"{escape(run.file)}.</p>"
-        f'<table class="poses-list"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
-    )
+    return {
+        "what": f"{counted}: {what}; {post.dwell_s:g} s at rest, then {READ[post.at_pose]} {', '.join(columns)} into the line of "
+        f"{run.file}.",
+        "heads": ["pose", "line", "read at / min:s", *positions, "before"],
+        "rows": rows,
+    }
 
 
 def _clock(seconds: float) -> str:

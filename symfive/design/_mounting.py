@@ -1,0 +1,116 @@
+"""Where the ball of a run stands, and which path its tool ball takes: facts for the person at the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.campaign import Run
+from symfive.errors import InputError
+from symfive.numbers import plain_number, unit_words
+from symfive.procedures import Nominal
+
+__all__ = ["STILL", "digits", "from_axes", "over_the_ball", "path_facts"]
+
+Array = NDArray[np.float64]
+STILL = 1e-3
+"""What moves by less, mm or degree, stands still; directions that differ by less are one."""
+
+
+def digits(value: float) -> str:
+    """mm or degree to 0.001."""
+    return f"{round(float(value), 3) + 0.0:.3f}"
+
+
+def over_the_ball(nominal: Nominal, run: Run) -> dict[str, Array]:
+    """Positions of the axes, (1,) each, at which the tool's ball stands where the table's does; none where they cannot."""
+    try:
+        return nominal.follow(np.array([run.table_ball]), run.tool_ball, {}, "the table ball")
+    except InputError:
+        return {}
+
+
+def from_axes(nominal: Nominal, run: Run) -> dict[str, Array]:
+    """From each rotary axis square across to the ball, (3,) mm in the machine frame, rotary axes at home."""
+    at = over_the_ball(nominal, run) or nominal.commands({}, 1)
+    ball = nominal.workpiece_origin(at)[0] + nominal.workpiece_rotation(at)[0] @ np.asarray(run.table_ball)
+    found = {}
+    for name, axis in nominal.machine.axes.items():
+        if axis.rotary:
+            foot, along = nominal.axis_line(name, at)
+            found[name] = ball - foot - (ball - foot) @ along * along
+    return found
+
+
+def path_facts(nominal: Nominal, run: Run) -> dict[str, str]:
+    """Radius, plane, direction and feed of the tool ball's path, as the workpiece sees it (the machine where only linear axes
+    move)."""
+    machine = nominal.machine
+    moving = [name for name, q in run.commands.items() if np.ptp(q) > STILL]
+    turning = [name for name in moving if machine.axes[name].rotary]
+    way = nominal.ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
+    if not turning:
+        way = way @ nominal.workpiece_rotation(run.commands)[0].T
+    frame = "workpiece frame" if turning else "machine frame"
+    _, spread, axes = np.linalg.svd(way - way.mean(axis=0), full_matrices=False)
+    wide = spread / np.sqrt(run.rows) > STILL
+    if not wide[1]:
+        if not wide[0]:
+            return _carried(nominal, run, turning, way[0])
+        line = way @ axes[0]
+        return {
+            "Path": f"straight, {plain_number(np.ptp(line))} mm",
+            "Feed": f"{plain_number(run.fastest(line))} mm/min",
+        }
+    normal = axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))])
+    ring = way - np.outer(way @ normal, normal)
+    radius = np.linalg.norm(ring, axis=1)
+    if wide[2] or np.ptp(radius) > STILL:
+        return {}
+    main = int(np.argmax(normal))
+    lean = np.degrees(np.arccos(min(1.0, normal[main])))
+    plane, towards = ("yz", "zx", "xy")[main], f"+{'xyz'[main]}"
+    if lean > STILL:
+        towards = f"({', '.join(map(digits, normal))})"
+        plane = f"leaning by {lean:.1f}° from {plane}"
+    u = ring[0] / radius[0]
+    phi = np.unwrap(np.arctan2(ring @ np.cross(normal, u), ring @ u))
+    sense = "counter-clockwise" if phi[-1] > phi[0] else "clockwise"
+    facts = {
+        "Circle": f"radius {plain_number(radius[0], 'mm')} mm, {np.degrees(np.ptp(phi)):.0f}° with run-up and run-out",
+        "Plane": f"{plane} of the {frame}",
+        "Direction": f"{sense}, seen against {towards}",
+        "Feed": f"{plain_number(run.fastest(radius[0] * phi))} mm/min along the circle",
+    }
+    if len(moving) == 2 and len(turning) == 1 and run.length is not None:
+        x_t = float(np.linalg.norm(from_axes(nominal, run)[turning[0]]))
+        together = f"{turning[0]} and {next(n for n in moving if n not in turning)} move"
+        ratio = f"X_T/r = {plain_number(x_t)}/{plain_number(run.length)} = {plain_number(x_t / run.length)}"
+        facts["Together"] = f"{together}; the ball is X_T = {digits(x_t)} mm from axis {turning[0]}, {ratio}"
+    return facts
+
+
+def _carried(nominal: Nominal, run: Run, turning: Sequence[str], bar: Array) -> dict[str, str]:
+    """The tool's ball rests beside the workpiece: how the bar lies to the axis that turns."""
+    if len(turning) != 1:
+        return {}
+    (name,) = turning
+    q, home = run.commands[name], nominal.commands({}, 1)
+    _, along = nominal.axis_line(name, home)
+    across = from_axes(nominal, run)[name]
+    bar = nominal.workpiece_rotation(home)[0] @ bar / max(float(np.linalg.norm(bar)), STILL)
+    outward = abs(bar @ across) / max(float(np.linalg.norm(across)), STILL)
+    lies = (
+        "along"
+        if abs(bar @ along) > 0.999
+        else "tangential to"
+        if outward < STILL < np.linalg.norm(across)
+        else "radial to"
+    )
+    return {
+        "Bar": f"{lies} axis {name}, turning with it",
+        "Direction": f"{name} {'rising' if q[-1] > q[0] else 'falling'}",
+        "Feed": f"{plain_number(run.fastest(q))} {unit_words(nominal.machine.axes[name].unit)}/min of {name}",
+    }
