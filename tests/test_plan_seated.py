@@ -18,12 +18,19 @@ from symfive.design._moves import blocked_moves
 from symfive.design._schedule import Schedule
 from symfive.design._seated import Seated
 from symfive.design._space import Space, make_space
-from symfive.machine import preset, presets
+from symfive.machine import machine_from_data, preset, presets
 from symfive.motion import approach
-from symfive.nc import DIALECTS, Positions, Post, Way, program_steps
-from symfive.procedures import Nominal
+from symfive.nc import DIALECTS, Positions, Post, Seat, Way, program_steps
+from symfive.procedures import Nominal, r_test_grid
 from tests.plan_checker import check
 
+TURNED_Y = {
+    "schema": "symfive.machine/1", "name": "Y turns with C", "structure": "w b B X C Y Z t",
+    "axes": {"B": {"travel": [-90.0, 110.0]}, "C": {"travel": [-360.0, 360.0]},
+             **{name: {"travel": [-800.0, 800.0]} for name in "XYZ"}},
+    "errors": {"EX0C": {"sigma": 50.0}}, "workspace": {"table_radius": 200.0, "ball_height": [30.0, 100.0],
+                                                    "tool_length": [100.0, 200.0]},
+}  # fmt: skip
 PLANS = (("three-axis", "ball_bar", 24), ("mixed-bc", "r_test", 32))
 
 
@@ -127,3 +134,30 @@ def test_a_bar_comes_off_at_most_once_a_run(name: str) -> None:
     assert all(len(rows) <= 1 for rows in made.unsafe.values())
     for run, rows in made.unsafe.items():
         assert any(note.startswith(f"run {run}: remove the bar before {len(rows)} of the poses") for note in made.notes)
+
+
+def test_linear_axes_that_turn_against_each_other_keep_out_of_one_plane() -> None:
+    """C turns Y, which stands on it, towards X: at C = 90° both go one way, and any of many positions would do."""
+    machine = machine_from_data(TURNED_Y)
+    space = make_space(machine, "r_test")
+    z = np.array([[0.0, np.radians(c), 0.5, 0.0, 0.5, 1.5] for c in (0.0, 60.0, 88.0, 90.0)])
+    assert space.feasible(z, np.zeros((4, 1))).tolist() == [True, True, False, False]
+
+
+def test_the_last_block_ends_at_the_pose_that_is_written() -> None:
+    """At C = 90° X and Y cancel, so the ball's place does not say where they stand: the last block slides both by 200 mm."""
+    machine, tool = machine_from_data(TURNED_Y), (0.0, 0.0, -150.0)
+    nominal, place = Nominal(machine), np.array([[0.0, 0.0, 50.0]])
+    before, after = (
+        {n: float(q[0]) for n, q in nominal.follow(place, tool, {"B": 0.0, "C": c}, "it").items()} for c in (80.0, 90.0)
+    )
+    after |= {"X": after["X"] + 200.0, "Y": after["Y"] + 200.0}
+    run = replace(
+        r_test_grid(preset("table-bc"))[0], time=np.zeros(1), tool_ball=tool, readings={},
+        commands={n: np.array([v]) for n, v in before.items()},
+    )  # fmt: skip
+    path = Seat(machine, run, nominal).path(before, after)
+    assert path is not None and dict(zip(machine.axis_names, path[-1].tolist(), strict=True)) == after
+    dense = np.concatenate([path[:-1] + share * np.diff(path, axis=0) for share in np.linspace(0.0, 1.0, 9)])
+    ball = nominal.ball(dict(zip(machine.axis_names, dense.T, strict=True)), tool)
+    assert np.linalg.norm(ball - place, axis=1).max() < 0.1 * machine.workspace.stroke(bar=False)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from symfive.design._bodies import NOSE_LENGTH
 from symfive.design._information import Layout
-from symfive.design._space import UNIT_MM, Space
+from symfive.design._space import PARALLEL, UNIT_MM, Space
 from symfive.design._spectrum import spectrum_of
 
 __all__ = ["Proved", "largest_told"]
@@ -54,6 +54,8 @@ def largest_told(
 ) -> Proved | None:  # fmt: skip
     """An upper bound of ⟨G, F⟩ over all poses of the set-up `z`, `k` of run `g`, no sharper than (1 + `slack`) of the most that
     was found, `top` or a better pose met on the way. None where φ is no polynomial of the angles."""
+    if PARALLEL in space.limit_names:
+        return None
     values, vectors = np.linalg.eigh(pull)
     half = (vectors * np.sqrt(np.maximum(values, 0.0))).T
     poses = space.poses

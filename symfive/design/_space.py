@@ -40,7 +40,7 @@ from symfive.model import Model, assemble
 from symfive.motion import Position
 from symfive.parameters import Parameter
 
-__all__ = ["SETUP_VARIABLES", "Space", "make_space"]
+__all__ = ["PARALLEL", "SETUP_VARIABLES", "Space", "make_space"]
 
 Array = NDArray[np.float64]
 SETUP_VARIABLES = ("table_ball.radius", "table_ball.angle", "table_ball.height", "tool.length")
@@ -48,6 +48,10 @@ UNIT_MM = 100.0
 DIGITS = 6
 """Digits behind the point to which positions are written, so that what is tested is what is driven."""
 MOST_ELEVATION = 90.0
+LEAST_VOLUME = 0.1
+"""Where a rotary axis turns linear axes against each other: they keep at least so far from lying in one plane (a sine, 6°);
+nearer, any of many positions of the axes would do for a pose."""
+PARALLEL = "linear axes in one plane"
 SIGMAS_IN_RANGE = 3.0
 MOST_PROBE_TILT_DEG = 50.0
 """Between the probe and the sphere's post, so that a touch square to the probe is at least 40° off the post."""
@@ -209,27 +213,49 @@ def follow(machine: Machine, position: dict[str, Any], tool_ball: Any, place: An
 
     Where there are more than three linear axes those that stand first from the bed follow and the others rest at home.
     """
+    linear, moving, ball, vector = _followers(machine, position, tool_ball)
+    rest = {n: float(np.clip(0.0, *machine.axes[n].travel)) for i, n in enumerate(linear) if i not in moving}
+    home = [ca.SX(0.0) if i in moving else ca.SX(rest[n]) for i, n in enumerate(linear)]
+    start = ca.substitute([ball], [vector], [ca.vertcat(*home)])[0]
+    solved = ca.inv_minor(ca.jacobian(ball, vector)[:, moving]) @ (place - start)
+    found = {linear[i]: ca.simplify(solved[j]) for j, i in enumerate(moving)}
+    return {name: position.get(name, found.get(name, ca.SX(rest.get(name, 0.0)))) for name in machine.axis_names}
+
+
+def _followers(machine: Machine, position: dict[str, Any], tool_ball: Any) -> tuple[list[str], list[int], Any, Any]:
+    """The linear axes, which three of them follow, and the tool ball (workpiece frame) as a function of a vector of all of them.
+    Raises `InputError` where no three span space."""
     linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
     symbols = {name: ca.SX.sym(name) for name in linear}
     whole = {name: position.get(name, symbols.get(name)) for name in machine.axis_names}
     ball = ball_in_workpiece(machine, whole, tool_ball)
     vector = ca.vertcat(*symbols.values())
-    slope = ca.jacobian(ball, vector)
     somewhere = ca.vertcat(*position.values(), ca.SX(1, 1))  # the directions are independent anywhere or nowhere
     free = ca.symvar(somewhere)
-    at_zero = np.asarray(ca.Function("slope", [ca.vertcat(*free)], [ca.densify(slope)])([0.1] * len(free)))
+    slope = ca.Function("slope", [ca.vertcat(*free)], [ca.densify(ca.jacobian(ball, vector))])
+    at_zero = np.asarray(slope([0.1] * len(free)))
     moving: list[int] = []
     for i in range(len(linear)):
         if len(moving) < 3 and np.linalg.matrix_rank(at_zero[:, [*moving, i]], tol=1e-6) == len(moving) + 1:
             moving.append(i)
     if len(moving) < 3:
         raise InputError("the linear axes do not span space", remedy="plans need three linear axes that do")
-    rest = {n: float(np.clip(0.0, *machine.axes[n].travel)) for i, n in enumerate(linear) if i not in moving}
-    home = [ca.SX(0.0) if i in moving else ca.SX(rest[n]) for i, n in enumerate(linear)]
-    start = ca.substitute([ball], [vector], [ca.vertcat(*home)])[0]
-    solved = ca.inv_minor(slope[:, moving]) @ (place - start)
-    found = {linear[i]: ca.simplify(solved[j]) for j, i in enumerate(moving)}
-    return {name: position.get(name, found.get(name, ca.SX(rest.get(name, 0.0)))) for name in machine.axis_names}
+    return linear, moving, ball, vector
+
+
+def _spanned(machine: Machine, position: dict[str, Any], tool_ball: Any) -> Any | None:
+    """The volume that the directions of the linear axes that follow span, where that changes because a rotary axis turns one of
+    them against the others; else None."""
+    rotary = {name: q for name, q in position.items() if machine.axes[name].rotary}
+    _, moving, ball, vector = _followers(machine, rotary, tool_ball)
+    q = ca.vertcat(*rotary.values(), ca.SX(0, 1))
+    volume = ca.fabs(ca.det(ca.jacobian(ball, vector)[:, moving]))
+    at = ca.Function("volume", [q], [volume])
+    return (
+        volume
+        if np.ptp([float(at(np.arange(1.0, q.numel() + 1.0) * turn)) for turn in (0.3, 0.7, 1.1)]) > 1e-9
+        else None
+    )
 
 
 def _rows(
@@ -276,6 +302,10 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
             low, high = axis.travel
             limits += [(geometry.position[name] - low) / UNIT_MM, (high - geometry.position[name]) / UNIT_MM]
             names += [f"travel of {name}"] * 2
+    volume = _spanned(machine, geometry.position, geometry.tool_ball)
+    if volume is not None:
+        limits.append(volume - LEAST_VOLUME)
+        names.append(PARALLEL)
     workspace, place, axis = machine.workspace, geometry.place, geometry.tool_axis
     if workspace.spindle_nose is not None:
         limits += [height / UNIT_MM for height in nose_over_table(workspace, place, axis)]

@@ -59,14 +59,18 @@ class Seat:
         left, blocks = np.arange(len(legs)), 1
         while left.size:
             commands, places = self._between(ways, left, np.arange(1, 2 * blocks + 1) / (2.0 * blocks))
+            commands[:, -1] = ways.ends[left, 1]
             before = ways.ends[left, :1], ways.balls[left, :1]
             middles = self._middles(np.hstack([before[0], commands]), np.hstack([before[1], places]), centred)
-            near = (self._error(middles, places[:, ::2]) <= allowed) | (blocks >= MOST_BLOCKS)
+            near = self._error(middles, places[:, ::2]) <= allowed
+            if blocks == MOST_BLOCKS and not near.all():
+                way = self._words_of(ways, int(left[np.argmin(near)]))
+                remedy = "choose poses that the linear axes reach from another without a jump"
+                raise InputError(f"{way}: the axes cannot follow the ball", remedy=remedy)
             dense = self._between(ways, left[near], DENSELY)[0] if centred and near.any() else commands[near, 1::2]
             for i, leg, path in zip(np.flatnonzero(near), left[near].tolist(), dense, strict=True):
-                first, last = ways.ends[leg]
-                there = np.vstack([commands[i, 1:-1:2], last])
-                drawn = there, places[i, 1::2], np.vstack([first, path if centred else there])
+                there = commands[i, 1::2]
+                drawn = there, places[i, 1::2], np.vstack([ways.ends[leg, 0], path if centred else there])
                 if leg in held or blocks >= MOST_BLOCKS:  # half as long they are near too
                     found[leg] = held.get(leg, drawn)
                 held[leg] = drawn
@@ -95,10 +99,13 @@ class Seat:
         places = np.stack([self._way(ways.balls[leg, 0], ways.balls[leg, 1], share) for leg in legs])
 
         def what(pose: int) -> str:
-            return f"the way to line {ways.rows[legs[pose // len(share)]] + FIRST_LINE} of run {self.run.id}"
+            return self._words_of(ways, legs[pose // len(share)])
 
         found = self.nominal.follow(places.reshape(-1, 3), self.run.tool_ball, fixed, what)
         return np.stack([found[n] for n in self.names], axis=1).reshape(len(legs), len(share), -1), places
+
+    def _words_of(self, ways: _Ways, leg: int) -> str:
+        return f"the way to line {ways.rows[leg] + FIRST_LINE} of run {self.run.id}"
 
     def _way(self, before: Array, after: Array, share: Array) -> Array:
         """Places (n, 3) of the tool ball at shares of the way from one place to another."""
