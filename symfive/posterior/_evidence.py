@@ -35,6 +35,8 @@ WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
 """A scale-free prior of amplitudes as a mixture, half a decade apart: nothing is capped by what machine tools usually have."""
 SHARE = 0.3
 """1σ of a discrepancy as a share of its term: a form of the library is right to a third, or it is another form."""
+PLAIN = 1e10
+"""Trace of H up to which its rounding, 1e-16 of it, is nothing beside the prior's 1."""
 STEPS = 3
 """Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-2 or less."""
 
@@ -117,18 +119,36 @@ def beside(
 def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> Weighed:
     """The evidence of one subset, with the discrepancies `blocks` of its terms."""
     s = _subset(moments, members, blocks)
-    base = _Base.of(s)
-    kappa2 = np.maximum(1.0, s.q / moments.count)
+    fits = _fits_by_eigenvectors if np.trace(s.h, axis1=1, axis2=2).max() > PLAIN else _fits
+    kappa2, left, pull, logdet = fits(s, moments.count)
+    cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
+    by_node = -0.5 * (cost + moments.const) + moments.log_prior
+    return Weighed(by_node, float(kappa2[np.argmax(by_node)]))
+
+
+def _fits(s: _Subset, count: int) -> tuple[Array, Array, Array, Array]:
+    """κ², what is left, |x + d|² and log|A| in every node (J,)."""
+    kappa2, one = np.maximum(1.0, s.q / count), np.eye(len(s.d))
+    for step in range(STEPS):
+        a = s.h / kappa2[:, None, None] + one
+        x = np.linalg.solve(a, (s.g / kappa2[:, None] - s.d)[..., None])[..., 0]
+        left = s.q + np.sum(x * ((s.h @ x[..., None])[..., 0] - 2.0 * s.g), axis=1)
+        if step < STEPS - 1:
+            kappa2 = np.maximum(1.0, left / count)
+    logdet = 2.0 * np.log(np.diagonal(np.linalg.cholesky(a), axis1=1, axis2=2)).sum(axis=1)
+    return kappa2, left, np.sum((x + s.d) ** 2, axis=1), logdet
+
+
+def _fits_by_eigenvectors(s: _Subset, count: int) -> tuple[Array, Array, Array, Array]:
+    """The same where rounding of H comes near the prior's 1: no component of g beyond what Cauchy and Schwarz allow."""
+    base, kappa2 = _Base.of(s), np.maximum(1.0, s.q / count)
     for step in range(STEPS):
         k = kappa2[:, None]
         x = (base.g / k - base.d) / (base.power / k + 1.0)
         left = s.q + np.sum(x * (base.power * x - 2.0 * base.g), axis=1)
         if step < STEPS - 1:
-            kappa2 = np.maximum(1.0, left / moments.count)
-    pull, logdet = np.sum((x + base.d) ** 2, axis=1), np.log(base.power / kappa2[:, None] + 1.0).sum(axis=1)
-    cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
-    by_node = -0.5 * (cost + moments.const) + moments.log_prior
-    return Weighed(by_node, float(kappa2[np.argmax(by_node)]))
+            kappa2 = np.maximum(1.0, left / count)
+    return kappa2, left, np.sum((x + base.d) ** 2, axis=1), np.log(base.power / kappa2[:, None] + 1.0).sum(axis=1)
 
 
 def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
