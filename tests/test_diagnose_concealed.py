@@ -10,6 +10,7 @@ import numpy as np
 import plant
 import pytest
 
+from examples.blind_study.cases import make_case, write_case
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, doubted, locate, log_tail
 from symfive.machine import preset
@@ -508,3 +509,14 @@ def test_what_is_not_known_of_a_name_is_in_the_uncertainty_of_the_geometry(tmp_p
     assert abs(there[name] - here.fit[name]) > 3.0 * here.fit.uncertainty(name)
     expected = np.hypot(here.fit.uncertainty(name), np.sqrt(0.5) * (there[name] - here.fit[name]))
     assert doubted(unsure, here.fit).uncertainty(name) == pytest.approx(expected, rel=1e-6)
+
+
+def test_readings_that_stand_alone_may_be_physics(tmp_path: Path) -> None:
+    """A lateral play of Z that shows in 11 of 108 readings: each of them alone looks like an outlier of the instrument."""
+    case = make_case(9911, "alias-002")
+    write_case(case, tmp_path)
+    campaign = read_campaign(tmp_path / "fit")
+    assert [(e["effect"], e["component"]) for e in case.effects] == [("lateral_play", "EYZ")]
+    assert len(baseline(campaign).outliers) == 11
+    found = diagnose(campaign)
+    assert _names(found) == [("lateral_play", "Z")] and not found.after.outliers

@@ -15,6 +15,7 @@ from symfive.posterior._about import moments_about
 from symfive.posterior._evidence import Member, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, weighed
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
+from symfive.posterior._isolated import log_chance
 from symfive.posterior._moments import moments_of
 from symfive.posterior._terms import Candidates
 
@@ -54,19 +55,29 @@ def polish(
     First the laws of the library; where nothing better is found among them, whether those that are held are the same everywhere
     and whether something unidentified comes and goes: its place is known only once the laws have theirs.
     """
-    now = _settled(Expansion(before, (), WHITE, 1.0), replace(candidates, vary=False), progress)
+    now = _settled(_first(before, replace(candidates, vary=False), progress))
     if candidates.vary:
-        now = _settled(now.here, candidates, progress, now)
+        now = _settled(_Round.at(now.here, candidates, progress), now)
     return now.posterior.corrected(now.exactly), settled(now.here)
 
 
-def _settled(here: Expansion, candidates: Candidates, progress: Progress, before: _Round | None = None) -> _Round:
-    """The expansion at which nothing moves any more, from `here` on; there the rivals were asked `before`, and what was settled
+def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
+    """The expansion about the baseline, without the readings that stand alone or, where something that the library has explains
+    these better than chance, with them."""
+    first = _Round.at(Expansion(before, (), WHITE, 1.0), candidates, progress)
+    if not before.outliers:
+        return first
+    whole = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=()))
+    progress(f"with the {len(before.outliers)} readings that stand alone")
+    return max((first, _Round.at(Expansion(whole, (), WHITE, 1.0), candidates, progress)), key=_Round.promise)
+
+
+def _settled(now: _Round, before: _Round | None = None) -> _Round:
+    """The expansion at which nothing moves any more, from `now` on; there the rivals were asked `before`, and what was settled
     then is given up for a clear gain only."""
     been, least = dict[Keys, _Round](), 0.0 if before is None else CLEAR
     for number in range(ROUNDS):
-        progress(f"expansion {number + 1}: {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
-        now = been[here.keys] = _Round.at(here, candidates, progress)
+        been[now.here.keys] = now
         better = (now.exact(subset) for subset in _ahead(now.posterior))
         ahead = next((there for gain, there in better if gain > least and there.keys not in been), None)
         if number == 0 and before is not None:
@@ -77,7 +88,7 @@ def _settled(here: Expansion, candidates: Candidates, progress: Progress, before
             ahead = ahead if best > least else None
         if ahead is None or number == ROUNDS - 1:
             break
-        here = settled(ahead)
+        now = _Round.at(settled(ahead), now.candidates, now.progress)
     return _agreed(now, been)
 
 
@@ -112,11 +123,16 @@ class _Round:
 
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
+        progress(f"expansion about {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
         here, evidence = expanded(here.fit, here.held, candidates)
         moments = moments_about(here, candidates)
         held = held_by(moments)
         posterior = explore(moments, range(moments.held))
         return cls(here, posterior, evidence + log_prior(moments, held), candidates, progress)
+
+    def promise(self) -> float:
+        """Log mass of the most probable subset and of the readings that the fit excludes."""
+        return max(self.posterior.mass.values()) + log_chance(self.here.fit)
 
     def exact(self, subset: Subset) -> tuple[float, Expansion]:
         """By how many nats an exact refit of a subset, in its best shapes, is better than what the expansion holds, and that
