@@ -157,7 +157,7 @@ def test_datum_and_tool_offset_are_called_and_cancelled_before_the_first_move(di
     lines = [_bare(line, dialect) for line in program(machine, run, dialect, Post(machine_top=-3.0)).splitlines()]
     assert set(NEEDED[dialect]) <= set(lines[: lines.index(TOP[dialect])])
     said = (
-        f"X Y Z are of the spindle nose, no tool length called, the ball's centre is {-run.tool_ball[2]:g} mm below it"
+        f"X Y Z are of the spindle nose, without a tool length, the ball's centre is {-run.tool_ball[2]:g} mm below it"
     )
     assert any(said.lower() in line.lower() for line in lines)
     three = preset("three-axis")

@@ -36,7 +36,7 @@ from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
-from symfive.nc import CYCLES, LETTERS, Post
+from symfive.nc import LETTERS, Post
 from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
@@ -83,17 +83,15 @@ class Plan(OnScreen):
         self,
         folder: Path | str,
         *,
-        nc: Iterable[str] | None = None,
+        nc: Iterable[str] = ("iso",),
         post: Post | None = None,
         overwrite: bool = False,
     ) -> None:
         """The campaign without readings, plan.json, NC programs, set-up sheet and figures, whole or not at all.
 
-        `nc` dialects of the programs, by default `iso`, and of a touch probe those whose probing cycle is written."""
+        `nc` dialects of the programs."""
         from symfive.design._write import write_plan
 
-        if nc is None:
-            nc = CYCLES if self.instrument == "touch_probe" else ("iso",)
         with output_folder(Path(folder), overwrite=overwrite) as target:
             write_plan(self, target, tuple(nc), post)
 

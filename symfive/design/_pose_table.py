@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from symfive.campaign import FIRST_LINE, Campaign, Run
-from symfive.instruments import instruments_of
+from symfive.instruments import instruments_of, touches_of
 from symfive.nc import Post
 from symfive.numbers import unit_words
 
@@ -37,31 +37,38 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> str:
     """
     machine = campaign.machine
     names = sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary)
+    probed = "touch_probe" in run.instrument
     heads = [
         "pose",
         "line",
-        "read at / min:s",
+        f"{'touched' if probed else 'read'} at / min:s",
         *(f"{escape(n)} / {unit_words(machine.axes[n].unit)}" for n in names),
         "before",
     ]
     rows, readings = [], _readings(run)
+    waits = 0.0 if probed else post.dwell_s
     for row in range(run.rows):
-        cells = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + post.dwell_s)]
+        cells = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + waits)]
         cells += [f"{run.commands[name][row] + 0.0:.3f}" for name in names]
         numbers = "".join(f'<td class="n">{cell}</td>' for cell in cells)
         rows.append(f'<tr>{numbers}<td class="again">{escape(_before(run, row, post, readings[row]))}</td></tr>')
-    columns = [column.name for i in instruments_of(run) for column in i.columns(run, machine)]
-    at = ", ".join(f"{v:.1f}" for v in run.table_ball)
-    what = f"table ball at ({at}) mm, bar of {run.length:g} mm" if run.length is not None else f"nest at ({at}) mm"
     head = "".join(f"<th>{h}</th>" for h in heads)
     different = len({same[0] for same in readings})
     counted = f"All {run.rows} poses" + (f", {different} of them different" if different < run.rows else "")
     return (
-        f"<p>{counted}: {what}; {post.dwell_s:g} s at rest, then {READ[post.at_pose]} "
-        f"{escape(', '.join(columns))} into the line of "
-        f"{escape(run.file)}.</p>"
+        f"<p>{counted}: {_how_read(campaign, run, post)}.</p>"
         f'<table class="poses-list"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
     )
+
+
+def _how_read(campaign: Campaign, run: Run, post: Post) -> str:
+    at = ", ".join(f"{v:.1f}" for v in run.table_ball)
+    if "touch_probe" in run.instrument:
+        return f"sphere at ({at}) mm, {len(touches_of(run))} touches at each, which the control logs"
+    columns = [column.name for i in instruments_of(run) for column in i.columns(run, campaign.machine)]
+    what = f"table ball at ({at}) mm, bar of {run.length:g} mm" if run.length is not None else f"nest at ({at}) mm"
+    read = f"{READ[post.at_pose]} {escape(', '.join(columns))} into the line of {escape(run.file)}"
+    return f"{what}; {post.dwell_s:g} s at rest, then {read}"
 
 
 def _clock(seconds: float) -> str:
@@ -80,7 +87,7 @@ def _readings(run: Run) -> list[list[int]]:
 def _before(run: Run, row: int, post: Post, same: Sequence[int]) -> str:
     """What the operator has to know before a pose; `same` rows are of this pose."""
     said = []
-    if row in post.unsafe.get(run.id, ()):
+    if row in post.unsafe.get(run.id, ()) and "touch_probe" not in run.instrument:
         bar = run.length is not None
         said.append(
             "take the bar off, mount it again" if bar else "out of the nest, seat it again: leave the nest as it is"

@@ -130,7 +130,7 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run, picture: str) -> str:
             f"{' and '.join(f'{angle:g}°' for angle in np.unique(run.spindle))}. Where the program stops for it, turn the "
             "spindle by hand; the ball stays in its place."
         )
-    steps.append(f"Start the program of run {escape(run.id)}; it stops where you seat the instrument.")
+    steps += _start(sheet, run)
     if programmed:
         for series in series_of(machine, sheet.campaign.runs):
             names = escape("+".join(r.id for r in series))
@@ -143,6 +143,18 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run, picture: str) -> str:
     head = f"<h2>Run {escape(run.id)} · {run.rows} rows · {_minutes(sheet, run):.0f} min</h2>"
     listed = "".join(f"<li>{step}</li>" for step in steps)
     return f"<section>{head}<ol>{listed}</ol>{places}{drawing}{table}</section>"
+
+
+def _start(sheet: Sheet, run: Run) -> list[str]:
+    name = escape(run.id)
+    if "touch_probe" not in run.instrument:
+        return [f"Start the program of run {name}; it stops where you seat the instrument."]
+    post = sheet.post
+    return [
+        f"Sphere of radius {post.sphere_radius:g} mm, tip of radius {post.tip_radius:g} mm, probe switched on, spindle locked.",
+        f"Start the program of run {name}; it stops above the sphere, then touches it. Its head says where it logs.",
+        "Bring the log back and import it: <code>symfive import-touches PLAN LOG -o measured</code>.",
+    ]
 
 
 def _moves(machine: Machine, post: Post) -> list[str]:

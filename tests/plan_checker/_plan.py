@@ -125,6 +125,11 @@ class Run:
         return "r_test" in self.instruments
 
     @property
+    def probe(self) -> bool:
+        """Whether a touch probe finds a sphere."""
+        return "touch_probe" in self.instruments
+
+    @property
     def table_ball(self) -> Array:
         """(3,) mm, workpiece frame."""
         return np.asarray(self.table.get("table_ball", [0.0, 0.0, 0.0]), float)
@@ -154,7 +159,7 @@ class Plan:
         root = self.folder / "nc"
         found: dict[str, dict[str, Path]] = {}
         for path in sorted(root.glob("*/*")) if root.is_dir() else []:
-            if path.is_file():
+            if path.is_file() and path.suffix != ".A":  # a mask of Heidenhain's FN 16
                 found.setdefault(path.parent.name, {})[path.stem] = path
         return found
 
