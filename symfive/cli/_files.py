@@ -156,7 +156,7 @@ def _not_in_the_file(path: Path, radius: float | None, feed: float | None) -> In
 @output_path
 @click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
 @click.option("--columns", default="t,dx_um,dy_um,dz_um", help="The file's columns in order, - for what is not needed.")
-@click.option("--unit", default="um", help="Unit of the readings: um or mm.")
+@click.option("--unit", help="Unit of the readings: um or mm (default: as the head of the file says, else um).")
 @click.option("--dwell", type=POSITIVE, default=2.0, help="Rest at each pose in s, as in the program.")
 @overwrite
 @quiet
@@ -166,7 +166,7 @@ def import_rests(
     output: Path,
     names: tuple[str, ...],
     columns: str,
-    unit: str,
+    unit: str | None,
     dwell: float,
     overwrite: bool,
     quiet: bool,
