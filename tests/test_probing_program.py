@@ -25,6 +25,9 @@ PROBING = Probing(sphere_radius=10.0, tip_radius=2.0, clearance=4.0, overtravel=
 SPHERE, TIP = (80.0, -30.0, 120.0), (0.0, 0.0, -150.0)
 
 
+POST = Post(probe_tool=30)
+
+
 def probe_run(name: str, **options) -> tuple:
     machine = preset(name)
     angles = {"B": np.array([0.0, 40.0, -35.0]), "C": np.array([0.0, 100.0, -70.0])}
@@ -93,7 +96,7 @@ def written(folder: Path, name: str = "table-bc", **options) -> tuple:
     run = replace(run, time=arrival_times(machine, run, Post()))
     campaign = Campaign(machine=machine, runs=(run,))
     write_campaign(campaign, folder)
-    write_programs(campaign, folder / "nc", DIALECTS)
+    write_programs(campaign, folder / "nc", DIALECTS, POST)
     return machine, run
 
 
@@ -185,10 +188,20 @@ def test_touches_from_below_and_tool_centre_control_are_refused():
     machine, run = probe_run("table-bc", touches=below)
     for dialect in DIALECTS:
         with pytest.raises(InputError, match="below the sphere's equator"):
-            program(machine, run, dialect)
+            program(machine, run, dialect, POST)
     machine, run = probe_run("table-bc")
     with pytest.raises(InputError, match="siemens: under tool-centre control"):
         program(machine, run, "siemens", Post(tool_centre=True))
+
+
+def test_a_heidenhain_is_told_which_tool_the_probe_is(tmp_path):
+    machine, run = probe_run("table-bc")
+    with pytest.raises(InputError, match="give --probe-tool"):
+        program(machine, run, "heidenhain")
+    lines = program(machine, run, "heidenhain", POST).splitlines()
+    assert [line.split(" ", 1)[1] for line in lines if "TOOL CALL" in line and ";" not in line] == ["TOOL CALL 30 Z"]
+    call = ["plan", "table-bc", "-o", str(tmp_path / "p"), "--instrument", "touch_probe", "--nc", "heidenhain"]
+    assert main(call) == 2 and not (tmp_path / "p").exists()
 
 
 def test_the_users_lines_switch_the_probe_on_and_off():

@@ -115,7 +115,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     "--tool",
     type=click.IntRange(1, 9999),
     default=1,
-    help="With --tool-centre: the tool whose length is the ball's. With heidenhain: the touch probe.",
+    help="With --tool-centre: the tool whose length is the ball's.",
 )
 @click.option(
     "--reversed", "reversed_axes", default="", show_default=False, help="Rotary axes that turn against ISO 841, as B,C."
@@ -144,6 +144,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--tip-radius", type=POSITIVE, default=3.0, help="Of a touch probe's tip, mm.")
 @click.option("--probe-on", default="", show_default=False, help="Your control's line that switches a touch probe on.")
 @click.option("--probe-off", default="", show_default=False, help="The line that switches it off.")
+@click.option("--probe-tool", type=click.IntRange(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
 @click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds.")
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
@@ -196,6 +197,7 @@ def plan(
     tip_radius: float,
     probe_on: str,
     probe_off: str,
+    probe_tool: int | None,
     no_proof: bool,
     starts: int,
     seed: int,
@@ -210,7 +212,7 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.executors import executor
     from symfive.given import machine_given
-    from symfive.nc import Post
+    from symfive.nc import Post, can_probe
     from symfive.outputs import output_folder
 
     dialects = dialects_of(nc)
@@ -230,7 +232,10 @@ def plan(
             tip_radius=tip_radius,
             probe_on=probe_on,
             probe_off=probe_off,
+            probe_tool=probe_tool,
         )
+        for dialect in dialects if instrument == "touch_probe" else ():
+            can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
         result: Any
         if circles == CIRCULAR_TEST:

@@ -61,7 +61,7 @@ LINUXCNC = Cycle(
 
 
 def _from_end(move: Move) -> str:
-    return "+".join(f"ABS[{STORED[axis]}{-value:+.5f}]" for axis, value in move.end.items())
+    return "+".join(f"ABS[{STORED[axis]}{-value:+.3f}]" for axis, value in move.end.items())
 
 
 def _iso_guarded(dialect: Dialect, move: Move) -> list[str]:
@@ -89,6 +89,7 @@ ISO = Cycle(
     opening=("G61", "POPEN"),
     closing=("PCLOS", "G64"),
     says="DPRNT writes the log to the device of parameter 0020 (a card: PRNT0000.DAT)",
+    cautions=("G31 may ignore feed override and dry run: stop it by feed hold",),
 )
 
 
@@ -177,7 +178,7 @@ MASK = "TOUCHES.A"
 
 def _heidenhain_prepared(dialect: Dialect, post: Post) -> Dialect:
     """The probe is a tool whose length counts: the datum is shifted by it, so that the words stay those of the spindle nose."""
-    call = f"TOOL CALL {post.tool_number} Z"
+    call = f"TOOL CALL {post.probe_tool} Z"
     called = [call if line.startswith("TOOL CALL") else line for line in dialect.start]
     ends = {97: ON_ITS_WAY, 98: NO_CONTACT}
     lines = [
@@ -190,7 +191,7 @@ def _heidenhain_prepared(dialect: Dialect, post: Post) -> Dialect:
         dialect,
         start=(*called, "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-Q114"),
         end=("TRANS DATUM RESET", *last, *lines, end),
-        datum=f"cycle 247 calls datum 1; {call} calls the touch probe, the shift by Q114 takes its length out of Z again",
+        datum=f"cycle 247 calls datum 1; {call}: the touch probe, in the spindle before; Z without its length by the shift of Q114",
     )
 
 
@@ -200,6 +201,7 @@ HEIDENHAIN = Cycle(
     prepared=_heidenhain_prepared,
     log="{name}.TXT",
     says=f"FN 16 writes {{log}} beside this program, laid out by the file {MASK}, which must stand there too",
+    calls_probe=True,
     beside={MASK: '"R%1.0LF T%1.0LF X%1.5LF Y%1.5LF Z%1.5LF",Q10,Q11,Q1,Q2,Q3;\n'},
 )
 

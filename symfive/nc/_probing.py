@@ -25,7 +25,7 @@ from symfive.nc._post import Post
 from symfive.nc._touch import Cycle, Move, Probing, Touch, probing_of
 from symfive.nc._writer import STANDSTILL, Writer
 
-__all__ = ["ProbeWays", "cycle_seconds", "probing_steps"]
+__all__ = ["ProbeWays", "can_probe", "cycle_seconds", "probing_steps"]
 
 Array = NDArray[np.float64]
 LINE_BYTES = 64
@@ -46,16 +46,25 @@ def cycle_seconds(run: Run, probing: Probing | None = None) -> float:
     return len(touches) * (each + STARTS_S) + 60.0 * around / probing.between_feed
 
 
+def can_probe(dialect: str, post: Post) -> None:
+    """Raises `InputError` where a control cannot probe as the user decided."""
+    cycle = CYCLES[dialect]
+    if post.centred and not cycle.centred:
+        problem = f"{dialect}: under tool-centre control the touches are not stored as positions of the axes"
+        raise InputError(problem, remedy="plan a touch probe without tool-centre control")
+    if cycle.calls_probe and post.probe_tool is None:
+        problem = f"{dialect}: its touches need the probe called as a tool, and its number is not given"
+        raise InputError(problem, remedy="give --probe-tool, the number of the touch probe in the tool table")
+
+
 def probing_steps(
     machine: Machine, run: Run, dialect: Dialect, post: Post, probing: Probing | None = None
 ) -> list[Step]:
     """The steps of a probing program. Raises `InputError` for touches that come from below the stand-off, for further linear
-    axes, and for tool-centre control where the log would be of another frame."""
+    axes, and where `can_probe` does."""
     if set(machine.axis_names) & set("UVW"):
         raise InputError("a probing program moves X, Y and Z", remedy="leave U, V and W out of the machine file")
-    if post.centred and not CYCLES[dialect.name].centred:
-        problem = f"{dialect.name}: under tool-centre control the touches are not stored as positions of the axes"
-        raise InputError(problem, remedy="plan a touch probe without tool-centre control")
+    can_probe(dialect.name, post)
     return _Prober(machine, run, dialect, post, probing).steps()
 
 
@@ -144,6 +153,7 @@ class _Prober(ProbeWays):
             "work offset: the workpiece frame's origin, all rotary axes at 0",
             f"spindle locked, probe switched on before the first touch; {self.upright} goes up first, alone",
             self.cycle.says.format(log=self.log, kilobytes=kilobytes),
+            *self.cycle.cautions,
         )
         return [Step(kind="comment", text=text) for text in said]
 

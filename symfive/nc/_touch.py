@@ -91,8 +91,9 @@ class Cycle:
     `guarded` a move that stops on contact, after which the program goes no further; `touched` fast touch, back, slow touch, the
     line of the log called by the name given; `opening` and `closing` lines around all touches; `prepared` the dialect with what
     has to stand before the first move and behind the last one; `log` the log's name from the `{run}` or the program's `{name}`,
-    `says` where it is written; `beside` further files that the program needs on the control, name → text; `centred`: whether it
-    may probe under tool-centre control.
+    `says` where it is written, `cautions` what the operator has to know; `beside` further files that the program needs on the
+    control, name → text; `centred`: whether it may probe under tool-centre control; `calls_probe`: whether it probes only with
+    the probe's tool called.
     """
 
     guarded: Callable[[Dialect, Move], Sequence[str]]
@@ -102,5 +103,7 @@ class Cycle:
     says: str
     log: str = ""
     prepared: Callable[[Dialect, Post], Dialect] = _as_it_is
+    cautions: Sequence[str] = ()
     beside: Mapping[str, str] = field(default_factory=dict)
     centred: bool = False
+    calls_probe: bool = False

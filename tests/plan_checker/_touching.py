@@ -187,7 +187,7 @@ class Touching:
         at, _, words, feed, back = self.pending
         if self.dialect == "iso":
             ends = [-float(v) for v in found.groups()[:3]]
-            if np.abs(np.array(ends) - [words[axis] for axis in "XYZ"]).max() > 1e-9:
+            if np.abs(np.array(ends) - [words[axis] for axis in "XYZ"]).max() > 6e-4:
                 self.control.fault(
                     number, "compares the place of the contact with another place than the move's end", "probing"
                 )
