@@ -191,7 +191,7 @@ def _heidenhain_prepared(dialect: Dialect, post: Post) -> Dialect:
         dialect,
         start=(*called, "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-Q114"),
         end=("TRANS DATUM RESET", *last, *lines, end),
-        datum=f"cycle 247 calls datum 1; {call}: the touch probe, in the spindle before; Z without its length by the shift of Q114",
+        datum=f"cycle 247 calls datum 1; {call}: the touch probe, in the spindle before; the shift by Q114 takes its length out",
     )
 
 
