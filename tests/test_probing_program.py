@@ -17,7 +17,7 @@ from symfive.cli import main
 from symfive.errors import InputError
 from symfive.importers.touch_log import fitted_centres, probed_run, read_touches
 from symfive.machine import preset
-from symfive.nc import DIALECTS, Post, Probing, arrival_times, cycle_seconds, program, write_programs
+from symfive.nc import DIALECTS, Post, Probing, arrival_times, program, write_programs
 from symfive.procedures import Nominal
 from tests.plan_checker import check, read_plan, read_program
 
@@ -194,6 +194,15 @@ def test_touches_from_below_and_tool_centre_control_are_refused():
         program(machine, run, "siemens", Post(tool_centre=True))
 
 
+def test_a_touch_beyond_the_travel_is_refused():
+    machine, run = probe_run("table-bc")
+    axis = machine.axes["X"]
+    end = float(np.max(run.commands["X"])) + 10.0  # the pose is within, the touch from +X is not
+    narrow = replace(machine, axes={**machine.axes, "X": replace(axis, travel=(axis.travel[0], end))}, text="")
+    with pytest.raises(InputError, match=rf"takes X to .*, its travel is .* to {end:g}"):
+        program(narrow, run, "iso")
+
+
 def test_a_heidenhain_is_told_which_tool_the_probe_is(tmp_path):
     machine, run = probe_run("table-bc")
     with pytest.raises(InputError, match="give --probe-tool"):
@@ -215,12 +224,6 @@ def test_the_users_lines_switch_the_probe_on_and_off():
 def test_a_touch_probes_sizes_are_positive():
     with pytest.raises(InputError, match="back_off = 0"):
         Probing(back_off=0.0)
-
-
-def test_a_cycle_lasts_as_long_as_its_moves():
-    _, run = probe_run("table-bc")
-    slow = Probing(slow_feed=10.0)
-    assert cycle_seconds(run, slow) - cycle_seconds(run) == pytest.approx(5 * 60.0 * 0.5 * (1 / 10.0 - 1 / 30.0))
 
 
 def test_centres_of_a_log(tmp_path):

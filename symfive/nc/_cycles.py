@@ -153,7 +153,7 @@ def _probed(move: Move, back: float, fails: str) -> list[str]:
         "TCH PROBE 4.0 MEASURING IN 3-D",
         "TCH PROBE 4.1 Q1",
         f"TCH PROBE 4.2 {vector}",
-        f"TCH PROBE 4.3 ABST{move.length:+.4f} F{move.feed:g} MB{back:g} REFERENCE SYSTEM:0",
+        f"TCH PROBE 4.3 ABST{move.length:+.4f} F{move.feed:g} MB{back:.4f} REFERENCE SYSTEM:0",
         fails,
     ]
 
@@ -165,8 +165,8 @@ def _heidenhain_guarded(dialect: Dialect, move: Move) -> list[str]:
 def _heidenhain_touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
     missed = "FN 9: IF +Q4 EQU -1 GOTO LBL 98"
     return [
-        *_probed(touch.fast, touch.back_off, missed),
-        *_probed(touch.slow, touch.back_off, missed),
+        *_probed(touch.fast, touch.back, missed),
+        *_probed(touch.slow, touch.back, missed),
         f"FN 0: Q10 = +{touch.row}",
         f"FN 0: Q11 = +{touch.number}",
         f"FN 16: F-PRINT {MASK} / {log}",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,25 +25,13 @@ from symfive.nc._post import Post
 from symfive.nc._touch import Cycle, Move, Probing, Touch, probing_of
 from symfive.nc._writer import STANDSTILL, Writer
 
-__all__ = ["ProbeWays", "can_probe", "cycle_seconds", "probing_steps"]
+__all__ = ["ProbeWays", "can_probe", "probing_steps"]
 
 Array = NDArray[np.float64]
 LINE_BYTES = 64
 """Of one touch in a log, at most."""
 STARTS_S = 0.5
 """Time of the starts and stops within one touch."""
-
-
-def cycle_seconds(run: Run, probing: Probing | None = None) -> float:
-    """How long the touches of one pose take, s, without the way there."""
-    probing, touches = probing or Probing(), np.array(touches_of(run))
-    off = probing.sphere_radius + probing.tip_radius + probing.clearance
-    around = 2.0 * off * float(np.sum(np.hypot(touches[:, 0], touches[:, 1]) + 1.0 - touches[:, 2]))
-    each = 60.0 * (
-        probing.clearance * (1.0 / probing.fast_feed + 1.0 / probing.between_feed)
-        + probing.back_off * (1.0 / probing.fast_feed + 1.0 / probing.slow_feed)
-    )
-    return len(touches) * (each + STARTS_S) + 60.0 * around / probing.between_feed
 
 
 def can_probe(dialect: str, post: Post) -> None:
@@ -77,17 +65,31 @@ class ProbeWays(Writer):
         self.reach = self.probing.sphere_radius + self.probing.tip_radius
         self.above = np.array([0.0, 0.0, self.reach + self.probing.clearance])
 
-    @property
-    def rest_s(self) -> float:
-        """Time of a pose's touches."""
-        return cycle_seconds(self.run, self.probing)
+    def stays(self, row: int) -> float:
+        """Time of a pose's touches, from where it is reached to where it is left, s."""
+        moves = [*self.moves_at(row)]
+        return sum(move.seconds for move in moves) + STARTS_S * sum(isinstance(move, Touch) for move in moves)
 
     def seconds_to(self, row: int) -> float:
-        """How long the way to a row takes, s: off the sphere, around, and down to it, without the touches."""
-        way = self._way_to(row)
-        around = sum(self._rapidly(a, b) for a, b in itertools.pairwise(way))
-        near = sum(self._off(r, lifted) for r, lifted in ((row - 1, way[0]), (row, way[-1])))
-        return around + 60.0 * near / self.probing.between_feed
+        """How long the way around to a row takes, s."""
+        return sum(self._rapidly(a, b) for a, b in itertools.pairwise(self._way_to(row)))
+
+    def moves_at(self, row: int) -> Iterator[Move | Touch]:
+        """What is done at a pose: down from where it is reached, from touch to touch, up to where it is left."""
+        off, feed = float(self.above[2]), self.probing.between_feed
+        here, above = self._linear_words(self._way_to(row)[-1]), self._place_words(row, self.above)
+        for number, touch in enumerate(touches_of(self.run)):
+            n = self._in_tool_frame(row, np.asarray(touch))
+            if n[2] < -1e-9:
+                problem = f"run {self.run.id}: touch {number + 1} comes from below the sphere's equator"
+                raise InputError(problem, remedy="touch the half of the sphere that faces the tool", keys=("touches",))
+            beside, start = (self._place_words(row, np.array([off * n[0], off * n[1], z])) for z in (off, off * n[2]))
+            there = (here, above, beside, start) if number == 0 else (above, beside, start)
+            yield from _moves(there, feed, guarded=True)
+            yield (done := self._touch(row, number, n))
+            yield Move(start=done.contact, end=start, feed=feed)
+            yield from _moves((start, beside, above), feed)
+        yield from _moves((above, self._linear_words(self._way_to(row + 1)[0])), feed)
 
     def first_moves(self) -> list[Step]:
         """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose."""
@@ -100,10 +102,6 @@ class ProbeWays(Writer):
         up = replace(self._to_the_top(rows, top), seconds=self._rapidly(lifted, top))
         return [up, *(self._rapid(a, b, rows) for a, b in itertools.pairwise([top, *turned]))]
 
-    def _off(self, row: int, lifted: Mapping[str, float]) -> float:
-        """From the stand-off above the sphere to a lifted pose, mm."""
-        return float(np.linalg.norm(self._place(lifted) - self._about(row, self.above)))
-
     def _about(self, row: int, offset: Array) -> Array:
         """The place (3,) so far (tool frame, mm) from the sphere's centre, in the workpiece frame."""
         pose = self._one(row)
@@ -112,6 +110,42 @@ class ProbeWays(Writer):
 
     def _one(self, row: int) -> dict[str, Array]:
         return {name: np.array([self.run.commands[name][row]]) for name in self.names}
+
+    def _touch(self, row: int, number: int, n: Array) -> Touch:
+        """One touch along -n, the unit vector out of the sphere in the tool's frame."""
+        probing, places = self.probing, [self._place_words(row, k * n) for k in (self.reach, self.reach + 1.0)]
+        contact, away = places[0], {axis: places[1][axis] - places[0][axis] for axis in "XYZ"}
+        target = self._place_words(row, (self.reach - probing.overtravel) * n)
+        start = self._place_words(row, (self.reach + probing.clearance) * n)
+        backed = self._place_words(row, (self.reach + probing.back_off) * n)
+        return Touch(
+            fast=Move(start=start, end=target, feed=probing.fast_feed),
+            slow=Move(start=backed, end=target, feed=probing.slow_feed),
+            contact=contact, away=away, back_off=probing.back_off, row=row, number=number,
+        )  # fmt: skip
+
+    def _linear_words(self, place: Mapping[str, float]) -> dict[str, float]:
+        words = self._words(place, self._place(place))
+        return {axis: words[axis] for axis in "XYZ"}
+
+    def _in_tool_frame(self, row: int, touch: Array) -> Array:
+        if self.run.options.get("touch_frame") != "machine":
+            return touch
+        return np.asarray(self.nominal.tool_rotation(self._one(row))[0].T @ touch)
+
+    def _place_words(self, row: int, offset: Array) -> dict[str, float]:
+        """X Y Z that bring the tip so far (tool frame, mm) from the sphere's centre."""
+        pose, place = self._one(row), self._about(row, offset)
+        fixed = {name: pose[name] for name in self.rotary}
+        commands = self.nominal.follow(place[None], self.run.tool_ball, fixed, f"a touch of run {self.run.id}")
+        for name, (value,) in commands.items():
+            low, high = self.machine.axes[name].travel
+            if not low <= value <= high:
+                where = f"run {self.run.id}: touching at pose {row + 1}"
+                problem = f"{where} takes {name} to {value:.1f}, its travel is {low:g} to {high:g}"
+                raise InputError(problem, remedy="place the sphere elsewhere, or leave that pose out")
+        words = self._words({name: float(q[0]) for name, q in commands.items()}, place)
+        return {axis: words[axis] for axis in "XYZ"}
 
 
 class _Prober(ProbeWays):
@@ -139,7 +173,8 @@ class _Prober(ProbeWays):
             found += self._centred(True, way[-1])
             if row == 0:
                 found.append(Step(kind="stop", text="PROBE ABOVE THE SPHERE?"))
-            found += [*_text("\n".join(self._touches(row, way[-1], left))), *self._centred(False, left)]
+            lines = [line for move in self.moves_at(row) for line in self._lines(move)]
+            found += [*_text("\n".join(lines)), *self._centred(False, left)]
         return [*found, *self.last_moves(""), *_text("\n".join(self.cycle.closing)), *_text(self.post.probe_off)]
 
     def _what_it_is(self) -> list[Step]:
@@ -157,86 +192,20 @@ class _Prober(ProbeWays):
         )
         return [Step(kind="comment", text=text) for text in said]
 
-    def _touches(self, row: int, arrived: Mapping[str, float], left: Mapping[str, float]) -> list[str]:
-        """All touches of a pose from where it is reached, and the way to where it is left."""
-        off = float(self.above[2])
-        above = self._place_words(row, self.above)
-        way = _Way(self, self._linear_words(arrived))
-        way.guarded(above)
-        for number, touch in enumerate(touches_of(self.run)):
-            n = self._in_tool_frame(row, np.asarray(touch))
-            if n[2] < -1e-9:
-                problem = f"run {self.run.id}: touch {number + 1} comes from below the sphere's equator"
-                raise InputError(problem, remedy="touch the half of the sphere that faces the tool", keys=("touches",))
-            beside = self._place_words(row, np.array([off * n[0], off * n[1], off]))
-            start = self._place_words(row, off * n)
-            way.guarded(beside)
-            way.guarded(start)
-            way.lines += self.cycle.touched(self.dialect, self._touch(row, number, n), self.log)
-            way.back(start)
-            way.straight(beside)
-            way.straight(above)
-        way.straight(self._linear_words(left))
-        return way.lines
-
-    def _touch(self, row: int, number: int, n: Array) -> Touch:
-        """One touch along -n, the unit vector out of the sphere in the tool's frame."""
-        probing, places = self.probing, [self._place_words(row, k * n) for k in (0.0, 1.0)]
-        away = {axis: places[1][axis] - places[0][axis] for axis in "XYZ"}
-        target = self._place_words(row, (self.reach - probing.overtravel) * n)
-        start = self._place_words(row, (self.reach + probing.clearance) * n)
-        backed = self._place_words(row, (self.reach + probing.back_off) * n)
-        return Touch(
-            fast=Move(start=start, end=target, feed=probing.fast_feed),
-            slow=Move(start=backed, end=target, feed=probing.slow_feed),
-            away=away, back_off=probing.back_off, row=row, number=number,
-        )  # fmt: skip
-
-    def _linear_words(self, place: Mapping[str, float]) -> dict[str, float]:
-        words = self._words(place, self._place(place))
-        return {axis: words[axis] for axis in "XYZ"}
-
-    def _in_tool_frame(self, row: int, touch: Array) -> Array:
-        if self.run.options.get("touch_frame") != "machine":
-            return touch
-        return np.asarray(self.nominal.tool_rotation(self._one(row))[0].T @ touch)
-
-    def _place_words(self, row: int, offset: Array) -> dict[str, float]:
-        """X Y Z that bring the tip so far (tool frame, mm) from the sphere's centre."""
-        pose, place = self._one(row), self._about(row, offset)
-        fixed = {name: pose[name] for name in self.rotary}
-        commands = self.nominal.follow(place[None], self.run.tool_ball, fixed, f"a touch of run {self.run.id}")
-        words = self._words({name: float(q[0]) for name, q in commands.items()}, place)
-        return {axis: words[axis] for axis in "XYZ"}
+    def _lines(self, move: Move | Touch) -> Sequence[str]:
+        if isinstance(move, Touch):
+            return self.cycle.touched(self.dialect, move, self.log)
+        if move.guarded:
+            return self.cycle.guarded(self.dialect, move)
+        return [self.dialect.feed.format(words=move.words(self.dialect), feed=f"{move.feed:g}")]
 
 
-class _Way:
-    """Lines that lead from place to place at one pose; moves to where the tip is already are left out."""
-
-    def __init__(self, prober: _Prober, here: Mapping[str, float]) -> None:
-        self.prober, self.here = prober, here
-        self.lines: list[str] = []
-
-    def guarded(self, there: Mapping[str, float]) -> None:
-        """Stops on contact."""
-        move = self._to(there)
+def _moves(places: Sequence[Mapping[str, float]], feed: float, *, guarded: bool = False) -> Iterator[Move]:
+    """From place to place; moves to where the tip is already are left out."""
+    for start, end in itertools.pairwise(places):
+        move = Move(start=start, end=end, feed=feed, guarded=guarded)
         if move.length >= STANDSTILL:
-            self.lines += self.prober.cycle.guarded(self.prober.dialect, move)
-            self.here = there
-
-    def straight(self, there: Mapping[str, float]) -> None:
-        """The way back that a guarded move came."""
-        if self._to(there).length >= STANDSTILL:
-            self.back(there)
-
-    def back(self, there: Mapping[str, float]) -> None:
-        """From a contact, wherever it was."""
-        move, dialect = self._to(there), self.prober.dialect
-        self.lines.append(dialect.feed.format(words=move.words(dialect), feed=f"{move.feed:g}"))
-        self.here = there
-
-    def _to(self, there: Mapping[str, float]) -> Move:
-        return Move(start=self.here, end=there, feed=self.prober.probing.between_feed)
+            yield move
 
 
 def _text(lines: str) -> list[Step]:

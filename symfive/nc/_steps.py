@@ -83,7 +83,8 @@ def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) 
     pose, to 0.1 s. A touch probe needs its touches at every pose."""
     writer = _writer_of(machine, run, post)
     needed = [
-        writer.rest_s + writer.seconds_to(row) + (ORIENT_S if writer.turned(row) else 0.0) for row in range(1, run.rows)
+        writer.stays(row - 1) + writer.seconds_to(row) + (ORIENT_S if writer.turned(row) else 0.0)
+        for row in range(1, run.rows)
     ]
     each = np.maximum(
         np.ceil(np.array(needed) * 10.0 - 1e-6) / 10.0, least_s
@@ -95,7 +96,7 @@ def outside_s(machine: Machine, run: Run, post: Post) -> float:
     """Time of a program's moves before the first pose and from the last dwell or touch on, s, without the stops."""
     writer = _writer_of(machine, run, post)
     steps = [*writer.first_moves(), *writer.last_moves("")]
-    return writer.rest_s + sum(step.seconds for step in steps)
+    return writer.stays(run.rows - 1) + sum(step.seconds for step in steps)
 
 
 def _without_standstill(steps: Sequence[Step]) -> list[Step]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from symfive.errors import InputError
 from symfive.nc._base import Dialect, word
 from symfive.nc._post import Post
 
-__all__ = ["Cycle", "Move", "Probing", "Touch", "probing_of"]
+__all__ = ["Cycle", "Move", "Probing", "Touch", "probing_of", "touch_reach"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +43,21 @@ def probing_of(post: Post) -> Probing:
     return Probing(sphere_radius=post.sphere_radius, tip_radius=post.tip_radius)
 
 
+def touch_reach(probing: Probing | None = None) -> float:
+    """How far from the sphere's centre the tip goes at most while it touches, mm: √2 times the stand-off, where it goes down
+    beside the sphere."""
+    probing = probing or Probing()
+    return math.sqrt(2.0) * (probing.sphere_radius + probing.tip_radius + probing.clearance)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Move:
-    """A straight move of X, Y and Z, mm in the program's words, at `feed` mm/min."""
+    """A straight move of X, Y and Z, mm in the program's words, at `feed` mm/min; `guarded`: it stops on contact."""
 
     start: Mapping[str, float]
     end: Mapping[str, float]
     feed: float
+    guarded: bool = False
 
     def words(self, dialect: Dialect) -> str:
         """Where it ends, as the dialect writes it."""
@@ -62,22 +71,41 @@ class Move:
     @property
     def length(self) -> float:
         """Of the way, mm."""
-        return float(sum(d**2 for d in self.way.values()) ** 0.5)
+        return math.hypot(*self.way.values())
+
+    @property
+    def seconds(self) -> float:
+        """At its feed."""
+        return 60.0 * self.length / self.feed
 
 
 @dataclass(frozen=True, kw_only=True)
 class Touch:
-    """One touch: `fast` from its start to behind the sphere's surface, `slow` once more from `back_off` mm off the contact.
+    """One touch: `fast` from its start to behind the sphere's surface, which is expected at `contact`, `slow` once more from
+    `back_off` mm off the contact.
 
-    `away` is the unit vector out of the sphere in the program's words; `row` of the run and `number` of the touch, both from 0,
-    stand in the log."""
+    `away` is the unit vector out of the sphere in the program's words (of slanted axes its length there is not one); `row` of
+    the run and `number` of the touch, both from 0, stand in the log.
+    """
 
     fast: Move
     slow: Move
+    contact: Mapping[str, float]
     away: Mapping[str, float]
     back_off: float
     row: int
     number: int
+
+    @property
+    def back(self) -> float:
+        """From the contact to where the slow touch begins, mm in the program's words."""
+        return self.back_off * math.hypot(*self.away.values())
+
+    @property
+    def seconds(self) -> float:
+        """Fast to the contact, back and slowly to it again."""
+        fast = replace(self.fast, end=self.contact)
+        return fast.seconds + 60.0 * self.back * (1.0 / self.fast.feed + 1.0 / self.slow.feed)
 
 
 def _as_it_is(dialect: Dialect, post: Post) -> Dialect:

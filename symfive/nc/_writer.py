@@ -63,8 +63,7 @@ class Writer:
         self._known: dict[bool, dict[int, list[tuple[Array, Array, Array]]]] = {}
         self.circle = circle_of(machine, run)
 
-    @property
-    def rest_s(self) -> float:
+    def stays(self, row: int) -> float:
         """How long the program stays at a pose, s."""
         return self.post.rest_s
 
