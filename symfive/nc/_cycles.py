@@ -2,7 +2,7 @@
 
 All store where the axes stood, in the words of the program and not corrected for the tip. A servo lag or a delay of the signal is
 the same in all slow touches, along their direction: the effective radius of the sphere takes it. docs/howto/touch-probe.md has
-the table. LinuxCNC's is run on a control, the others are written from the makers' manuals.
+the table. LinuxCNC's ran on a control; the others follow the makers' documentation as far as it was at hand.
 """
 
 from __future__ import annotations
