@@ -343,6 +343,11 @@ def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
     ]
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
+    axes = schedule.campaign.machine.axes.items()
+    if silent := [name for name, axis in axes if axis.max_feed is None or axis.max_acceleration is None]:
+        notes.append(
+            f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs drive as a slow machine"
+        )
     if len(values) > 1 and max(values) - min(values) > 0.05:
         notes.append("the starts ended in different local optima; the best is used")
     return tuple(notes)

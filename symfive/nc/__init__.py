@@ -11,7 +11,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._cycles import CYCLES
-from symfive.nc._pace import CAUTION, pace
+from symfive.nc._pace import CAUTION, able, pace
 from symfive.nc._post import Post, worded
 from symfive.nc._probing import can_probe, probing_steps
 from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
@@ -27,7 +27,7 @@ from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
 
 __all__ = [
-    "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way",
+    "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able",
     "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "outside_s",
     "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home", "upright_axis",
     "which_point", "write_programs",

@@ -51,8 +51,11 @@ class Machine:
         return np.array([own[name].get("travel", d) for name, d in zip(self.names, default, strict=True)], float)
 
     def limit(self, key: str) -> Array:
-        """`max_feed` or `max_acceleration` of each axis (n,), per minute or per s²; infinite where not declared."""
-        return np.array([float(self.table["axes"][name].get(key, np.inf)) for name in self.names])
+        """`max_feed` or `max_acceleration` of each axis (n,), per minute or per s²; where not declared what docs/conventions.md
+        says that programs take."""
+        usual = np.where(self.rotary, *((1800.0, 5000.0) if key == "max_feed" else (100.0, 500.0)))
+        own = self.table["axes"]
+        return np.array([float(own[name].get(key, default)) for name, default in zip(self.names, usual, strict=True)])
 
     @property
     def workspace(self) -> Table:
