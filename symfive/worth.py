@@ -16,7 +16,7 @@ p it is worth nothing where vᵀ C⁻¹ v is below the 95.45 % quantile of χ²,
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,17 @@ from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import percent
 
-__all__ = ["DO_NOT", "LONGEST", "Worth", "effect_worth", "location_worths", "signed", "worth_of", "worth_text"]
+__all__ = [
+    "DO_NOT",
+    "LONGEST",
+    "Worth",
+    "effect_worth",
+    "effect_worths",
+    "location_worths",
+    "signed",
+    "worth_of",
+    "worth_text",
+]
 
 Array = NDArray[np.float64]
 DO_NOT = "do not correct: below the uncertainty"
@@ -55,7 +65,8 @@ AT_THE_TOOL = ("drive", "axis", "structure")
 class Worth:
     """What correcting `names` is worth: `circles` run → share of the deviation of each circle, `readings` that of all readings
     together, `tool` that of the error at the tool in the workspace, None where it is not there; `certain` whether it is larger
-    than its uncertainty; `confounded` what it cannot be separated from."""
+    than its uncertainty; `confounded` what it cannot be separated from; `of_machine`: whether it is an error of the machine,
+    not of the instrument or the set-up."""
 
     names: tuple[str, ...]
     circles: Mapping[str, float]
@@ -63,10 +74,13 @@ class Worth:
     tool: float | None
     certain: bool
     confounded: tuple[str, ...] = ()
+    of_machine: bool = True
 
     @property
     def advice(self) -> str:
         """Whether to correct it, in a few words."""
+        if not self.of_machine:
+            return "not an error of the machine: mend instrument or set-up"
         if not self.certain:
             return DO_NOT
         if self.confounded:
@@ -80,7 +94,8 @@ class Worth:
     def to_data(self) -> dict[str, Any]:
         """As JSON."""
         return {"names": list(self.names), "circles": dict(self.circles), "readings": self.readings, "tool": self.tool,
-                "certain": self.certain, "confounded": list(self.confounded), "advice": self.advice}  # fmt: skip
+                "certain": self.certain, "confounded": list(self.confounded), "of_machine": self.of_machine,
+                "advice": self.advice}  # fmt: skip
 
 
 def location_worths(identification: Identification) -> tuple[Worth, ...]:
@@ -92,11 +107,20 @@ def location_worths(identification: Identification) -> tuple[Worth, ...]:
 
 def effect_worth(identification: Identification, effect: Effect) -> Worth:
     """Of an effect of the fitted model, all its parameters together. Raises `InputError` where the model lacks it."""
-    campaign = identification.model.campaign
-    names = [p.name for p in effect.parameters(campaign) if p.name in identification.model.index]
-    if effect not in identification.model.effects or not names:
-        raise InputError(f"the model has no effect {effect.key}", remedy="give one of identification.model.effects")
-    return worth_of(identification, [names])[0]
+    return effect_worths(identification, [effect])[0]
+
+
+def effect_worths(identification: Identification, effects: Iterable[Effect]) -> tuple[Worth, ...]:
+    """The same of several effects, each corrected alone."""
+    model, groups, machines = identification.model, [], []
+    for effect in effects:
+        names = [p.name for p in effect.parameters(model.campaign) if p.name in model.index]
+        if effect not in model.effects or not names:
+            raise InputError(f"the model has no effect {effect.key}", remedy="give one of identification.model.effects")
+        groups.append(names)
+        machines.append(effect.stage in AT_THE_TOOL)
+    found = worth_of(identification, groups)
+    return tuple(replace(worth, of_machine=machine) for worth, machine in zip(found, machines, strict=True))
 
 
 def worth_of(identification: Identification, groups: Iterable[Sequence[str]]) -> tuple[Worth, ...]:

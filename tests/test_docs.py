@@ -33,6 +33,8 @@ PAGES += [page for page in sorted((ROOT / "docs").rglob("*.md")) if "_build" not
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = app
 ONLY_CHECKED = ("plan", "codegen")  # their own tests run them; here only that verb and options exist
+START = ROOT / "docs/start.md"
+"""The page without Python: all of its commands run, one after the other."""
 LINKS = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 
 
@@ -87,7 +89,7 @@ def circles() -> Campaign:
     return simulate(campaign_of(machine, planar_circle(machine, feed=2000.0, rate_hz=6.0)), seed=1).campaign
 
 
-@pytest.mark.parametrize("page", pages_with("python"), ids=named)
+@pytest.mark.parametrize("page", [*pages_with("python"), START], ids=named)
 def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, own_tables, circles):
     monkeypatch.chdir(tmp_path)
     if not any(word in page.read_text() for word in ("-o measured", ', "measured")')):
@@ -97,18 +99,30 @@ def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, 
         where = f"{named(page)}:{block.line}"
         if block.language == "toml" and block.text.startswith("# ") and block.text.split("\n", 1)[0].endswith(".toml"):
             (tmp_path / block.text.split("\n", 1)[0][2:].strip()).write_text(block.text, encoding="utf-8")
+        if block.language == "json" and page == START:
+            (tmp_path / "concealed.json").write_text(block.text, encoding="utf-8")
         if block.language == "python":
             code = compile("\n" * (block.line - 1) + block.text, str(page), "exec", dont_inherit=True)
             exec(code, space)
         if block.language == "console":
             for words in commands(block):
-                if words[0] == "symfive" and words[1] not in ONLY_CHECKED:
+                if words[0] == "symfive" and (page == START or words[1] not in ONLY_CHECKED):
                     assert main(words[1:]) == 0, f"{where}: {' '.join(words)}: {capsys.readouterr().err}"
 
 
 def test_added_instruments_and_effects_are_taken_out_again():
     assert "dial_gauge" not in INSTRUMENTS
     assert "bar_droop" not in EFFECTS
+
+
+@pytest.mark.parametrize("page", pages_with("sh"), ids=named)
+def test_the_commands_of_a_job_exist(page):
+    """Those that need files of an instrument, and so do not run here."""
+    for block in blocks(page):
+        lines = block.text.replace("\\\n", " ").splitlines() if block.language == "sh" else []
+        for words in (shlex.split(line, comments=True) for line in lines):
+            if words and words[0] == "symfive":
+                _check_symfive(words[1:])
 
 
 @pytest.mark.parametrize("page", pages_with("console"), ids=named)

@@ -150,3 +150,27 @@ def test_the_verb_says_what_it_did_not_find(tmp_path: Path, capsys: pytest.Captu
     ):
         assert main([*call[:-1], str(tmp_path / "n"), *wrong]) == 2
         assert says in capsys.readouterr().err and not (tmp_path / "n").exists()
+
+
+def test_mm_taken_for_micrometres_are_refused() -> None:
+    time, readings = recorded(RUN, rate_hz=20.0)
+    with pytest.raises(InputError, match=r"no reading reaches the noise of .* give --unit mm"):
+        cut_at_rests(MACHINE, RUN, time, {name: 1e-3 * values for name, values in readings.items()}, dwell_s=DWELL)
+
+
+@pytest.mark.parametrize(
+    ("head", "unit", "factor"),
+    [
+        ("t;x [mm];y (mm);z/mm", None, 1e3),
+        ("t;dx_mm;dy_mm;dz mm", None, 1e3),
+        ("t;x [mm];y [mm];z [mm]", "um", 1.0),
+        ("t;x [µm];y [µm];z [µm]", None, 1.0),
+        ("t;grammm;y;z", None, 1.0),
+        ("recorded in mm", None, 1.0),
+    ],
+)
+def test_the_head_names_the_unit(tmp_path: Path, head: str, unit: str | None, factor: float) -> None:
+    path = tmp_path / "r.txt"
+    path.write_text("\n".join([head, *(f"{k};1,5;2,5;{k}" for k in range(30))]), encoding="utf-8")
+    _, readings = read_recording(path, ["t", "dx_um", "dy_um", "dz_um"], unit=unit)
+    assert readings["dx_um"] == pytest.approx(1.5 * factor)

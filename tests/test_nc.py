@@ -157,7 +157,7 @@ def test_datum_and_tool_offset_are_called_and_cancelled_before_the_first_move(di
     lines = [_bare(line, dialect) for line in program(machine, run, dialect, Post(machine_top=-3.0)).splitlines()]
     assert set(NEEDED[dialect]) <= set(lines[: lines.index(TOP[dialect])])
     said = (
-        f"X Y Z are of the spindle nose, no tool length called, the ball's centre is {-run.tool_ball[2]:g} mm below it"
+        f"X Y Z are of the spindle nose, without a tool length, the ball's centre is {-run.tool_ball[2]:g} mm below it"
     )
     assert any(said.lower() in line.lower() for line in lines)
     three = preset("three-axis")
@@ -286,3 +286,16 @@ def test_programs_are_numbered_as_the_runs(tmp_path: Path) -> None:
     second = replace(first, id="another", file="another.csv")
     paths = write_programs(campaign_of(machine, (first, second)), tmp_path, ("iso",))
     assert [path.read_text().splitlines()[1] for path in paths] == ["O0001 (R_TEST_1)", "O0002 (ANOTHER)"]
+
+
+@pytest.mark.parametrize(("machine", "run"), RUNS[:1], ids=IDS[:1])
+def test_a_machine_without_declared_feeds_is_driven_as_a_slow_one(machine: Machine, run: Run) -> None:
+    silent = {n: replace(a, max_feed=None, max_acceleration=None) for n, a in machine.axes.items()}
+    slow = {
+        n: replace(a, max_feed=1800.0 if a.rotary else 5000.0, max_acceleration=100.0 if a.rotary else 500.0)
+        for n, a in machine.axes.items()
+    }
+    text = program(replace(machine, axes=silent, text=""), run, "siemens")
+    assert text == program(replace(machine, axes=slow, text=""), run, "siemens")
+    blocks = [60.0 / float(f) for f in re.findall(r"^G1 .* F([\d.]+)$", text, re.M)]
+    assert min(blocks) > 1e-3, "seconds of a block"

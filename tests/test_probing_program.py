@@ -5,20 +5,27 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import plant
 import pytest
 
-from symfive.campaign import Run
+from symfive.campaign import Campaign, Run, read_campaign, write_campaign
+from symfive.cli import main
 from symfive.errors import InputError
 from symfive.importers.touch_log import fitted_centres, probed_run, read_touches
 from symfive.machine import preset
-from symfive.nc import Post, Probing, cycle_seconds, program
+from symfive.nc import DIALECTS, Post, Probing, arrival_times, program, write_programs
 from symfive.procedures import Nominal
+from tests.plan_checker import check, read_plan, read_program
 
 PROBING = Probing(sphere_radius=10.0, tip_radius=2.0, clearance=4.0, overtravel=1.5)
 SPHERE, TIP = (80.0, -30.0, 120.0), (0.0, 0.0, -150.0)
+
+
+POST = Post(probe_tool=30)
 
 
 def probe_run(name: str, **options) -> tuple:
@@ -80,23 +87,143 @@ def test_the_control_reads_it(tmp_path):
     (tmp_path / "probe.ngc").write_text(program(machine, run, "linuxcnc", Post(), PROBING))
     done = subprocess.run(["rs274", "-g", "probe.ngc"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("STRAIGHT_PROBE") >= 4 * 5 * run.rows
+    assert done.stdout.count("STRAIGHT_PROBE") == 19 * run.rows
 
 
-def test_other_controls_and_touches_from_below_are_refused():
-    machine, run = probe_run("table-bc")
-    with pytest.raises(InputError, match="not written for heidenhain: its probing cycles depend"):
-        program(machine, run, "heidenhain")
+def written(folder: Path, name: str = "table-bc", **options) -> tuple:
+    """Campaign and programs of all controls."""
+    machine, run = probe_run(name, **options)
+    run = replace(run, time=arrival_times(machine, run, Post()))
+    campaign = Campaign(machine=machine, runs=(run,))
+    write_campaign(campaign, folder)
+    write_programs(campaign, folder / "nc", DIALECTS, POST)
+    return machine, run
+
+
+@pytest.mark.parametrize("name", ["table-bc", "mixed-bc", "head-bc"])
+def test_programs_of_all_controls_pass_the_independent_checker(tmp_path, name):
+    written(tmp_path, name)
+    assert [str(finding) for finding in check(tmp_path)] == []
+
+
+GUARD = r"(?<=\n)G31 (X[^\n]*F2000)\nIF[^\n]*"
+FAULTS = {
+    "iso: a move towards the sphere that does not stop": ("iso/sphere-1.nc", GUARD, r"G1 \1", "probing"),
+    "iso: a guarded move nobody looks at": ("iso/sphere-1.nc", r"(G31 [^\n]*F2000\n)IF[^\n]*\n", r"\1", "probing"),
+    "iso: compared with another place": ("iso/sphere-1.nc", r"IF\[\[ABS\[#5061-80", "IF[[ABS[#5061-81", "probing"),
+    "iso: a touch that nobody looks at": ("iso/sphere-1.nc", r"\nIF[^\n]*LT[^\n]*", "", "probing"),
+    "iso: the wrong row in the log": ("iso/sphere-1.nc", r"DPRNT\[R1T2", "DPRNT[R2T2", "touch"),
+    "iso: nine digits": ("iso/sphere-1.nc", r"X#5061\[44\]", "X#5061[54]", "program"),
+    "iso: a log that is not open": ("iso/sphere-1.nc", r"\nPOPEN", "", "touch"),
+    "iso: a rotary axis turns at the sphere": ("iso/sphere-1.nc", r"(?<=\n)(DPRNT\[R0T0)", r"G1 B1. F500\n\1", "clear"),
+    "iso: a rapid at the sphere": ("iso/sphere-1.nc", r"(DPRNT\[R0T1[^\n]*\n)G1", r"\1G0", "clear"),
+    "iso: touched beside the centre": ("iso/sphere-1.nc", r"G31 X92.50000 Y-30", "G31 X92.50000 Y-29", "touch"),
+    "siemens: MEAS left out": ("siemens/sphere-1.mpf", r"MEAS=1 (G1 [^\n]*F2000)\nSTOPRE\nIF[^\n]*", r"\1", "probing"),
+    "siemens: a label that is not there": ("siemens/sphere-1.mpf", r"NO_CONTACT: MSG", "NO_TOUCH: MSG", "probing"),
+    "siemens: two logs": ("siemens/sphere-1.mpf", r'DELETE\(FAULT,"SPHERE_1_LOG"', 'DELETE(FAULT,"OTHER"', "touch"),
+    "siemens: no second touch": ("siemens/sphere-1.mpf", r"MEAS=1 G1 [^\n]*F30\nSTOPRE\n[^\n]*\n", "", "touch"),
+    "heidenhain: the guard left out": ("heidenhain/sphere-1.h", r"\n\d+ FN 10:[^\n]*", "", "probing"),
+    "heidenhain: another way": ("heidenhain/sphere-1.h", r"ABST\+18.5000", "ABST+18.0000", "touch|dialects"),
+    "heidenhain: a label that is not there": ("heidenhain/sphere-1.h", r"\d+ LBL 98\n", "", "probing"),
+    "heidenhain: the probe's length left in": ("heidenhain/sphere-1.h", r"\d+ CYCL DEF 7.1 Z-Q114\n", "", "dialects|end|clear"),
+    "heidenhain: the mask is not there": ("heidenhain/TOUCHES.A", r"Q1,Q2", "Q2,Q1", "touch"),
+    "linuxcnc: a move towards the sphere": ("linuxcnc/sphere-1.ngc", r"G38\.3", "G1", "probing"),
+    "linuxcnc: a touch left out": ("linuxcnc/sphere-1.ngc", r"G38\.2 [^\n]*F30\n", "", "touch"),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("probing")
+    written(folder)
+    return folder
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_checker_finds_planted_faults(good, tmp_path, fault):
+    file, pattern, becomes, check_name = FAULTS[fault]
+    folder = shutil.copytree(good, tmp_path / "plan")
+    path = folder / "nc" / file
+    text, n = re.subn(pattern, becomes, path.read_text(), count=1)
+    assert n == 1, f"{pattern} is not in {file}"
+    path.write_text(text)
+    found = [finding.check for finding in check(folder)]
+    assert re.search(check_name, " ".join(found)), found
+
+
+LINES = {
+    "linuxcnc": "{row},{touch},{0:.6f},{1:.6f},{2:.6f}",
+    "iso": "R{row}T{touch}X{0: 9.4f}Y{1: 9.4f}Z{2: 9.4f}",
+    "siemens": "R{row} T{touch} X{0} Y{1} Z{2}",
+    "heidenhain": "R{row} T{touch} X{0:.5f} Y{1:.5f} Z{2:.5f}",
+}
+"""How each control prints a touch."""
+
+
+@pytest.mark.parametrize("dialect", LINES)
+def test_what_a_control_logs_comes_back_as_the_centres(good, tmp_path, dialect):
+    """The checker drives the program against its sphere, moved a little, and prints; the import finds where it stood."""
+    plan = read_plan(good)
+    (run,), off = plan.runs, np.array([0.4, -0.3, 0.2])
+    table = {**run.table, "table_ball": (run.table_ball + off).tolist()}
+    path = read_program(plan.machine, replace(run, table=table), plan.programs()[dialect]["sphere-1"], dialect)
+    lines, contact = [], None
+    for event in path.events:
+        contact = event.end if event.probing == "touch" else contact
+        if event.kind == "log":
+            row, touch = event.text.split(",")
+            places = [float(contact[plan.machine.names.index(axis)]) for axis in "XYZ"]
+            lines.append(LINES[dialect].format(*places, row=row, touch=touch))
+    log = tmp_path / "log.txt"
+    log.write_text("\x12%\r\n" + "\r\n".join(lines) + "\r\n%\x14")
+    probed = probed_run(read_campaign(good).runs[0], read_touches(log))
+    assert probed.run.rows == 3 and probed.rms_um < 0.1
+    assert probed.radius == pytest.approx(15.5, abs=1e-4)
+    moved = np.stack([probed.run.readings[f"{n}_dev_um"] for n in "XYZ"], axis=1)
+    assert np.linalg.norm(moved, axis=1) == pytest.approx(1e3 * np.linalg.norm(off), abs=0.2)
+
+
+def test_touches_from_below_and_tool_centre_control_are_refused():
     below = [[0, 0, 1], [1, 0, 0], [-1, 0, -0.2], [0, 1, 0], [0, -1, 0]]
     machine, run = probe_run("table-bc", touches=below)
-    with pytest.raises(InputError, match="below the sphere's equator"):
-        program(machine, run, "linuxcnc")
+    for dialect in DIALECTS:
+        with pytest.raises(InputError, match="below the sphere's equator"):
+            program(machine, run, dialect, POST)
+    machine, run = probe_run("table-bc")
+    with pytest.raises(InputError, match="siemens: under tool-centre control"):
+        program(machine, run, "siemens", Post(tool_centre=True))
 
 
-def test_a_cycle_lasts_as_long_as_its_moves():
-    _, run = probe_run("table-bc")
-    slow = Probing(slow_feed=10.0)
-    assert cycle_seconds(run, slow) - cycle_seconds(run) == pytest.approx(5 * 60.0 * 0.5 * (1 / 10.0 - 1 / 30.0))
+def test_a_touch_beyond_the_travel_is_refused():
+    machine, run = probe_run("table-bc")
+    axis = machine.axes["X"]
+    end = float(np.max(run.commands["X"])) + 10.0  # the pose is within, the touch from +X is not
+    narrow = replace(machine, axes={**machine.axes, "X": replace(axis, travel=(axis.travel[0], end))}, text="")
+    with pytest.raises(InputError, match=rf"takes X to .*, its travel is .* to {end:g}"):
+        program(narrow, run, "iso")
+
+
+def test_a_heidenhain_is_told_which_tool_the_probe_is(tmp_path):
+    machine, run = probe_run("table-bc")
+    with pytest.raises(InputError, match="give --probe-tool"):
+        program(machine, run, "heidenhain")
+    lines = program(machine, run, "heidenhain", POST).splitlines()
+    assert [line.split(" ", 1)[1] for line in lines if "TOOL CALL" in line and ";" not in line] == ["TOOL CALL 30 Z"]
+    call = ["plan", "table-bc", "-o", str(tmp_path / "p"), "--instrument", "touch_probe", "--nc", "heidenhain"]
+    assert main(call) == 2 and not (tmp_path / "p").exists()
+
+
+def test_the_users_lines_switch_the_probe_on_and_off():
+    machine, run = probe_run("table-bc")
+    lines = program(machine, run, "iso", Post(probe_on="M60", probe_off="M61"), PROBING).splitlines()
+    first, last = lines.index("M60"), lines.index("M61")
+    assert first < min(i for i, line in enumerate(lines) if line.startswith("G91 G28"))
+    assert last > max(i for i, line in enumerate(lines) if line.startswith(("G31", "G0", "G1")))
+
+
+def test_a_touch_probes_sizes_are_positive():
+    with pytest.raises(InputError, match="back_off = 0"):
+        Probing(back_off=0.0)
 
 
 def test_centres_of_a_log(tmp_path):
@@ -115,16 +242,66 @@ def test_centres_of_a_log(tmp_path):
     found, radius, rms = fitted_centres(read_touches(tmp_path / "log.txt"))
     assert radius == pytest.approx(15.5, abs=1e-7) and rms < 1e-7
     assert found == pytest.approx(centres, abs=1e-7)
-    readings = probed_run(run, read_touches(tmp_path / "log.txt")).readings
+    probed = probed_run(run, read_touches(tmp_path / "log.txt"))
+    assert str(probed) == (
+        "run sphere-1: 3 centres, effective radius of sphere and tip 15.5000 mm, touches 0.0 µm (rms) off that sphere"
+    )
+    readings = probed.run.readings
     assert np.stack([readings[f"{n}_dev_um"] for n in "XYZ"], axis=1) == pytest.approx(1e3 * off, abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [("0,0,1,2\n", "line 1"), ("0,0,1,2,nan\n", "line 1"), ("0,0,1,2,3\n", "1 touches|row 2 is missing")],
-)
-def test_a_broken_log_is_refused(tmp_path, text, words):
+def log_of(run: Run, rows: range, *, off: float = 0.0) -> list[str]:
+    directions = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], float)
+    centres = np.stack([run.commands[n] for n in "XYZ"], axis=1)
+    places = [(row, k, centres[row] + 15.5 * n + off) for row in rows for k, n in enumerate(directions)]
+    return ["R{} T{} X{:.5f} Y{:.5f} Z{:.5f}".format(row, k, *at) for row, k, at in places]
+
+
+def test_a_log_that_ends_early_gives_the_poses_before(tmp_path):
     _, run = probe_run("table-bc")
-    (tmp_path / "log.txt").write_text(text)
+    (tmp_path / "log.txt").write_text("\n".join(log_of(run, range(3))[:12]))
+    probed = probed_run(run, read_touches(tmp_path / "log.txt"))
+    assert probed.run.rows == 2 and "the log ends before pose 3 of 3" in str(probed)
+
+
+def changed(line: str) -> str:
+    return re.sub(r"X(\S+)", lambda found: f"X{float(found[1]) + 0.7:.4f}", line)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda lines: ["0,0,1,2"], "line 1.*is not a touch"),
+        (lambda lines: ["0,0,1,2,nan"], "line 1.*is not a touch"),
+        (lambda lines: ["%"], "has no touches"),
+        (lambda lines: lines[:3], "the log has 0 whole poses"),
+        (lambda lines: lines[:4] + lines[5:], "pose 1 of run sphere-1 has 4 touches in the log, 5 are planned"),
+        (lambda lines: lines[5:], "pose 1 of run sphere-1 has 0 touches"),
+        (lambda lines: [*lines, lines[0].replace("R0", "R7")], "pose 8; run sphere-1 has 3"),
+        (lambda lines: [*lines[:6], changed(lines[6]), *lines[7:]], "touches at pose 2 of run sphere-1 are 0.[23]"),
+    ],
+)
+def test_a_broken_log_is_refused(tmp_path, spoil, words):
+    _, run = probe_run("table-bc")
+    (tmp_path / "log.txt").write_text("\n".join(spoil(log_of(run, range(3)))))
     with pytest.raises(InputError, match=words):
         probed_run(run, read_touches(tmp_path / "log.txt"))
+
+
+def test_another_spheres_log_is_refused(tmp_path):
+    _, run = probe_run("table-bc")
+    (tmp_path / "log.txt").write_text("\n".join(log_of(run, range(3), off=80.0)))
+    with pytest.raises(InputError, match=r"80\.0 mm from where the plan has it"):
+        probed_run(run, read_touches(tmp_path / "log.txt"))
+
+
+def test_a_log_is_imported_on_the_command_line(good, tmp_path, capsys):
+    run = read_campaign(good).runs[0]
+    (tmp_path / "log.txt").write_text("\n".join(log_of(run, range(3), off=0.02)))
+    call = ["import-touches", str(good), str(tmp_path / "log.txt"), "-o", str(tmp_path / "measured")]
+    assert main(call) == 0
+    assert "effective radius of sphere and tip 15.5000 mm" in capsys.readouterr().err
+    measured = read_campaign(tmp_path / "measured").runs[0]
+    assert measured.readings["X_dev_um"] == pytest.approx(20.0, abs=0.01)
+    assert main([*call[:2], str(tmp_path / "none.txt"), "-o", str(tmp_path / "other")]) == 2
+    assert not (tmp_path / "other").exists()

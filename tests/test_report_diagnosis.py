@@ -110,6 +110,10 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
         assert words in page.words, words
     assert "µrad" in page.words and not re.search(r"\b(um|urad)\b", page.words.replace("dL_um", "")), "units as written"
     assert text.index('id="finding-1"') < text.index('id="finding-2"') < text.index('id="proof"')
+    worth = text[text.index('id="worth"') : text.index('id="proof"')]
+    for finding in found.findings:
+        assert f"{finding.title} (or gravity_sag.B.EXB)" in worth
+    assert "of the error at the tool" in worth and "EX0C" in worth and "do not correct" in worth
     assert page.tags.count("article") == 2 and text.count('class="chain"') == 1
     assert "prefers-color-scheme: dark" in text and "@media print" in text and "data-sort=" in text
     assert not re.search(r'(src|href)="(?!data:|#)', text.replace('xlink:href="data:', "")), "loads nothing"

@@ -16,10 +16,12 @@ from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import identify
-from symfive.machine import machine_from_data, preset
+from symfive.machine import machine_from_data, preset, read_machine
 from symfive.model import Model
+from symfive.nc import program, touch_reach
 from symfive.procedures import r_test_grid
 from symfive.simulate import simulate
+from tests.plan_checker.machines import random_machine
 
 LOCATION = {
     "EX0C": 31.0,
@@ -174,6 +176,20 @@ def test_what_a_probe_cannot_see_is_named():
     assert any({"EZ0B", f"setup.{run.id}.tool_ball.z"} <= set(group) for group in said), said
     result = identify(simulate(chosen.campaign, seed=4).campaign)
     assert result.chi2_dof == pytest.approx(1.0, abs=0.6)
+
+
+def test_a_plan_leaves_travel_for_the_way_around_the_sphere(tmp_path):
+    """A head that tilts with Y on it: the more it does, the farther Y has to go for the same millimetre."""
+    (tmp_path / "machine.toml").write_text(random_machine(0), encoding="utf-8")
+    machine = read_machine(tmp_path / "machine.toml")
+    assert machine.structure.code == "w b Z A X Y t"
+    made = plan(machine, instrument="touch_probe", points=6, setups=1, starts=1, prove=False)
+    (run,) = made.campaign.runs
+    assert "DPRNT[R7T4" in program(machine, run, "iso", made.post)  # raises where a touch is beyond the travel
+    room = machine.axes["Y"].travel[1] - run.commands["Y"]
+    need = touch_reach() / np.cos(np.deg2rad(run.commands["A"]))
+    assert np.all(room >= need - 0.1)
+    assert np.any(room < need + 5.0), "some pose lies at that limit"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from symfive.identify import Identification, identify
 from symfive.machine import preset
 from symfive.procedures import campaign_of, planar_circle
 from symfive.simulate import simulate
-from symfive.worth import DO_NOT, effect_worth, location_worths, worth_of, worth_text
+from symfive.worth import DO_NOT, effect_worth, effect_worths, location_worths, worth_of, worth_text
 
 WHOLE = preset("three-axis")
 KEPT = ("EC0X", "EA0Z", "EB0Z")
@@ -98,3 +98,13 @@ def test_an_effect_and_its_mistakes():
         effect_worth(found, make_effect("backlash", axis="Y").prepare(found.model.campaign))
     with pytest.raises(InputError, match='no parameter "EX0C"'):
         worth_of(found, [["EX0C"]])
+
+
+def test_an_instruments_fault_is_no_error_of_the_machine():
+    gain = make_effect("sensor_error", instrument="ball_bar")
+    play = make_effect("backlash", axis="X")
+    found = _identified("XY", effects=[play, gain], **{"EC0X": 20.0, "backlash.X.width": 12.0})
+    of_play, of_gain = effect_worths(found, found.model.added)
+    assert of_play == effect_worth(found, found.model.added[0]) and of_play.of_machine
+    assert not of_gain.of_machine and of_gain.tool is None
+    assert of_gain.advice == "not an error of the machine: mend instrument or set-up"

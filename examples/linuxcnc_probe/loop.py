@@ -145,7 +145,7 @@ def close_the_loop(name: str, folder: Path, *, poses: int, noise_um: float, seed
     with Controller.of(machine) as control, installed(text, control.folder):
         say("3 LinuxCNC probes, every pin at 0")
         touches, first = probe(control, run, chosen.post, setp_lines(machine), centred=False)
-        measured = probed_run(run, touches)
+        measured = probed_run(run, touches).run
         campaign = Campaign(machine=machine, runs=(measured,), name="probed")
         write_campaign(campaign, folder / "before")
         result = identify(campaign)

@@ -11,9 +11,12 @@ import click
 from symfive.cli._common import PATH, POSITIVE, Number, app, campaign_path, cut, output_path, overwrite, quiet, read
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from symfive.campaign import Campaign, Run
     from symfive.errors import InputError
 
-__all__ = ["codegen", "convert", "import_mtconnect", "import_polar", "import_rests"]
+__all__ = ["codegen", "convert", "import_mtconnect", "import_polar", "import_rests", "import_touches"]
 
 
 @app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
@@ -153,7 +156,7 @@ def _not_in_the_file(path: Path, radius: float | None, feed: float | None) -> In
 @output_path
 @click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
 @click.option("--columns", default="t,dx_um,dy_um,dz_um", help="The file's columns in order, - for what is not needed.")
-@click.option("--unit", default="um", help="Unit of the readings: um or mm.")
+@click.option("--unit", help="Unit of the readings: um or mm (default: as the head of the file says, else um).")
 @click.option("--dwell", type=POSITIVE, default=2.0, help="Rest at each pose in s, as in the program.")
 @overwrite
 @quiet
@@ -163,7 +166,7 @@ def import_rests(
     output: Path,
     names: tuple[str, ...],
     columns: str,
-    unit: str,
+    unit: str | None,
     dwell: float,
     overwrite: bool,
     quiet: bool,
@@ -176,19 +179,11 @@ def import_rests(
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         plan = read(campaign, quiet)
-        runs = {run.id: run for run in plan.runs}
-        wanted = names or tuple(run.id for run in plan.runs if not run.dynamic)[: len(files)]
-        if len(wanted) != len(files) or len(set(wanted)) < len(wanted):
-            problem = f"{len(files)} files for {len(wanted)} runs ({', '.join(wanted) or 'none'})"
-            raise InputError(problem, remedy="give one file a run, or --run once per file, in their order")
-        for name in wanted:
-            if name not in runs:
-                raise InputError(f"the plan has no run {name}", path=campaign, remedy=f"use one of {', '.join(runs)}")
         matched = []
-        for path, name in zip(files, wanted, strict=True):
+        for path, run in _of_the_plan(plan, campaign, files, names):
             time, readings = read_recording(path, [word.strip() for word in columns.split(",")], unit=unit)
             try:
-                matched.append(cut_at_rests(plan.machine, runs[name], time, readings, dwell_s=dwell))
+                matched.append(cut_at_rests(plan.machine, run, time, readings, dwell_s=dwell))
             except InputError as error:
                 raise error.at(path) from None
         measured = replace(plan, runs=tuple(run for found in matched for run in found.runs))
@@ -197,6 +192,54 @@ def import_rests(
         for found in matched:
             click.echo(f"note: {found}", err=True)
         click.echo(f"{measured.rows} rows of {len(measured.runs)} runs in {output}", err=True)
+
+
+@app.command(name="import-touches", epilog="Example: symfive import-touches plan/ sphere-1.txt -o measured/")
+@campaign_path
+@click.argument("files", type=PATH, nargs=-1, required=True, help="What the probing programs logged, one file a run.")
+@output_path
+@click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
+@overwrite
+@quiet
+def import_touches(
+    campaign: Path, files: tuple[Path, ...], output: Path, names: tuple[str, ...], overwrite: bool, quiet: bool
+) -> None:
+    """Import logs of a touch probe's programs. One sphere is fitted to the touches of each run."""
+    from symfive.campaign import write_campaign_files
+    from symfive.errors import InputError
+    from symfive.importers import probed_run, read_touches
+    from symfive.outputs import output_folder
+
+    with output_folder(output, overwrite=overwrite, recorded=True) as folder:
+        plan = read(campaign, quiet)
+        probed = []
+        for path, run in _of_the_plan(plan, campaign, files, names):
+            touches = read_touches(path)
+            try:
+                probed.append(probed_run(run, touches))
+            except InputError as error:
+                raise error.at(path) from None
+        measured = replace(plan, runs=tuple(found.run for found in probed))
+        write_campaign_files(measured, folder)
+    if not quiet:
+        for found in probed:
+            click.echo(f"note: {found}", err=True)
+        click.echo(f"{measured.rows} rows of {len(measured.runs)} runs in {output}", err=True)
+
+
+def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Sequence[str]) -> list[tuple[Path, Run]]:
+    """Each file with its run: the one named, else the static ones in their order. Raises `InputError`."""
+    from symfive.errors import InputError
+
+    runs = {run.id: run for run in plan.runs}
+    wanted = names or tuple(run.id for run in plan.runs if not run.dynamic)[: len(files)]
+    if len(wanted) != len(files) or len(set(wanted)) < len(wanted):
+        problem = f"{len(files)} files for {len(wanted)} runs ({', '.join(wanted) or 'none'})"
+        raise InputError(problem, remedy="give one file a run, or --run once per file, in their order")
+    for name in wanted:
+        if name not in runs:
+            raise InputError(f"the plan has no run {name}", path=path, remedy=f"use one of {', '.join(runs)}")
+    return [(file, runs[name]) for file, name in zip(files, wanted, strict=True)]
 
 
 @app.command(name="import-mtconnect", epilog="Example: symfive import-mtconnect probe.xml -o machine.toml")

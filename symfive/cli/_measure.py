@@ -142,6 +142,9 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 )
 @click.option("--sphere-radius", type=POSITIVE, default=12.5, help="Of a touch probe's sphere, mm.")
 @click.option("--tip-radius", type=POSITIVE, default=3.0, help="Of a touch probe's tip, mm.")
+@click.option("--probe-on", default="", show_default=False, help="Your control's line that switches a touch probe on.")
+@click.option("--probe-off", default="", show_default=False, help="The line that switches it off.")
+@click.option("--probe-tool", type=click.IntRange(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
 @click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds.")
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
@@ -192,6 +195,9 @@ def plan(
     frame: str,
     sphere_radius: float,
     tip_radius: float,
+    probe_on: str,
+    probe_off: str,
+    probe_tool: int | None,
     no_proof: bool,
     starts: int,
     seed: int,
@@ -206,10 +212,10 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.executors import executor
     from symfive.given import machine_given
-    from symfive.nc import CYCLES, Post
+    from symfive.nc import Post, can_probe
     from symfive.outputs import output_folder
 
-    dialects = dialects_of(nc or (tuple(CYCLES) if instrument == "touch_probe" else ()))
+    dialects = dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
         post = Post(
@@ -224,7 +230,12 @@ def plan(
             trigger=trigger,
             sphere_radius=sphere_radius,
             tip_radius=tip_radius,
+            probe_on=probe_on,
+            probe_off=probe_off,
+            probe_tool=probe_tool,
         )
+        for dialect in dialects if instrument == "touch_probe" else ():
+            can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
         result: Any
         if circles == CIRCULAR_TEST:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.machine import Axis, Machine
-from symfive.nc import CAUTION
+from symfive.nc import CAUTION, able
 
 __all__ = ["kept_apart", "move_times", "out_and_back", "round_trip", "there_and_back"]
 
@@ -24,14 +24,8 @@ Indices = NDArray[np.int64]
 
 def _axis_time(way: Array, axis: Axis) -> Array:
     """Time from rest to rest, s."""
-    speed = CAUTION * axis.max_feed / 60.0 if axis.max_feed else np.inf
-    push = CAUTION * axis.max_acceleration if axis.max_acceleration else np.inf
-    short = 2.0 * np.sqrt(way / push)
-    long = way / speed + (speed / push if np.isfinite(speed) and np.isfinite(push) else 0.0)
-    reaches = (
-        way * push > speed**2 if np.isfinite(push) and np.isfinite(speed) else np.full(way.shape, np.isfinite(speed))
-    )
-    return np.asarray(np.where(reaches, long, short))
+    speed, push = (CAUTION * most for most in able(axis))
+    return np.asarray(np.where(way * push > speed**2, way / speed + speed / push, 2.0 * np.sqrt(way / push)))
 
 
 def move_times(machine: Machine, commands: dict[str, Array]) -> Array:

@@ -36,7 +36,7 @@ from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
-from symfive.nc import CYCLES, LETTERS, Post
+from symfive.nc import LETTERS, Post
 from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
@@ -83,17 +83,15 @@ class Plan(OnScreen):
         self,
         folder: Path | str,
         *,
-        nc: Iterable[str] | None = None,
+        nc: Iterable[str] = ("iso",),
         post: Post | None = None,
         overwrite: bool = False,
     ) -> None:
         """The campaign without readings, plan.json, NC programs, set-up sheet and figures, whole or not at all.
 
-        `nc` dialects of the programs, by default `iso`, and of a touch probe those whose probing cycle is written."""
+        `nc` dialects of the programs."""
         from symfive.design._write import write_plan
 
-        if nc is None:
-            nc = CYCLES if self.instrument == "touch_probe" else ("iso",)
         with output_folder(Path(folder), overwrite=overwrite) as target:
             write_plan(self, target, tuple(nc), post)
 
@@ -345,6 +343,11 @@ def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
     ]
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
+    axes = schedule.campaign.machine.axes.items()
+    if silent := [name for name, axis in axes if axis.max_feed is None or axis.max_acceleration is None]:
+        notes.append(
+            f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs drive as a slow machine"
+        )
     if len(values) > 1 and max(values) - min(values) > 0.05:
         notes.append("the starts ended in different local optima; the best is used")
     return tuple(notes)

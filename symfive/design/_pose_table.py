@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from symfive.campaign import FIRST_LINE, Campaign, Run
-from symfive.instruments import instruments_of
+from symfive.instruments import instruments_of, touches_of
 from symfive.nc import Post
 from symfive.numbers import unit_words
 
@@ -40,21 +40,29 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:
     names = sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary)
     positions = [f"{name} / {unit_words(machine.axes[name].unit)}" for name in names]
     rows, readings = [], _readings(run)
+    probed = "touch_probe" in run.instrument
+    waits = 0.0 if probed else post.dwell_s
     for row in range(run.rows):
-        numbers = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + post.dwell_s)]
+        numbers = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + waits)]
         numbers += [f"{run.commands[name][row] + 0.0:.3f}" for name in names]
         rows.append((numbers, _before(run, row, post, readings[row])))
-    columns = [column.name for i in instruments_of(run) for column in i.columns(run, machine)]
-    at = ", ".join(f"{v:.1f}" for v in run.table_ball)
-    what = f"table ball at ({at}) mm, bar of {run.length:g} mm" if run.length is not None else f"nest at ({at}) mm"
     different = len({same[0] for same in readings})
     counted = f"All {run.rows} poses" + (f", {different} of them different" if different < run.rows else "")
     return {
-        "what": f"{counted}: {what}; {post.dwell_s:g} s at rest, then {READ[post.at_pose]} {', '.join(columns)} into the line of "
-        f"{run.file}.",
-        "heads": ["pose", "line", "read at / min:s", *positions, "before"],
+        "what": f"{counted}: {_how_read(campaign, run, post)}.",
+        "heads": ["pose", "line", f"{'touched' if probed else 'read'} at / min:s", *positions, "before"],
         "rows": rows,
     }
+
+
+def _how_read(campaign: Campaign, run: Run, post: Post) -> str:
+    """What stands where, and how a pose is read."""
+    at = ", ".join(f"{v:.1f}" for v in run.table_ball)
+    if "touch_probe" in run.instrument:
+        return f"sphere at ({at}) mm, {len(touches_of(run))} touches at each, which the control logs"
+    columns = [column.name for i in instruments_of(run) for column in i.columns(run, campaign.machine)]
+    what = f"table ball at ({at}) mm, bar of {run.length:g} mm" if run.length is not None else f"nest at ({at}) mm"
+    return f"{what}; {post.dwell_s:g} s at rest, then {READ[post.at_pose]} {', '.join(columns)} into the line of {run.file}"
 
 
 def _clock(seconds: float) -> str:
@@ -73,7 +81,7 @@ def _readings(run: Run) -> list[list[int]]:
 def _before(run: Run, row: int, post: Post, same: Sequence[int]) -> str:
     """What the operator has to know before a pose; `same` rows are of this pose."""
     said = []
-    if row in post.unsafe.get(run.id, ()):
+    if row in post.unsafe.get(run.id, ()) and "touch_probe" not in run.instrument:
         bar = run.length is not None
         said.append(
             "take the bar off, mount it again" if bar else "out of the nest, seat it again: leave the nest as it is"

@@ -18,7 +18,7 @@ from symfive.design._seated import Clear, Seated, bars_of
 from symfive.design._space import Space
 from symfive.machine import Machine
 from symfive.motion import approach
-from symfive.nc import Positions, Post, Seat, Way, arrival_times, cycle_seconds, outside_s, probing_of
+from symfive.nc import Positions, Post, Seat, Way, arrival_times, outside_s
 from symfive.procedures import Nominal
 
 __all__ = ["SETUP_S", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
@@ -159,8 +159,7 @@ def on_ways(campaign: Campaign, post: Post) -> tuple[Campaign, float]:
 
 def _timed(machine: Machine, run: Run, post: Post, clock: float) -> tuple[Run, float]:
     """A run that is set up from `clock` on, at the times of its program, and when it is done, s."""
-    rest = cycle_seconds(run, probing_of(post)) if "touch_probe" in run.instrument else 0.0
-    time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose, rest)
+    time = arrival_times(machine, run, post, machine.workspace.seconds_per_pose)
     around = math.ceil(outside_s(machine, run, post))
     start = clock + SETUP_S + around
     return replace(run, time=time, start_s=start), start + float(time[-1])

@@ -124,7 +124,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
             f"{' and '.join(f'{angle:g}°' for angle in np.unique(run.spindle))}. Where the program stops for it, turn the "
             "spindle by hand; the ball stays in its place."
         )
-    steps.append(f"Start the program of run {run.id}; it stops where you seat the instrument.")
+    steps += _start(sheet, run)
     if not programmed:
         return steps
     for series in series_of(machine, sheet.campaign.runs):
@@ -132,6 +132,18 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
             names = "+".join(r.id for r in series)
             steps.append(f"Or the program {names}: all {len(series)} circles of this mounting, the bar stays on.")
     return steps + _moves(machine, sheet.post)
+
+
+def _start(sheet: Sheet, run: Run) -> list[str]:
+    """How the program is started, and what comes back from it."""
+    if "touch_probe" not in run.instrument:
+        return [f"Start the program of run {run.id}; it stops where you seat the instrument."]
+    post = sheet.post
+    return [
+        f"Sphere of radius {post.sphere_radius:g} mm, tip of radius {post.tip_radius:g} mm, probe switched on, spindle locked.",
+        f"Start the program of run {run.id}; it stops above the sphere, then touches it. Its head says where it logs.",
+        "Bring the log back and import it: symfive import-touches PLAN LOG -o measured.",
+    ]
 
 
 def _moves(machine: Machine, post: Post) -> list[str]:

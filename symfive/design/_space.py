@@ -38,6 +38,7 @@ from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
 from symfive.model import Model, assemble
 from symfive.motion import Position
+from symfive.nc import touch_reach
 from symfive.parameters import Parameter
 
 __all__ = ["PARALLEL", "SETUP_VARIABLES", "Space", "make_space"]
@@ -293,14 +294,28 @@ def _rows(
     return scaled, shared, own, np.array([p.sigma / noise_um for p in own_parameters])
 
 
+def _around_sphere(machine: Machine, geometry: _Geometry) -> dict[str, Any]:
+    """What each linear axis needs at most, mm, while the tip goes around the sphere of a pose."""
+    place = ca.SX.sym("place", 3)
+    turned = {name: q for name, q in geometry.position.items() if machine.axes[name].rotary}
+    moved = follow(machine, turned, geometry.tool_ball, place)
+    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
+    return {name: touch_reach() * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
+
+
 def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> tuple[Any, tuple[str, ...]]:
     """What must be ≥ 0, in units of 100 mm (the bar's angle: its cosine), and what each means."""
     limits, names = [], []
+    margins = _around_sphere(machine, geometry) if instrument == "touch_probe" else {}
     for name in machine.axis_names:
         axis = machine.axes[name]
         if not axis.rotary:
             low, high = axis.travel
-            limits += [(geometry.position[name] - low) / UNIT_MM, (high - geometry.position[name]) / UNIT_MM]
+            margin = margins.get(name, 0.0)
+            limits += [
+                (geometry.position[name] - low - margin) / UNIT_MM,
+                (high - geometry.position[name] - margin) / UNIT_MM,
+            ]
             names += [f"travel of {name}"] * 2
     volume = _spanned(machine, geometry.position, geometry.tool_ball)
     if volume is not None:

@@ -106,15 +106,23 @@ def meanings(table: Table, machine: Machine, entries: Sequence[str]) -> tuple[Me
         m for m in guessed_meanings(table, machine) if m.name not in taken_names and m.column not in taken_columns
     ]
     found = tuple(sorted([*said, *guesses], key=lambda m: m.column))
+    _check_units(table, machine, found)
+    return found
+
+
+def _check_units(table: Table, machine: Machine, found: Sequence[Meaning]) -> None:
+    """Raises `InputError` that names all columns without a unit at once, and what to say."""
+    problems, remedies = [], []
     for m in found:
         units = SCALES[_quantity(m.name, machine)]
         if m.unit not in units:
-            problem = f"column {m.column + 1} ({m.name}) has {'no unit' if not m.unit else f'the unit {shown(m.unit)}'}"
+            has = "no unit" if not m.unit else f"the unit {shown(m.unit)}"
+            problems.append(f"column {m.column + 1} ({m.name}) has {has}")
             small = m.name in SMALL or _READING.match(m.name)
             example = "um" if small and "um" in units else next(iter(units))
-            remedy = f"say it: --map {m.name}={m.column + 1}:{example} (one of {', '.join(units)})"
-            raise InputError(problem, path=table.path, remedy=remedy)
-    return found
+            remedies.append(f"--map {m.name}={m.column + 1}:{example} (one of {', '.join(units)})")
+    if problems:
+        raise InputError(", ".join(problems), path=table.path, remedy=f"say it: {' and '.join(remedies)}")
 
 
 def _places(table: Table, place: str) -> list[int]:

@@ -8,6 +8,7 @@ assignment with the least sum of mismatches and of what is left over is found by
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -90,15 +91,17 @@ def _poses(rows: Sequence[int]) -> str:
     return ", ".join(f"pose {row + 1} (line {row + FIRST_LINE})" for row in rows)
 
 
-def read_recording(path: Path | str, columns: Sequence[str], *, unit: str = "um") -> tuple[Array, dict[str, Array]]:
+def read_recording(
+    path: Path | str, columns: Sequence[str], *, unit: str | None = None
+) -> tuple[Array, dict[str, Array]]:
     """Time (N,) s and readings (N,) in µm by name from a text file.
 
     `columns` names those of the file in their order: `t` the time in s, the plan's reading columns, `-` for what is not needed;
-    `unit` of the readings, `um` or `mm`. Lines before the first row of numbers are the head. Raises `InputError` naming file
-    and line.
+    `unit` of the readings, `um` or `mm`, by default that with which the column's name in the head ends (`X [mm]`), else `um`.
+    Lines before the first row of numbers are the head, its last one names the columns. Raises `InputError` naming file and line.
     """
     path = Path(path)
-    if unit not in UNITS:
+    if unit is not None and unit not in UNITS:
         raise InputError(f'unit "{unit}" is unknown', remedy=f"use one of {', '.join(UNITS)}")
     wanted = [name for name in columns if name != "-"]
     if len(set(wanted)) < len(wanted) or "t" not in wanted or len(wanted) < 2:
@@ -108,7 +111,7 @@ def read_recording(path: Path | str, columns: Sequence[str], *, unit: str = "um"
         )
     rows: list[list[float]] = []
     marks: Marks | None = None
-    sign = ""
+    sign = head = ""
     for number, line in enumerate(read_text(path, at_most=MAX_BYTES).split("\n"), start=1):
         if not line.strip():
             continue
@@ -118,6 +121,7 @@ def read_recording(path: Path | str, columns: Sequence[str], *, unit: str = "um"
             )
             sign = next(fits, "")
             if not sign:
+                head = line
                 continue
             marks = Marks(sign)
         cells = cells_of(line, sign)
@@ -138,12 +142,23 @@ def read_recording(path: Path | str, columns: Sequence[str], *, unit: str = "um"
             problem, path=path, remedy=f"name all columns of the file and record at least {LEAST_ROWS} rows"
         )
     table = np.array(rows).T
-    found = {name: UNITS[unit] * values for name, values in zip(columns, table, strict=True) if name not in ("t", "-")}
+    said = [unit or _unit(cell) for cell in cells_of(head, sign)] if head else []
+    units = said if len(said) == len(columns) else [unit or "um"] * len(columns)
+    found = {
+        name: UNITS[own] * values
+        for name, own, values in zip(columns, units, table, strict=True)
+        if name not in ("t", "-")
+    }
     time = table[list(columns).index("t")]
     if not np.all(np.diff(time) > 0.0):
         row = int(np.argmin(np.diff(time) > 0.0)) + 2
         raise InputError(f"the time does not increase at reading {row}", path=path, remedy="record one run at a time")
     return time, found
+
+
+def _unit(name: str) -> str:
+    """The unit with which a column's name ends."""
+    return "mm" if re.search(r"(?:^|[^a-z])mm[\])\s]*$", name, re.I) else "um"
 
 
 def _numeric(cells: Sequence[str], sign: str) -> bool:
@@ -184,8 +199,8 @@ def cut_at_rests(
     """A static run of a plan with its readings, from a recording without a break.
 
     `time` (N,) s on any clock, `readings` (N,) µm by the plan's column names, `dwell_s` s of rest at each pose as the program has
-    it. Raises `InputError` where the columns are not the plan's, fewer than half of the poses are found, or the rests suit the
-    plan in several ways.
+    it. Raises `InputError` where the columns are not the plan's, fewer than half of the poses are found, the readings are below
+    their noise (mm taken for µm), or the rests suit the plan in several ways.
     """
     names = [column.name for instrument in instruments_of(run) for column in instrument.columns(run, machine)]
     if run.dynamic:
@@ -203,6 +218,11 @@ def cut_at_rests(
         raise InputError(
             problem, remedy="give the dwell of the program, and the recording of this run from start to end"
         )
+    largest = max(float(np.abs(rests[i].values).max()) for i in pairs.values())
+    noise = min(run.noise(name) for name in run.instrument)
+    if largest < noise:
+        problem = f"run {run.id}: no reading reaches the noise of {noise:g} µm, the largest is {largest:.2g} µm"
+        raise InputError(problem, remedy="if the file has mm, give --unit mm")
     if others:
         problem = (
             f"run {run.id}: the {len(rests)} rests of the recording suit the plan's {run.rows} poses in several ways"

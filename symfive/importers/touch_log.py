@@ -1,9 +1,10 @@
-"""The log of a probing program: one line `row,touch,X,Y,Z` a touch, and the centres of the sphere fitted to it."""
+"""The log of a probing program: one line a touch, and the centres of the sphere fitted to it."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,34 +12,65 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Run
 from symfive.errors import InputError
+from symfive.files import read_text, shown
+from symfive.instruments import touches_of
 
-__all__ = ["fitted_centres", "probed_run", "read_touches"]
+__all__ = ["Probed", "fitted_centres", "probed_run", "read_touches"]
 
 Array = NDArray[np.float64]
 LEAST_TOUCHES = 4
 ROUNDS = 20
 ENOUGH_MM = 1e-10
+MAX_BYTES = 20_000_000
+FAR_MM = 0.1
+"""No touch lies so far off the sphere of all others: the pre-travel of a probe varies by some µm, dirt is some 10 µm thick."""
+SOUGHT_MM = 10.0
+"""No program looks for the sphere so far from where the plan has it."""
+
+_NUMBER = r"([-+]?\s*(?:\d+[.,]?\d*|[.,]\d+)(?:EX?[-+]?\d+)?)"
+_COMMAS = re.compile(r"(\d+),(\d+),([^,]+),([^,]+),([^,]+)")
+_WORDS = re.compile(rf"R\s*(\d+)\s*T\s*(\d+)\s*X\s*{_NUMBER}\s*Y\s*{_NUMBER}\s*Z\s*{_NUMBER}", re.I)
+_BESIDE = re.compile(r"[%;].*|")
+"""Lines of the control itself: the tape's ends, a path."""
 
 
 def read_touches(path: Path | str) -> dict[int, Array]:
     """Row of the run (from 0) → the X Y Z (mm) that the control stored at its touches (n, 3). Raises `InputError`.
 
-    A touch that was taken again (same row and number) counts once, as it was taken last.
+    A line is `row,touch,X,Y,Z` (LinuxCNC) or `R0 T1 X12.345 Y-6.7 Z89`, with any blanks, decimal comma or point (the other
+    controls). A touch that was taken again (same row and number) counts once, as it was taken last.
     """
+    path = Path(path)
     found: dict[int, dict[int, list[float]]] = {}
-    for number, line in enumerate(Path(path).read_text().splitlines(), start=1):
-        if not line.strip():
+    for number, line in enumerate(read_text(path, at_most=MAX_BYTES).split("\n"), start=1):
+        line = "".join(c for c in line if c.isprintable()).strip()
+        if _BESIDE.fullmatch(line):
             continue
         try:
-            row, touch, x, y, z = (float(word) for word in line.split(","))
-            place = [x, y, z]
-            if not (row.is_integer() and touch.is_integer() and np.all(np.isfinite(place))):
-                raise ValueError
+            row, touch, place = _touch(line)
         except ValueError:
-            problem = f"{path}, line {number}: {line[:60]!r} is not row,touch,X,Y,Z"
-            raise InputError(problem, remedy="take the file that the probing program wrote, unchanged") from None
-        found.setdefault(int(row), {})[int(touch)] = place
+            problem = f"{shown(line)} is not a touch: row,touch,X,Y,Z or R0 T1 X12.3 Y4.5 Z6.7"
+            remedy = "take the file that the probing program wrote, unchanged"
+            raise InputError(problem, path=path, line=number, remedy=remedy) from None
+        found.setdefault(row, {})[touch] = place
+    if not found:
+        raise InputError("the log has no touches", path=path, remedy="run the probing program, and take its log")
     return {row: np.array([touches[k] for k in sorted(touches)]) for row, touches in sorted(found.items())}
+
+
+def _touch(line: str) -> tuple[int, int, list[float]]:
+    """Row, touch, place. Raises `ValueError`."""
+    words = _WORDS.fullmatch(line)
+    match = words or _COMMAS.fullmatch(line)
+    if match is None:
+        raise ValueError
+    row, touch, *place = match.groups()
+    if words:
+        place = [re.sub(r"\s", "", text).replace(",", ".").upper().replace("EX", "E") for text in place]
+    numbers = [float(text) for text in place]
+    if not np.all(np.isfinite(numbers)):
+        raise ValueError
+    return int(row), int(touch), numbers
 
 
 def fitted_centres(touches: Mapping[int, Array]) -> tuple[Array, float, float]:
@@ -47,6 +79,12 @@ def fitted_centres(touches: Mapping[int, Array]) -> tuple[Array, float, float]:
 
     Least squares of the distances by Gauss-Newton: `|p_ij - c_i| = r`. Raises `InputError` for fewer than four touches a row.
     """
+    centres, radius, left = _fitted(touches)
+    return centres, radius, float(np.sqrt(np.mean(left**2)))
+
+
+def _fitted(touches: Mapping[int, Array]) -> tuple[Array, float, Array]:
+    """Centres, radius, and what each touch is off the sphere, mm, row by row."""
     for row, points in touches.items():
         if len(points) < LEAST_TOUCHES:
             problem = f"row {row + 1} of the run has {len(points)} touches"
@@ -65,8 +103,7 @@ def fitted_centres(touches: Mapping[int, Array]) -> tuple[Array, float, float]:
         centres, radius = centres + change[:-1].reshape(-1, 3), radius + float(change[-1])
         if np.abs(change).max() < ENOUGH_MM:
             break
-    left = np.linalg.norm(points - centres[owner], axis=1) - radius
-    return centres, radius, float(np.sqrt(np.mean(left**2)))
+    return centres, radius, np.linalg.norm(points - centres[owner], axis=1) - radius
 
 
 def _start(touches: Mapping[int, Array]) -> tuple[Array, float]:
@@ -82,13 +119,67 @@ def _start(touches: Mapping[int, Array]) -> tuple[Array, float]:
     return np.array(centres), float(np.mean(radii))
 
 
-def probed_run(run: Run, touches: Mapping[int, Array]) -> Run:
-    """The planned run with its readings: found minus commanded X, Y, Z in µm, every row probed. Raises `InputError`."""
-    missing = sorted(set(range(run.rows)) - set(touches))
-    if missing or max(touches) >= run.rows:
-        problem = f"run {run.id} has {run.rows} rows, the log has {len(touches)}"
-        what = f"row {missing[0] + 1} is missing" if missing else "it is of another run"
-        raise InputError(f"{problem}: {what}", remedy="bring the log of this run's program, run to its end")
-    centres, _, _ = fitted_centres(touches)
-    found = {f"{axis}_dev_um": 1e3 * (centres[:, i] - run.commands[axis]) for i, axis in enumerate("XYZ")}
-    return replace(run, readings=found)
+@dataclass(frozen=True, kw_only=True)
+class Probed:
+    """A planned run with its readings, found minus commanded X, Y, Z in µm, of the rows that were probed.
+
+    `planned` rows of the plan; `radius` mm, effective, of sphere and tip; `rms_um` of the touches off that sphere.
+    """
+
+    run: Run
+    planned: int
+    radius: float
+    rms_um: float
+
+    def __str__(self) -> str:
+        said = f"run {self.run.id}: {self.run.rows} centres, effective radius of sphere and tip {self.radius:.4f} mm"
+        said = f"{said}, touches {self.rms_um:.1f} µm (rms) off that sphere"
+        if self.run.rows < self.planned:
+            said = f"{said}; the log ends before pose {self.run.rows + 1} of {self.planned}"
+        return said
+
+
+def probed_run(run: Run, touches: Mapping[int, Array]) -> Probed:
+    """The planned run with the readings of its log, which may end early, never begin late or leave out a pose.
+
+    Raises `InputError` for another run's log, and for a touch that is off the sphere of all others.
+    """
+    if "touch_probe" not in run.instrument:
+        raise InputError(f"run {run.id} is not one of a touch probe", remedy="give the logs of probing programs")
+    each = len(touches_of(run))
+    last = max(touches)
+    whole = {row: points for row, points in touches.items() if row < last or len(points) == each}
+    for row in range(max(whole, default=-1) + 1):
+        if len(whole.get(row, ())) != each:
+            problem = (
+                f"pose {row + 1} of run {run.id} has {len(whole.get(row, ()))} touches in the log, {each} are planned"
+            )
+            raise InputError(problem, remedy="bring the log of this run's program, unchanged")
+    if not whole or last >= run.rows:
+        problem = f"the log has {len(whole)} whole poses, the last is pose {last + 1}; run {run.id} has {run.rows}"
+        raise InputError(problem, remedy="bring the log of this run's program")
+    centres, radius, left = _fitted(whole)
+    rows = len(whole)
+    off = centres - np.stack([run.commands[axis][:rows] for axis in "XYZ"], axis=1)
+    k = int(np.argmax(np.abs(off).max(axis=1)))
+    if np.abs(off[k]).max() > SOUGHT_MM:
+        problem = (
+            f"at pose {k + 1} of run {run.id} the sphere is {np.abs(off[k]).max():.1f} mm from where the plan has it"
+        )
+        remedy = "bring the log of this run's program; it must have been written without tool-centre control"
+        raise InputError(problem, remedy=remedy)
+    j = int(np.argmax(np.abs(left)))
+    if abs(left[j]) > FAR_MM:
+        problem = (
+            f"touches at pose {j // each + 1} of run {run.id} are {abs(left[j]):.3f} mm off the sphere of all touches"
+        )
+        raise InputError(problem, remedy="clean sphere and tip, check the probe, and run the program again")
+    found = {f"{axis}_dev_um": 1e3 * off[:, i] for i, axis in enumerate("XYZ")}
+    probed = replace(
+        run,
+        time=run.time[:rows],
+        commands={name: q[:rows] for name, q in run.commands.items()},
+        readings=found,
+        spindle=None if run.spindle is None else run.spindle[:rows],
+    )
+    return Probed(run=probed, planned=run.rows, radius=radius, rms_um=1e3 * float(np.sqrt(np.mean(left**2))))

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import count
 from pathlib import Path
 
 from symfive.campaign import Campaign, Run
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
-from symfive.nc._pace import CAUTION, pace
+from symfive.nc._cycles import CYCLES
+from symfive.nc._pace import CAUTION, able, pace
 from symfive.nc._post import Post, worded
-from symfive.nc._probing import CYCLES, Probing, cycle_seconds, probing_of, probing_steps
+from symfive.nc._probing import can_probe, probing_steps
 from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
 from symfive.nc._seat import Seat
 from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
+from symfive.nc._touch import Probing, touch_reach
 from symfive.nc._warning import UNCHECKED, collision_warning, which_point
 from symfive.nc._writer import LETTERS
 from symfive.nc.heidenhain import HEIDENHAIN
@@ -24,10 +27,10 @@ from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
 
 __all__ = [
-    "CAUTION", "CYCLES", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way",
-    "arrival_times", "at_the_top", "collision_warning", "cycle_seconds", "dialect_of", "lifts", "outside_s", "over_the_top",
-    "pace", "probing_of", "program", "program_steps", "series_of", "top_of", "turned_home", "upright_axis", "which_point",
-    "write_programs",
+    "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able",
+    "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "outside_s",
+    "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home", "upright_axis",
+    "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
@@ -60,34 +63,42 @@ def _first(dialect: Dialect, machine: Machine, post: Post) -> str:
     return f"first move: {axis} alone to {there}, which must be the top of its travel; then rotary axes, plane, {axis}"
 
 
-def _steps(machine: Machine, run: Run, dialect: str, post: Post | None, probing: Probing | None = None) -> list[Step]:
-    if "touch_probe" in run.instrument:
-        return probing_steps(machine, run, dialect, post or Post(), probing)
-    return program_steps(machine, run, post)
+def _written(
+    machine: Machine, run: Run, dialect: Dialect, post: Post, number: int, probing: Probing | None = None
+) -> str:
+    """One run's program."""
+    if "touch_probe" not in run.instrument:
+        return _text(machine, run, dialect, program_steps(machine, run, post), post, number)
+    steps = probing_steps(machine, run, dialect, post, probing)
+    return _text(machine, run, CYCLES[dialect.name].prepared(dialect, post), steps, post, number)
 
 
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None, probing: Probing | None = None) -> str:
     """The program of one run; `probing`: sphere, tip and feeds of a touch probe. Raises `InputError` for an unknown dialect and
     for axes without an NC address."""
     chosen = dialect_of(dialect)
-    post = worded(post or Post(), chosen)
-    return _text(machine, run, chosen, _steps(machine, run, dialect, post, probing), post)
+    return _written(machine, run, chosen, worded(post or Post(), chosen), 1, probing)
 
 
 def write_programs(
     campaign: Campaign, folder: Path | str, dialects: Iterable[str], post: Post | None = None
 ) -> tuple[Path, ...]:
     """One program per run and dialect into `folder`/dialect, numbered from 1 as the runs, behind these one per series of circles
-    during which the bar stays on, named by its runs; returns their paths."""
+    during which the bar stays on, named by its runs; files that they need on the control stand beside them. Returns the paths."""
     chosen, machine = [dialect_of(name) for name in dialects], campaign.machine
-    post, written = post or Post(), []
+    written = []
     series = series_of(machine, campaign.runs) if chosen else []
     for dialect in chosen:
-        own = worded(post, dialect)
-        programs = [(run.id, run, _steps(machine, run, dialect.name, own)) for run in campaign.runs]
-        programs += [("+".join(r.id for r in runs), runs[0], series_steps(machine, runs, own)) for runs in series]
-        for number, (name, run, steps) in enumerate(programs, start=1):
-            path = Path(folder) / dialect.name / f"{name}{dialect.suffix}"
-            write_text(path, _text(machine, run, dialect, steps, own, number))
+        own, numbers = worded(post or Post(), dialect), count(1)
+        files = {
+            f"{run.id}{dialect.suffix}": _written(machine, run, dialect, own, next(numbers)) for run in campaign.runs
+        }
+        for runs in series:
+            name, steps = "+".join(r.id for r in runs), series_steps(machine, runs, own)
+            files[f"{name}{dialect.suffix}"] = _text(machine, runs[0], dialect, steps, own, next(numbers))
+        if any("touch_probe" in run.instrument for run in campaign.runs):
+            files |= CYCLES[dialect.name].beside
+        for name, text in files.items():
+            write_text(path := Path(folder) / dialect.name / name, text)
             written.append(path)
     return tuple(written)

@@ -1,4 +1,8 @@
-"""The circle that a recording is, if it is one: two linear axes move, all others rest."""
+"""The circle that a recording is, if it is one: two linear axes move, all others rest.
+
+It is the one that the control interpolates, in the axes' words. The circle of the ball in the workpiece frame, whichever axes
+drive it, is `symfive.circles`'.
+"""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-__all__ = ["Block", "Dialect", "Step", "plain", "render"]
+__all__ = ["Block", "Dialect", "Step", "plain", "program_name", "render", "word"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,28 +132,30 @@ def plain(text: str) -> str:
 def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1, *, rotary: bool = True) -> str:
     """The program's text; `number` for controls that call programs by number; `rotary`: the machine has rotary axes."""
     start = [*dialect.head, *(dialect.rotary if rotary else ()), *dialect.start]
-    lines = [line.format(name=_program_name(name), number=f"{number:04d}") for line in start]
-    timed = dialect.inverse_time and not any(step.feed for step in steps)
+    lines = [line.format(name=program_name(name), number=f"{number:04d}") for line in start]
+    feeds = [step for step in steps if step.kind in ("feed", "arc")]
+    timed = dialect.inverse_time and bool(feeds) and not any(step.feed for step in feeds)
     lines += ["G93"] if timed else []
     before: Mapping[str, float] = {}
     for step in steps:
         lines += _lines(dialect, step, before, timed=timed)
         before = {**before, **step.positions}
     lines += ["G94"] if timed else []
-    lines += [line.format(name=_program_name(name)) for line in dialect.end]
+    lines += [line.format(name=program_name(name)) for line in dialect.end]
     if dialect.numbered:
         lines = [f"{i} {line}" for i, line in enumerate(lines)]
     return "\n".join(lines) + "\n"
 
 
-def _program_name(name: str) -> str:
+def program_name(name: str) -> str:
+    """A name that every control takes: 24 capitals, digits and _."""
     return "".join(c if c.isalnum() and c.isascii() else "_" for c in name).upper()[:24]
 
 
 def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: bool) -> list[str]:
     text = plain(step.text)
     text = text.upper() if dialect.upper else text
-    words = " ".join(_word(dialect, axis, value) for axis, value in step.positions.items())
+    words = " ".join(word(dialect, axis, value) for axis, value in step.positions.items())
     if step.kind == "comment":
         return [dialect.comment.format(text=line) for line in textwrap.wrap(text, LONGEST)]
     if step.kind in ("text", "trigger"):
@@ -186,7 +188,7 @@ def _arc(dialect: Dialect, step: Step, before: Mapping[str, float]) -> Block:
     """The words of an arc. The offset is from where the block before ends, as it is written there."""
     offset = {OFFSETS[n]: step.centre[n] - round(before[n], dialect.decimals) for n in step.positions}
     end, pole, centre = (
-        " ".join(_word(dialect, name, value) for name, value in sorted(words.items()))
+        " ".join(word(dialect, name, value) for name, value in sorted(words.items()))
         for words in (step.positions, step.centre, offset)
     )
     return Block(
@@ -195,7 +197,8 @@ def _arc(dialect: Dialect, step: Step, before: Mapping[str, float]) -> Block:
     )  # fmt: skip
 
 
-def _word(dialect: Dialect, axis: str, value: float) -> str:
+def word(dialect: Dialect, axis: str, value: float) -> str:
+    """A position as the dialect writes it."""
     return dialect.word(axis, round(value, dialect.decimals) + 0.0)
 
 

@@ -7,13 +7,24 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.machine import Machine
+from symfive.machine import Axis, Machine
 
-__all__ = ["CAUTION", "pace", "spread", "tenths"]
+__all__ = ["CAUTION", "able", "pace", "spread", "tenths"]
 
 Array = NDArray[np.float64]
 CAUTION = 0.5
 """Share of an axis' greatest feed and acceleration that a program asks for."""
+
+
+LINEAR, ROTARY = (5000.0, 500.0), (1800.0, 100.0)
+"""Greatest feed (mm/min, degree/min) and acceleration (mm/s², degree/s²) of an axis of which the machine file says none: what any
+machine tool does. Without a limit its blocks would be as fast as the control can, the ball in its nest."""
+
+
+def able(axis: Axis) -> tuple[float, float]:
+    """Greatest speed and acceleration of an axis, mm or degree per s and s²."""
+    feed, push = ROTARY if axis.rotary else LINEAR
+    return (axis.max_feed or feed) / 60.0, axis.max_acceleration or push
 
 
 def pace(machine: Machine, path: Array, share: float = CAUTION) -> tuple[float, float]:
@@ -29,9 +40,7 @@ def pace(machine: Machine, path: Array, share: float = CAUTION) -> tuple[float, 
     turns = np.abs(np.diff(path, n=2, axis=0)).max(axis=0, initial=0.0) if blocks > 1 else np.zeros_like(steps)
     least, limits = 0.0, []
     for name, step, turn in zip(machine.axis_names, steps.tolist(), turns.tolist(), strict=True):
-        axis = machine.axes[name]
-        speed = share * axis.max_feed / 60.0 if axis.max_feed else math.inf
-        push = share * axis.max_acceleration if axis.max_acceleration else math.inf
+        speed, push = (share * most for most in able(machine.axes[name]))
         limits.append((step, push))
         least = max(least, step / speed, math.sqrt(turn / push), math.sqrt(step / push / blocks))
     if least == 0.0:

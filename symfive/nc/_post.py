@@ -26,7 +26,8 @@ class Post:
     `tool_centre_on`, `tool_centre_off`: your own lines instead (TRAORI, G43.4 H1, M128, M428 …), which call the length too;
     without either the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against ISO 841.
     `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
-    `sphere_radius` and `tip_radius` mm of a touch probe's programs; `retract_mm` out of the nest; `dwell_s` at each pose,
+    `sphere_radius` and `tip_radius` mm of a touch probe's programs, `probe_on` and `probe_off` your own lines that switch it,
+    `probe_tool` its number in the tool table, where it must be called; `retract_mm` out of the nest; `dwell_s` at each pose,
     long enough for machine and instrument to settle; `at_pose` what comes then: nothing (`dwell`), a `stop` that shows the
     number of the pose, or your own lines `trigger` that start a reading; `via` run → row → intermediate positions of the
     seated move to it, which is straight between them; `unsafe` run → rows to which the way leads around, out of the nest and
@@ -39,6 +40,9 @@ class Post:
     tool_number: int = 1
     sphere_radius: float = 12.5
     tip_radius: float = 3.0
+    probe_on: str = ""
+    probe_off: str = ""
+    probe_tool: int | None = None
     tool_centre_on: str = ""
     tool_centre_off: str = ""
     reversed_axes: tuple[str, ...] = ()

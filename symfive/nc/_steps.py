@@ -14,6 +14,7 @@ from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
 from symfive.nc._post import Post
+from symfive.nc._probing import ProbeWays
 from symfive.nc._recording import pulled_out
 from symfive.nc._route import Positions
 from symfive.nc._writer import LETTERS, ORIENT_S, STANDSTILL, Writer
@@ -72,13 +73,17 @@ def series_steps(machine: Machine, runs: Sequence[Run], post: Post | None = None
     return _without_standstill([*steps, *writers[-1].closing()])
 
 
-def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0, rest_s: float = 0.0) -> Array:
+def _writer_of(machine: Machine, run: Run, post: Post) -> Writer:
+    return (ProbeWays if "touch_probe" in run.instrument else Writer)(machine, run, post)
+
+
+def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) -> Array:
     """When the program of a static run reaches every pose (rows,), s from the first one: its ways as they are driven, the dwells,
     stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least `least_s` a
-    pose, to 0.1 s; `rest_s` what is done at each pose where it is no rest of the program."""
-    writer = Writer(machine, run, post)
+    pose, to 0.1 s. A touch probe needs its touches at every pose."""
+    writer = _writer_of(machine, run, post)
     needed = [
-        (rest_s or post.rest_s) + writer.seconds_to(row) + (ORIENT_S if writer.turned(row) else 0.0)
+        writer.stays(row - 1) + writer.seconds_to(row) + (ORIENT_S if writer.turned(row) else 0.0)
         for row in range(1, run.rows)
     ]
     each = np.maximum(
@@ -88,10 +93,10 @@ def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0, 
 
 
 def outside_s(machine: Machine, run: Run, post: Post) -> float:
-    """Time of a program's moves before the first pose and from the last dwell on, s, without the stops."""
-    writer = Writer(machine, run, post)
+    """Time of a program's moves before the first pose and from the last dwell or touch on, s, without the stops."""
+    writer = _writer_of(machine, run, post)
     steps = [*writer.first_moves(), *writer.last_moves("")]
-    return post.rest_s + sum(step.seconds for step in steps)
+    return writer.stays(run.rows - 1) + sum(step.seconds for step in steps)
 
 
 def _without_standstill(steps: Sequence[Step]) -> list[Step]:

@@ -50,14 +50,14 @@ def which_point(machine: Machine, run: Run, post: Post) -> str:
     above = any(machine.axes[name].rotary for name in machine.structure.tool)
     nose = "the spindle nose" + (" with all rotary axes at 0" if above else "")
     if not post.centred or circle_of(machine, run) is not None:
-        return f"X Y Z are of {nose}, no tool length called; the ball's centre is {length} below it"
+        return f"X Y Z are of {nose}, without a tool length; the ball's centre is {length} below it"
     if not post.tool_centre_on:
         return (
             f"While tool-centre control is on X Y Z are of the ball's centre in the workpiece frame, its length {length} called "
-            f"with it; elsewhere they are of {nose}, no tool length called"
+            f"with it; elsewhere they are of {nose}, without a tool length"
         )
     on, off = (" ".join(text.split()) for text in (post.tool_centre_on, post.tool_centre_off))
     return (
         f"From {on} to {off} X Y Z are of the ball's centre in the workpiece frame, its length {length} called by these lines; "
-        f"elsewhere they are of {nose}, no tool length called"
+        f"elsewhere they are of {nose}, without a tool length"
     )

@@ -63,6 +63,10 @@ class Writer:
         self._known: dict[bool, dict[int, list[tuple[Array, Array, Array]]]] = {}
         self.circle = circle_of(machine, run)
 
+    def stays(self, row: int) -> float:
+        """How long the program stays at a pose, s."""
+        return self.post.rest_s
+
     def turned(self, row: int) -> str:
         """The angle to which the spindle is turned before a row, degree; nothing where it stays."""
         angles = self.run.spindle

@@ -34,7 +34,7 @@ from symfive.report._polar import polar_trace
 from symfive.report._save import keep
 from symfive.report._spectrum import READING as SPECTRUM
 from symfive.report._spectrum import residual_spectrum
-from symfive.report._standards import standards_section
+from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
 from symfive.report._template import Markup, fragment
@@ -66,7 +66,7 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
     title = f"Diagnosis of {diagnosis.after.model.machine.name}"
     body = fragment("diagnosis", title=title, **_head(diagnosis, findings), **_proof(diagnosis, target / "figures"),
                     **_sensitivity(diagnosis), **_quality(diagnosis, target / "figures"),
-                    findings=_cards(diagnosis, findings, target / "figures"))  # fmt: skip
+                    findings=_cards(diagnosis, findings, target / "figures"), worth=_worth(diagnosis, findings))  # fmt: skip
     write_page(target / NAME, title, body)
     return target / NAME
 
@@ -164,6 +164,12 @@ def _sensitivity(diagnosis: Diagnosis) -> dict[str, object]:
         "observability": observability_table(diagnosis),
         "standards": standards_section(diagnosis.after),
     }
+
+
+def _worth(diagnosis: Diagnosis, findings: Sequence[Finding]) -> Markup:
+    """Of each finding, under all names that it may have, and of each location error, each corrected alone."""
+    titles = [f"{f.title} (or {', '.join(f.alias)})" if f.alias else f.title for f in findings]
+    return worth_section(diagnosis.after, titles, [f.effect for f in findings])
 
 
 def _quality(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.numbers import plain_number, rounded, unit_words
 from symfive.report._tables import Cell, table
 from symfive.report._template import Markup, fragment
 from symfive.standards import StandardValue, squareness_values, standard_values
-from symfive.worth import LONGEST, location_worths, signed
+from symfive.worth import LONGEST, effect_worths, location_worths, signed
 
 __all__ = ["standards_section", "worth_section"]
 
@@ -40,15 +42,17 @@ def standards_section(identification: Identification) -> Markup:
     return fragment("standards", table=shown, limits=limits)
 
 
-def worth_section(identification: Identification) -> Markup:
-    """What disappears with each location error, the most at the tool first; nothing where none was identified."""
-    worths = location_worths(identification)
-    if not worths:
+def worth_section(identification: Identification, titles: Sequence[str] = (), effects: Sequence[Effect] = ()) -> Markup:
+    """What disappears with each of the `effects` of the fitted model, under their `titles`, and with each location error, these
+    the most at the tool first; nothing where there is neither."""
+    found = [*zip(titles, effect_worths(identification, effects), strict=True)] if effects else []
+    found += [(", ".join(worth.names), worth) for worth in location_worths(identification)]
+    if not found:
         return Markup()
     rows: list[list[str | Cell]] = []
-    for worth in worths:
+    for name, worth in found:
         best = max(worth.circles.values(), default=math.nan)
-        rows.append([", ".join(worth.names), _share(worth.readings), _share(best), _share(worth.tool), worth.advice])
+        rows.append([name, _share(worth.readings), _share(best), _share(worth.tool), worth.advice])
     heads = [
         "corrected alone",
         "of the readings' deviation",

@@ -46,6 +46,7 @@ VERBS = {
     "plan": ["machine.toml", "-o", "out", "--points", "2", "--starts", "1", "--setups", "1"],
     "import-polar": ["three-axis", "polar.csv", "-o", "out", "--radius", "100", "--feed", "1000"],
     "import-rests": ["campaign", "polar.csv", "-o", "out"],
+    "import-touches": ["campaign", "polar.csv", "-o", "out"],
     "import": [
         "three-axis",
         "polar.csv",

@@ -21,6 +21,7 @@ What a program must do (docs/design.md and docs/conventions.md say what the numb
     table       balls stand within `table_radius` of the axis that turns the table, within `ball_height`
     time        the file's time table and the plan's minutes within 5 % of what the programs take
     end         the tool axis at its top, length, tool-centre control and G93 cancelled
+    probing     touches stop on contact, are looked at, and log what they found (`_touching`)
     sheet       ball, tool, bar, datum and tool length as on setup.html
     dialects    the programs of all dialects describe the same motion
     program     every word is known to the checker
@@ -38,7 +39,7 @@ from pathlib import Path as File
 import numpy as np
 
 from . import _motion, _order, _times
-from ._events import Control, Finding
+from ._events import Control, Event, Finding
 from ._gcode import GCode
 from ._klartext import Klartext
 from ._path import Path
@@ -127,7 +128,7 @@ def _set_up(plan: Plan, run: Run) -> Iterator[Finding]:
     """Balls, tool and bar within the workspace, and rows within travel, range and stroke."""
     file, space, machine = plan.folder / "campaign.toml", plan.machine.workspace, plan.machine
     name = f"run {run.table['id']}"
-    if not (run.bar or run.nest):
+    if not (run.bar or run.nest or run.probe):
         return
     off = float(np.hypot(*(run.table_ball[:2] - machine.table_centre)))
     if off > float(space.get("table_radius", np.inf)) + 1e-3:
@@ -160,8 +161,7 @@ def _set_up(plan: Plan, run: Run) -> Iterator[Finding]:
 
 def _differs(first: Path, other: Path) -> Iterator[Finding]:
     """Moves in work coordinates, dwells and stops agree with those of another dialect."""
-    kinds = ("rapid", "feed", "dwell", "stop", "orient")
-    mine, theirs = (_order.joined([e for e in p.events if e.kind in kinds and not e.machine]) for p in (first, other))
+    mine, theirs = (_order.joined(_compared(p)) for p in (first, other))
     if [e.kind for e in mine] != [e.kind for e in theirs]:
         yield other.fault(
             "dialects",
@@ -171,7 +171,8 @@ def _differs(first: Path, other: Path) -> Iterator[Finding]:
         return
     tolerance = 10.0 ** -min(first.control.decimals, other.control.decimals)
     for a, b in zip(mine, theirs, strict=True):
-        if a.motion and np.nan_to_num(np.abs(a.end - b.end)).max() > tolerance:
+        ways = 3.0 if a.probing else 1.0  # a control that is told ways instead of places rounds each of them
+        if a.motion and np.nan_to_num(np.abs(a.end - b.end)).max() > ways * tolerance:
             yield other.fault(
                 "dialects", b.line, f"ends {np.nanmax(np.abs(a.end - b.end)):.5f} from line {a.line} of {first.dialect}"
             )
@@ -179,11 +180,31 @@ def _differs(first: Path, other: Path) -> Iterator[Finding]:
         if a.arc and (not b.arc or a.arc.plane != b.arc.plane or abs(a.arc.sweep - b.arc.sweep) > 1e-4):
             yield other.fault("dialects", b.line, f"is not the arc of line {a.line} of {first.dialect}")
             return
+        if a.text != b.text and a.kind == "log":
+            yield other.fault("dialects", b.line, f"logs {b.text}, line {a.line} of {first.dialect} {a.text}")
+            return
         if abs(np.nan_to_num(a.seconds) - np.nan_to_num(b.seconds)) > 0.01 * np.nan_to_num(a.seconds) + 0.002:
             yield other.fault(
                 "dialects", b.line, f"takes {b.seconds:.3f} s, line {a.line} of {first.dialect} {a.seconds:.3f} s"
             )
             return
+
+
+def _compared(path: Path) -> list[Event]:
+    """What programs of all dialects do; a control's own way back from a touch is one with the move that goes on from it."""
+    kinds, linear = ("rapid", "feed", "dwell", "stop", "orient", "log"), ~path.machine.rotary
+    found: list[Event] = []
+    for event in (e for e in path.events if e.kind in kinds and not e.machine):
+        back = found[-1] if found and found[-1].probing == "back" else None
+        if back and event.kind == "log":
+            found.insert(len(found) - 1, event)
+            continue
+        if back and event.kind == "feed" and event.probing != "touch":
+            whole = replace(event, start=back.start)
+            found[-1] = replace(whole, seconds=event.seconds * whole.length(linear) / event.length(linear))
+            continue
+        found.append(event)
+    return found
 
 
 def _minutes(plan: Plan, read: dict[str, list[Path]]) -> Iterator[Finding]:

@@ -31,9 +31,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--circles", action="store_true", help="of random machines: circles of linear and rotary axes, no poses"
     )
+    parser.add_argument("--probes", action="store_true", help="of random machines: spheres touched by a probe")
     options = parser.parse_args(arguments)
     if options.random:
-        make = _circles if options.circles else _poses
+        make = _circles if options.circles else _probes if options.probes else _poses
         return 1 if _random(range(*options.random), make) else 0
     reversed_axes = tuple(filter(None, options.reversed.split(",")))
     plans = [path.parent for folder in options.folders for path in sorted(folder.glob("**/campaign.toml"))]
@@ -54,6 +55,12 @@ def _poses(machine: Machine, seed: int, folder: Path) -> None:
     post = Post(at_pose=at_pose, trigger="M64 P0" if at_pose == "trigger" else "")
     made = plan(machine, instrument=("r_test", "ball_bar")[seed % 2], points=10, starts=1)
     made.write(folder, nc=tuple(DIALECTS) if at_pose != "trigger" else ("linuxcnc",), post=post)
+
+
+def _probes(machine: Machine, seed: int, folder: Path) -> None:
+    """A sphere touched by a probe."""
+    made = plan(machine, instrument="touch_probe", points=6, setups=1, starts=1, prove=False)
+    made.write(folder, nc=tuple(DIALECTS), post=Post(probe_tool=30))
 
 
 def _circles(machine: Machine, seed: int, folder: Path) -> None:

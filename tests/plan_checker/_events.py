@@ -50,11 +50,12 @@ class Arc:
 
 @dataclass(frozen=True)
 class Event:
-    """`kind`: rapid, feed, dwell, stop, orient (the spindle turned to `text` degree), switch or end.
+    """`kind`: rapid, feed, dwell, stop, orient (the spindle turned to `text` degree), switch, log (a line of it) or end.
 
     A move has `start` and `end`, the axes named in the block (`moved`), whether its words are `machine` coordinates or the
     ball's place (`centred`), its `arc` and `seconds` (NaN for a rapid). A stop has the `text` that the control shows, a switch
-    the state of the control that it changes.
+    the state of the control that it changes. A move that stops on contact is `probing`: `guarded` where there must be none,
+    `touch` where one ends it before its `aim`; `back` is the control's own way back from it.
     """
 
     kind: str
@@ -67,6 +68,8 @@ class Event:
     centred: bool = False
     arc: Arc | None = None
     seconds: float = 0.0
+    probing: str = ""
+    aim: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def motion(self) -> bool:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ._events import Arc, Control
+from ._touching import Touching
 
 WORD = re.compile(
     r"([A-Z])\s*(?:=\s*)?([-+]?(?:\d+\.?\d*|\.\d+))|([A-Z][A-Z0-9_]*)(?:\s*=\s*([A-Z_][A-Z0-9_]*|[-+]?[\d.]+))?"
@@ -45,6 +46,7 @@ class GCode:
         self.control, self.dialect = control, dialect
         self.motion, self.plane, self.incremental = "", "17", False
         self.shown, self.last_comment = "", ""
+        self.touching = Touching(control, dialect)
 
     def read(self, text: str) -> None:
         """All lines, counted from 1."""
@@ -52,8 +54,9 @@ class GCode:
             self._line(number, line.strip())
 
     def _line(self, number: int, line: str) -> None:
-        if not line or line == "%":
+        if not line or line == "%" or self.touching.takes(number, line):
             return
+        line = self.touching.substituted(line)
         block = self._split(number, line)
         if block.message is not None:
             self.shown = block.message

@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from ._events import Arc, Control
+from ._touching import Touching
 
 AXIS = re.compile(r"\b(I?)([XYZABCUVW])([-+]\d+(?:\.\d*)?)(?!\w)")
 KNOWN = (
@@ -27,11 +28,25 @@ class Klartext:
         self.control = control
         self.centre: dict[str, float] = {}
         self.comment = ""
+        self.touching, self.labels = Touching(control, "heidenhain"), set[str]()
 
     def read(self, text: str) -> None:
         """All lines, counted from 1."""
-        for number, line in enumerate(text.splitlines(), 1):
-            self._line(number, re.sub(r"^\s*\d+\s+", "", line).strip())
+        lines = [re.sub(r"^\s*\d+\s+", "", line).strip() for line in text.splitlines()]
+        for number, line in enumerate(lines, 1):
+            if any(event.kind == "end" for event in self.control.events):
+                self._after_the_end(line)
+            elif not self.touching.takes(number, line):
+                self._line(number, line)
+        for label in sorted(self.touching.labels - self.labels):
+            self.control.fault(
+                len(lines), f"LBL {label} is called and does not stand behind the end of the program", "probing"
+            )
+
+    def _after_the_end(self, line: str) -> None:
+        """Labels to which a fault leads."""
+        if found := re.fullmatch(r"LBL (\d+)", line):
+            self.labels.add(found[1])
 
     def _line(self, number: int, line: str) -> None:
         control = self.control

@@ -9,6 +9,7 @@ import numpy as np
 
 from ._events import BY_HAND, Event, Finding
 from ._path import OFF, ON, Path
+from ._touching import touches
 
 NEEDED = {
     "iso": ("G17", "G21", "G40", "G80", "G90", "G49", "datum"),
@@ -64,8 +65,11 @@ def _out_of_order(path: Path, event: Event, known: np.ndarray, moved: np.ndarray
 
 
 def visits(path: Path) -> Iterator[Finding]:
-    """Each row of a static run is a position at which the program rests, in the file's order; a recording follows its rows."""
-    if path.run.static:
+    """Each row of a static run is a position at which the program rests, or which it probes, in the file's order; a recording
+    follows its rows."""
+    if path.run.probe:
+        yield from touches(path)
+    elif path.run.static:
         yield from _static(path)
     else:
         yield from _recorded(path)
@@ -298,7 +302,10 @@ def end(path: Path) -> Iterator[Finding]:
     control = path.control
     for state, is_on in (
         ("G93", control.inverse_time),
-        ("length offset", control.length_on),
+        (
+            "length offset",
+            control.length_on and path.dialect != "heidenhain",
+        ),  # there the tool in the spindle has its length
         ("tool-centre control", control.centred),
     ):
         if is_on:

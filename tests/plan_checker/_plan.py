@@ -51,8 +51,11 @@ class Machine:
         return np.array([own[name].get("travel", d) for name, d in zip(self.names, default, strict=True)], float)
 
     def limit(self, key: str) -> Array:
-        """`max_feed` or `max_acceleration` of each axis (n,), per minute or per s²; infinite where not declared."""
-        return np.array([float(self.table["axes"][name].get(key, np.inf)) for name in self.names])
+        """`max_feed` or `max_acceleration` of each axis (n,), per minute or per s²; where not declared what docs/conventions.md
+        says that programs take."""
+        usual = np.where(self.rotary, *((1800.0, 5000.0) if key == "max_feed" else (100.0, 500.0)))
+        own = self.table["axes"]
+        return np.array([float(own[name].get(key, default)) for name, default in zip(self.names, usual, strict=True)])
 
     @property
     def workspace(self) -> Table:
@@ -125,6 +128,11 @@ class Run:
         return "r_test" in self.instruments
 
     @property
+    def probe(self) -> bool:
+        """Whether a touch probe finds a sphere."""
+        return "touch_probe" in self.instruments
+
+    @property
     def table_ball(self) -> Array:
         """(3,) mm, workpiece frame."""
         return np.asarray(self.table.get("table_ball", [0.0, 0.0, 0.0]), float)
@@ -154,7 +162,7 @@ class Plan:
         root = self.folder / "nc"
         found: dict[str, dict[str, Path]] = {}
         for path in sorted(root.glob("*/*")) if root.is_dir() else []:
-            if path.is_file():
+            if path.is_file() and path.suffix != ".A":  # a mask of Heidenhain's FN 16
                 found.setdefault(path.parent.name, {})[path.stem] = path
         return found
 

@@ -13,7 +13,7 @@ from ._path import Path
 from ._plan import Plan, Run
 
 NUMBER = r"(-?[\d.]+)"
-NO_LENGTH = r"no tool (length|offset)"
+NO_LENGTH = r"(no|without a) tool (length|offset)"
 AGAIN = re.compile(r"The same mounting as for run ([^ :]+):")
 """Ball, tool and bar stand as the sheet says of an earlier run."""
 LEAST_MM = 1.01
@@ -38,7 +38,11 @@ def sheet(plan: Plan, paths: list[Path]) -> Iterator[Finding]:
             part += next((text[at:start] for other, at in starts[:k] if other.table["id"] == again[1]), "")
         for says in _differs(plan, run, part):
             yield Finding("sheet", file, 0, f"run {run.table['id']}: {says}")
-    fixed = [path for path in paths if not any(e.text in ("G43.4", "TRAORI", "TCP on") for e in path.events)]
+    fixed = [
+        path
+        for path in paths
+        if not any(e.text in ("G43.4", "TRAORI", "TCP on", "length taken out") for e in path.events)
+    ]
     offsets = {path.dialect for path in fixed if any(e.text in ("G43", "D1", "length on") for e in path.events)}
     if offsets and re.search(NO_LENGTH, text, re.I):
         yield Finding(

@@ -12,6 +12,8 @@ from ._order import rests_of
 from ._path import Path
 from ._plan import Run
 
+HALT_S = 0.1
+"""What a control needs at most after a move that may stop on contact, until it has looked and begins the next one."""
 ORIENT_S = 5.0
 """Half a turn of the spindle until it is held."""
 
@@ -49,12 +51,14 @@ def time_table(path: Path) -> Iterator[Finding]:
     if not path.run.static or len(path.run.t) < 2:
         return
     rests = [i for i, _ in rests_of(path)]
+    if path.run.probe:
+        rests = [i for i, e in enumerate(path.events) if e.kind == "log" and e.text.endswith(",0")]
     if not rests:
         return
     between = path.events[rests[0] : rests[-1]]
     taken = sum(duration(path, e) for e in between)
     ramps = sum(up_to_speed(path, path.events[first:second]) for first, second in pairwise(rests))
-    pauses = 60.0 * sum(e.kind == "stop" for e in between)
+    pauses = 60.0 * sum(e.kind == "stop" for e in between) + HALT_S * sum(bool(e.probing) for e in between)
     stated = float(path.run.t[-1] - path.run.t[0])
     if not 0.95 * taken - 1.0 <= stated <= 1.05 * (taken + ramps + pauses) + 1.0:
         says = f"{path.run.file.name} says {stated:.1f} s from first to last reading, the program takes {taken:.1f} s"
