@@ -28,6 +28,10 @@ MIGRATIONS = (
                json_extract(record, '$.machine.structure')
         FROM (SELECT machine, record FROM visits UNION ALL SELECT machine, record FROM events) GROUP BY machine;
     """,
+    # 3: what was watched of each machine, so that its trend watches nothing again
+    """
+    CREATE TABLE courses (machine TEXT PRIMARY KEY, course BLOB NOT NULL);
+    """,
 )
 NEWEST = len(MIGRATIONS)
 PATIENCE_S = 120.0

@@ -45,10 +45,10 @@ def _row(trend: Trend, forecast: Forecast) -> str:
 
 def _alarms(trend: Trend) -> list[str]:
     stated = f"at most {plain_number(trend.rate * 10)} false alarms in ten years"
-    if trend.begins is None:
+    if not trend.smallest:
         return [
             "No alarm can be raised yet: the machine's own scatter is known after two to three visits for each of "
-            f"{plural(trend.directions, 'direction')}. Compare two dates with --since."
+            f"{plural(len(trend.determined), 'direction')}. Compare two dates with --since."
         ]
     if not trend.alarms:
         return [f"No alarm ({stated})."]
