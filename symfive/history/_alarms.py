@@ -188,20 +188,24 @@ class Watch:
         self._pending, self._told = (chain[0][at] * share, chain[1][at], chain[2][at]), np.zeros(evidence.shape[1])
 
     def smallest(self) -> dict[str, float]:
-        """The smallest step of each error that would raise an alarm at the next visit, file units; as at the last one."""
+        """The smallest step of each error that would raise an alarm at the next visit, if it were as the last one; file units. One
+        that only steps beyond the prior's 1σ would raise an alarm for is left out."""
         if self._last is None:
             return {}
         look, limits = self._last
         half = len(self._candidates)
         combined, square = look.combined[None, :half], look.norm[None, :half] ** 2
         expected, chance = look.expected.of(look.place), 2.0 * ndtr(-limits.step)
-        low, high = np.full((1, half), -12.0), np.full((1, half), 12.0)  # decades of the prior's 1 sigma
+        low, high = np.full((1, half), -12.0), np.full((1, half), 1.0)  # decades of the prior's 1 sigma
         for _ in range(40):
             middle = 0.5 * (low + high)
             missed = expected.chance(combined, 10.0**middle * square, look.weights[None]) > chance
             low, high = np.where(missed, middle, low), np.where(missed, high, middle)
-        found = 10.0 ** high[0] * self.scale[self._candidates]
-        return {self.names[i]: float(size) for i, size in zip(self._candidates, found, strict=True)}
+        return {
+            self.names[i]: float(self.scale[i] * 10.0**size)
+            for i, size in zip(self._candidates, high[0], strict=True)
+            if size < 0.0
+        }
 
     def excess(self, variance: Array) -> Array | None:
         """Covariance (r, r) of the machine's scatter beyond stated variances (r,); None before it is known to a third."""

@@ -15,7 +15,7 @@ from symfive.history._fleet import MachineRow, MachineTable, alarm_words
 from symfive.history._forecast import YEAR
 from symfive.history._trend import Trend, alarm_data
 from symfive.history._visit import Visit, instant
-from symfive.history._words import advice, alarm_sentence, forecast_sentence
+from symfive.history._words import advice, alarm_sentence, forecast_sentence, smallest_step
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.screen import plural
 from symfive.version import __version__
@@ -113,13 +113,15 @@ def _errors(trend: Trend) -> dict[str, Any]:
         i = trend.said.names.index(f.name)
         last, std = float(trend.said.value[-1, i]), float(trend.said.std[-1, i])
         cells = [_cell(f.name), _cell(with_std(last, std, f.unit), last), _cell(with_std(f.level, f.level_std, f.unit), f.level),
-                 _cell(with_std(f.rate, f.rate_std, f.unit), f.rate)]  # fmt: skip
+                 _cell(with_std(f.rate, f.rate_std, f.unit), f.rate),
+                 _cell(smallest_step(trend, f), trend.smallest.get(f.name, float("inf")))]  # fmt: skip
         if any(other.tolerance is not None for other in trend.forecasts):
             cells.append(_cell(f"±{plain_number(f.tolerance)}" if f.tolerance is not None else "", f.tolerance or 0.0))
         rows.append(cells)
-    heads = ["error", "last visit", "now", "a year", "tolerance"][: len(rows[0]) if rows else 4]
+    heads = ["error", "last visit", "now", "a year", "alarm from", "tolerance"][: len(rows[0]) if rows else 5]
     note = (
-        f"± is 1σ. Now and a year at {plain_number(trend.temperature)} °C, from the nominal machine of the first visit."
+        f"± is 1σ. Now and a year at {plain_number(trend.temperature)} °C, from the nominal machine of the first visit. "
+        "Alarm from: the smallest step that raises an alarm at the next visit."
     )
     return {"heads": heads, "rows": rows, "note": note}
 

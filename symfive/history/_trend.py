@@ -70,7 +70,7 @@ class Trend:
             "alarms": [alarm_data(alarm, self) for alarm in self.alarms], "open_alarms": len(self.open_alarms),
             "errors": [forecast.to_data() for forecast in self.forecasts], "temperature_C": self.temperature,
             "not_determined": [name for name in self.said.names if name not in self.determined],
-            "horizon": time_text(self.horizon),
+            "smallest_steps_alarmed": dict(self.smallest), "horizon": time_text(self.horizon),
             "measure_again_by": None if self.come_back is None else time_text(self.come_back),
         }  # fmt: skip
 
