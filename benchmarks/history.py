@@ -9,12 +9,12 @@ differences of its exact chain, drawn with ageing, seasons, visit-to-visit scatt
 with symfive's own sensitivities. One step of 2 µm or 20 µrad in one location error comes after one to three years of weekly
 visits; ten years without any step count the false alarms.
 
-The rule, written down before its seeds were drawn: the machines are those of `--seed 20261124`, which no development saw. It is met
-where at least 190 of 200 steps raise an alarm at their visit or the next, the first cause is the right one in at least 90 % of
-these, and ten years without a step raise at most one alarm a machine on average. Beside it, without a limit: steps at visits 8 to
-29 and 30 to 51; false alarms in the first 60 visits of machines that are not as the estimate supposes at first, of which the
-stated rate allows 9.2 in 80 machines: `one` error scatters 0.6 µm (6 µrad) and the others a twelfth, or all errors move `joint`ly,
-or each error has its own size (`unlike`, log-normal, 1σ a factor e).
+The rule, written down before its seeds were drawn: the machines are those of `--seed 20261124`, which no development saw. It
+is met where at least 190 of 200 steps raise an alarm at their visit or the next, the first cause is the right one in at least
+90 % of these, and ten years without a step raise at most one alarm a machine on average. Beside it, without a limit: steps at
+visits 8 to 29 and 30 to 51; false alarms in the first 60 visits of machines that are not as the estimate supposes at first,
+of which the stated rate allows 9.2 in 80 machines: `one` error scatters 0.6 µm (6 µrad) and the others a twelfth, or all
+errors move `joint`ly, or each error has its own size (`unlike`, log-normal, 1σ a factor e).
 
 Index. 200 machines, ten years, weekly, with collisions and repairs: a folder with `visit.json` and a manifest each, as `symfive
 history add` leaves it beside the results. Times are processor seconds, medians of 5; the rebuild is one run and includes the
@@ -117,9 +117,7 @@ def alarms(count: int, scatter: float, seed: int) -> None:
         _unlike(benches, max(2 * count // 5, 1), world, (seed, 4 + kind))
 
 
-def _steps(
-    benches: list[Bench], count: int, scatter: float, seed: tuple[int, int], first: int, last: int
-) -> None:
+def _steps(benches: list[Bench], count: int, scatter: float, seed: tuple[int, int], first: int, last: int) -> None:
     """One step on each machine, at a visit of this range."""
     found, named, alike, size = 0, 0, 0, Counter[str]()
     for number in range(count):
@@ -202,7 +200,9 @@ def index(count: int) -> None:
             print(f"index: {size:.0f} MB, {size / total * 1e3:.1f} kB a result")
             machine = history.machines()[count // 2]
             _timed("a machine's trend (520 visits)", lambda: history.trend(machine))
-            _timed("the same at another rate of false alarms, so watched anew", lambda: history.trend(machine, rate=0.2))
+            _timed(
+                "the same at another rate of false alarms, so watched anew", lambda: history.trend(machine, rate=0.2)
+            )
             _timed("a machine's visits alone", lambda: history.visits(machine))
             _timed("the fleet's table", lambda: str(history.fleet()))
             _timed("the fleet's page", history.fleet_page)

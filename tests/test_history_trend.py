@@ -269,7 +269,9 @@ def test_a_step_is_alarmed_from_the_size_on_that_is_stated():
         for share in (0.7, 1.4):
             step = np.zeros(8)
             step[NAMES.index(name)] = share * trend.smallest[name]
-            expected = replace(visits[-1], time=visits[-1].time + 7 * DAY, results="f" * 64, values=_forecast(trend) + step)
+            expected = replace(
+                visits[-1], time=visits[-1].time + 7 * DAY, results="f" * 64, values=_forecast(trend) + step
+            )
             hits.append(any(alarm.visit == 80 for alarm in trend_of([*visits, expected], []).alarms))
         assert hits == [False, True]
 
@@ -281,7 +283,7 @@ def _forecast(trend: Trend) -> np.ndarray:
 
 
 def test_errors_that_do_not_scatter_alike_raise_no_more_alarms():
-    """One error scatters a dozen times as much as the others: in 8 times 60 visits 0.9 false alarms are stated, four are 1.3 %."""
+    """One error scatters a dozen times as much as the others: in 8 · 60 visits 0.9 false alarms are stated, four are 1.3 %."""
     count = 0
     for seed in range(8):
         visits = Past(300 + seed, visits=60, scatter=0.05).drawn()

@@ -188,7 +188,7 @@ class Watch:
         self._pending, self._told = (chain[0][at] * share, chain[1][at], chain[2][at]), np.zeros(evidence.shape[1])
 
     def smallest(self) -> dict[str, float]:
-        """The smallest step of each error that would raise an alarm at the next visit, if it were as the last one; file units. One
+        """The smallest step of each error that raises an alarm at a next visit like the last one; file units. One
         that only steps beyond the prior's 1σ would raise an alarm for is left out."""
         if self._last is None:
             return {}
@@ -225,9 +225,9 @@ class Watch:
 
 @dataclass(frozen=True)
 class _Look:
-    """One visit: scores and weights `norm` (2c,) of a step now and of one a visit before, of c errors with their `pattern` and the
-    directions `combined` (2c, r); x (r,), and the chance of all of it; what was `expected` at this `place`, by
-    which `weights` of the degrees."""
+    """One visit: scores and weights `norm` (2c,) of a step now and of one a visit before, of c errors with their `pattern` and
+    the directions `combined` (2c, r); x (r,), and the chance of all of it; what was `expected` at this `place`, by which
+    `weights` of the degrees."""
 
     score: Array
     norm: Array

@@ -30,9 +30,9 @@ ROW, COLUMN = np.triu_indices(3)
 
 @dataclass(frozen=True)
 class State:
-    """The state along r directions after a visit, for M memories: `mean` (3, M, r) of level, rate and slope, `covariance` (6, M, r)
-    of them over s², the upper triangle row by row, `scale` s² and `evidence` (M, r); `count` (r,) visits learnt from; `begun`
-    (r,); `gain` (3, M, r) used at the visit."""
+    """The state along r directions after a visit, for M memories: `mean` (3, M, r) of level, rate and slope, `covariance` (6, M,
+    r) of them over s², the upper triangle row by row, `scale` s² and `evidence` (M, r); `count` (r,) visits learnt from;
+    `begun` (r,); `gain` (3, M, r) used at the visit."""
 
     mean: Array
     covariance: Array
@@ -49,7 +49,9 @@ class State:
         covariance = np.zeros((6, *shape))
         covariance[[0, 3, 5]] = 1.0
         flat = np.zeros((3, *shape))
-        return cls(flat, covariance, np.ones(shape), np.zeros(shape), np.zeros(count), np.zeros(count, dtype=bool), flat)
+        return cls(
+            flat, covariance, np.ones(shape), np.zeros(shape), np.zeros(count), np.zeros(count, dtype=bool), flat
+        )
 
     def chosen(self) -> tuple[Array, Array, Array]:
         """Mean (r, 3), covariance (r, 3, 3) in scaled units, and memory (r,) of each direction's best."""
@@ -116,14 +118,23 @@ def follow(
 
 
 def _followed(
-    state: State, years: float, discount: Array, value: Array, variance: Array, seen: Flags, warmth: float, renewed: bool
+    state: State,
+    years: float,
+    discount: Array,
+    value: Array,
+    variance: Array,
+    seen: Flags,
+    warmth: float,
+    renewed: bool,
 ) -> tuple[State, Array, Array]:
     """The state after one visit, its error and the forecast's variance over s² (M, r); the evidence is still that of before."""
     mean, c, begun = state.mean.copy(), state.covariance.copy(), state.begun | seen
     mean[0] += years * mean[1]
     c[0] += years * (2.0 * c[1] + years * c[3])
     c[1:3] += years * c[3:5]
-    most = np.maximum(1.0 / (state.scale * np.maximum(c[0], c[3])), 1.0)  # nothing is known less than the priors know it
+    most = np.maximum(
+        1.0 / (state.scale * np.maximum(c[0], c[3])), 1.0
+    )  # nothing is known less than the priors know it
     c[[0, 1, 3]] *= np.minimum(discount, most)
     if renewed:
         c[0] += 1.0 / state.scale

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from symfive.drawing import PAGE_STYLE
+from symfive.drawing import page
 from symfive.history._change import Change, change_between
 from symfive.history._charts import Spark, charts_of, spark
 from symfive.history._fleet import MachineRow, MachineTable, alarm_words
@@ -18,7 +17,6 @@ from symfive.history._visit import Visit, instant
 from symfive.history._words import advice, alarm_sentence, forecast_sentence, smallest_step
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.screen import plural
-from symfive.version import __version__
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -64,6 +62,7 @@ def fleet_page(
                    headline=headline, sentences=[])  # fmt: skip
 
 
+@cache
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -72,17 +71,8 @@ def _environment() -> Environment:
 
 
 def _filled(name: str, title: str, **values: Any) -> str:
-    from markupsafe import Markup
-
-    def own(file: str) -> str:
-        return (files("symfive.history") / "pages" / file).read_text(encoding="utf-8")
-
-    script = own("page.js")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return _environment().get_template(name).render(
-        title=title, version=__version__, style=Markup(PAGE_STYLE), own_style=Markup(own("history.css")),
-        script=Markup(script), script_hash=f"sha256-{digest}", **values,
-    )  # fmt: skip
+    body = _environment().get_template(name).render(title=title, **values)
+    return page(title, body, style=(files("symfive.history") / "pages" / "history.css").read_text(encoding="utf-8"))
 
 
 def _changes(trend: Trend) -> list[dict[str, Any]]:

@@ -32,9 +32,9 @@ class Trend:
     """The history of one machine: `said` what each visit says, (n, k); `alarms`; `forecasts` of the determined errors;
     `come_back` the date (s) until which all tolerances hold with 95 %, None without tolerances; `horizon` the last date
     looked at; `rate` false alarms a year that the limits allow. `path` and `band` (n, k) are the level and its 1σ after each
-    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C;
-    `watched` all that was watched; `scatter` what the machine does from visit to visit, None before it is known; `smallest` the smallest step of each error that would
-    raise an alarm at the next visit, file units."""
+    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C; `watched` all that was watched;
+    `scatter` what the machine does from visit to visit, None before it is known; `smallest` the smallest step of each error
+    that would raise an alarm at the next visit, file units."""
 
     machine: MachineId
     visits: tuple[Visit, ...]
@@ -127,8 +127,8 @@ def trend_of(
     visits: Sequence[Visit], events: Sequence[Event], *, rate: float = RATE, tolerances: Mapping[str, float] | None = None,
     watched: Watched | None = None,
 ) -> Trend:  # fmt: skip
-    """The trend of one machine's visits, in the order of their dates. `tolerances` ± of errors by name, file units. What is already
-    `watched` of the same visits and events at the same `rate` is not watched again.
+    """The trend of one machine's visits, in the order of their dates. `tolerances` ± of errors by name, file units. What is
+    already `watched` of the same visits and events at the same `rate` is not watched again.
 
     Raises `InputError` where there is no visit, or a tolerance is of an error that no visit holds.
     """

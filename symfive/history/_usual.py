@@ -1,10 +1,10 @@
 """How much a machine's forecasts usually err: a hierarchical estimate of the covariance, from a few visits on.
 
-The standardised errors x (r,) of a visit's forecast have the readings' stated covariance, which is 1, and whatever the machine does
-from visit to visit. Two layers say how that looks before much of it was seen:
+The standardised errors x (r,) of a visit's forecast have the readings' stated covariance, which is 1, and whatever the
+machine does from visit to visit. Two layers say how that looks before much of it was seen:
 
-    errors of one kind scatter alike    Ψ = 1 + D^-½ Uᵀ diag(q) U D^-½,   q = a² for lengths, b² for angles, in units of the priors
-    this machine differs from that      Σ | Ψ ~ inverse Wishart, so that x ~ t_d(0, Ψ) before the first visit,
+    errors of one kind scatter alike   Ψ = 1 + D^-½ Uᵀ diag(q) U D^-½,  q = a² for lengths, b² for angles, in units of the priors
+    this machine differs from that     Σ | Ψ ~ inverse Wishart, so that x ~ t_d(0, Ψ) before the first visit,
 
 D (r, r) the readings' variances, U (k, r) the directions. a and b have equal chances by octaves from the prior's 1σ
 downwards, d by octaves of four and without end (Σ = Ψ). After n visits with S = Σ x xᵀ an inverse Wishart is conjugate:
@@ -12,8 +12,9 @@ downwards, d by octaves of four and without end (Σ = Ψ). After n visits with S
     x ~ t_{d+n}(0, (d Ψ̂ + S) / (d + n)),
 
 Ψ̂ the mean over a and b. A scatter counts by how probable it made the visits, a d by how probable it made what each error by
-itself seemed to do (A. P. Dawid 1984), so that a machine of alike errors is known after a few visits and another one is itself. A visit counts with
-the reading's share of the forecast's variance: where the level was hardly known, x tells nothing of the scatter.
+itself seemed to do (A. P. Dawid 1984), so that a machine of alike errors is known after a few visits and another one is
+itself. A visit counts with the reading's share of the forecast's variance: where the level was hardly known, x tells nothing
+of the scatter.
 A. Hannart & P. Naveau 2014, J. Multivariate Anal. 131 (shrinkage in the Gaussian conjugate family, evidence for its weight).
 """
 
@@ -23,7 +24,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, fdtrc, gammaln, logsumexp, ndtr, softmax, stdtr
+from scipy.special import chdtrc, fdtrc, gammaln, ndtr, softmax, stdtr
 
 __all__ = ["Course", "Predictive", "Usual"]
 
@@ -39,8 +40,8 @@ NEAR = 2.0
 """σ below which the mean covariance stands for the mixture over the scatters."""
 IMPROBABLE = 1e-6
 """A combination less probable than this, beside the most probable one, is given up: far below any limit of an alarm."""
-OCTAVE_PARTS = 4.0
-"""Readings' variances that agree to a quarter octave are the same, well within what else is unknown."""
+SAME = 0.25
+"""Octaves within which readings' variances are the same: an eighth of an octave of the standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -99,12 +100,12 @@ class Predictive:
         squares = np.einsum("mi,mdij,mj->md", x, np.linalg.inv(self.scales), x)
         normal = (self.grid * chdtrc(count, self.distances)).sum(axis=1)
         mean = (weights[:, :-1] * fdtrc(count, self.degrees, squares / count)).sum(axis=1) + weights[:, -1] * normal
-        return np.minimum(2.0 * mean, 1.0)
+        return np.asarray(np.minimum(2.0 * mean, 1.0))
 
     def _size(self, combined: Array, covariance: Array) -> Array:
         """1σ (m, q, d) of combinations (m, q, r) for covariances (m, d, r, r)."""
         square = ((combined[:, None] @ covariance) * combined[:, None]).sum(axis=3)
-        return np.sqrt(np.maximum(square.transpose(0, 2, 1), LEAST))
+        return np.asarray(np.sqrt(np.maximum(square.transpose(0, 2, 1), LEAST)))
 
 
 class Usual:
@@ -118,6 +119,9 @@ class Usual:
         r = basis.shape[1]
         self.kinds = np.stack([basis[kind].T @ basis[kind] for kind in (~angular, angular) if kind.any()])
         self.sum, self.count, self.evidence = np.zeros((r, r)), np.zeros(r), np.zeros(len(DEGREES) + 1)
+        self.reference: Array | None = None  # variances (r,) of the first visit
+        self.squares: Array
+        self._points: Indices
         self._low, self._step = np.zeros(len(self.kinds)), np.full(len(self.kinds), WIDEST)
         self._lay()
 
@@ -141,6 +145,7 @@ class Usual:
     def learn(self, course: Course, count: int, evidence: Array) -> None:
         """Learn from the first visits of a course, which leave this `evidence` (d + 1,) of the degrees."""
         self.sum, self.count, self.evidence = course.sums[count], course.counts[count], evidence
+        self.reference = course.first if self.reference is None else self.reference
         weight = course.weighed(count)
         probable = weight > IMPROBABLE * weight.max()
         points = self._points[probable]
@@ -179,12 +184,12 @@ class Course:
     """The m + 1 states that m visits lead to: `sums` (m + 1, r, r) and `counts` (m + 1, r)."""
 
     def __init__(self, usual: Usual, x: Array, weight: Array, variance: Array) -> None:
-        self._usual, self._x, self._seen = usual, x, np.isfinite(variance)
+        self._usual, self._x, self._seen, self.first = usual, x, np.isfinite(variance), variance[0]
         weight = np.where(self._seen, weight, 0.0)
         share = np.sqrt(weight) * x
         self.sums = _summed(usual.sum, share[:, :, None] * share[:, None])
         self.counts = _summed(usual.count, weight)
-        self._kinds, self._alike = _alike(usual.kinds, variance)
+        self._kinds, self._alike = _alike(usual.kinds, variance, usual.reference)
         covariance = np.eye(x.shape[1]) + np.einsum("ck,akij->acij", usual.squares, self._kinds)
         self._inverse, self._size = np.linalg.inv(covariance), np.linalg.slogdet(covariance)[1]
         squares = (x[:, :, None] * x[:, None]).reshape(len(x), -1)
@@ -210,7 +215,7 @@ class Course:
         """Log probability (m, c) of each scatter, but for a constant, from the visits up to each state."""
         least, own = self._own(states, visits)
         distances = self._by_scatter(own.reshape(len(own), -1), visits)
-        return -0.5 * (distances + least[:, None] * self._size[self._alike[visits]])
+        return np.asarray(-0.5 * (distances + least[:, None] * self._size[self._alike[visits]]))
 
     def _by_scatter(self, squares: Array, visits: Indices) -> Array:
         """trace(Ψ⁻¹ A) (m, c) of matrices A as `squares` (m, r²), with Ψ as at the visits (m,)."""
@@ -221,8 +226,8 @@ class Course:
         return found
 
     def _own(self, states: Indices, visits: Indices) -> tuple[Array, Array]:
-        """The number of visits (m,) and the sum (m, r, r) of the directions that a visit reads, at a state; directions that were read
-        more often count as often as the one that was read least."""
+        """Number of visits (m,) and the sum (m, r, r) of the directions that a visit reads, at a state; directions that were
+        read more often count as often as the one that was read least."""
         counts, seen = self.counts[states], self._seen[visits]
         least = np.min(counts, axis=1, where=seen, initial=np.inf)
         least = np.where(np.isfinite(least), least, 0.0)
@@ -232,7 +237,8 @@ class Course:
     def _likely(self, grid: Array, visits: Indices) -> Array:
         """Ψ̂ (m, r, r) of scatters as probable as `grid` (m, c)."""
         mean = grid @ self._usual.squares
-        return np.eye(self._x.shape[1]) + np.einsum("mk,mkij->mij", mean, self._kinds[self._alike[visits]])
+        own: Array = np.einsum("mk,mkij->mij", mean, self._kinds[self._alike[visits]])
+        return np.eye(self._x.shape[1]) + own
 
     def _finite(self, states: Indices, visits: Indices, likely: Array) -> tuple[Array, Array]:
         """Degrees (m, d) and scales (m, d, r, r) of Student's t."""
@@ -243,15 +249,27 @@ class Course:
         return degrees, np.where(unseen, 1.0, scales)
 
 
-def _alike(kinds: Array, variance: Array) -> tuple[Array, Indices]:
-    """D^-½ · `kinds` (kinds, r, r) · D^-½ for every set of readings' variances that differs, (a, kinds, r, r), and which of them each
-    visit (m,) has; zero where nothing is read."""
-    seen = np.isfinite(variance)
-    octave = np.where(seen, np.round(OCTAVE_PARTS * np.log2(np.where(seen, variance, 1.0))), np.inf)
-    every, which = np.unique(octave, axis=0, return_inverse=True)
-    there = np.isfinite(every)
-    root = np.where(there, 2.0 ** (-0.5 / OCTAVE_PARTS * np.where(there, every, 0.0)), 0.0)
-    return kinds * root[:, None, :, None] * root[:, None, None, :], which.ravel()
+def _alike(kinds: Array, variance: Array, reference: Array | None) -> tuple[Array, Indices]:
+    """D^-½ · `kinds` (kinds, r, r) · D^-½ for every set of variances that differs from the `reference` (r,) and the sets
+    before it, (a, kinds, r, r), and which of them each visit (m,) has; zero where nothing is read."""
+    sets = [] if reference is None else [reference]
+    which = np.zeros(len(variance), dtype=np.intp)
+    for visit, own in enumerate(variance):
+        for number, there in enumerate(sets):
+            if np.array_equal(np.isinf(own), np.isinf(there)) and _octaves(own, there) <= SAME:
+                which[visit] = number
+                break
+        else:
+            which[visit] = len(sets)
+            sets.append(own)
+    root = np.array(sets) ** -0.5
+    return kinds * root[:, None, :, None] * root[:, None, None, :], which
+
+
+def _octaves(one: Array, other: Array) -> float:
+    """By how many octaves two sets of variances (r,) differ at most, where they are finite."""
+    finite = np.isfinite(one) & np.isfinite(other)
+    return float(np.abs(np.log2(one[finite] / other[finite])).max(initial=0.0))
 
 
 def _summed(first: Array, each: Array) -> Array:

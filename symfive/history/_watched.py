@@ -46,10 +46,12 @@ class Watched:
         """All of it as bytes; the same gives the same."""
         said = {"course": COURSE, "alarms": [asdict(alarm) for alarm in self.alarms], "smallest": dict(self.smallest)}
         excess = np.zeros((0, 0)) if self.excess is None else self.excess
-        arrays = {"levels": self.levels, "variances": self.variances, "begun": self.begun, "excess": excess}
+        arrays: dict[str, NDArray[Any]] = {"levels": self.levels, "variances": self.variances, "begun": self.begun}
+        arrays["excess"] = excess
         arrays |= {f"state_{field.name}": getattr(self.state, field.name) for field in fields(State)}
         stream = io.BytesIO()
-        np.savez(stream, said=np.frombuffer(json.dumps(said).encode(), dtype=np.uint8), **arrays)
+        arrays["said"] = np.frombuffer(json.dumps(said).encode(), dtype=np.uint8)
+        np.savez(stream, allow_pickle=False, **arrays)
         return stream.getvalue()
 
     @classmethod
