@@ -51,7 +51,7 @@ def smallest_step(trend: Trend, forecast: Forecast) -> str:
 
 
 def _alarms(trend: Trend) -> list[str]:
-    stated = f"at most {plain_number(trend.rate * 10)} false alarms in ten years"
+    stated = f"false alarms expected: at most {plain_number(trend.rate * 10)} in ten years"
     if not trend.alarms and not trend.smallest:
         return ["No alarm can be raised yet: too few visits. Compare two dates with --since."]
     if not trend.alarms:
