@@ -91,9 +91,9 @@ class Watch:
         late = self._pending is not None
         if self._pending is not None:
             chain = [np.concatenate([old[None], new]) for old, new in zip(self._pending, chain, strict=True)]
-        course, visits = self.usual.course(*chain), np.arange(len(x)) + late
+        taught, visits = self.usual.taught(*chain), np.arange(len(x)) + late
         states = np.maximum(visits - 1, 0)
-        looks, evidence = self._looked(course.predictive(states, visits), steps, x, states)
+        looks, evidence = self._looked(taught.predictive(states, visits), steps, x, states)
         alarm = None
         for number, look in enumerate(looks):
             limits = Limits.of(rate, float(years[number]), len(self._candidates))
@@ -103,7 +103,7 @@ class Watch:
                 break
         at = number + late
         if alarm is None:
-            self.usual.learn(course, at, evidence[at])
+            self.usual.learn(taught, at, evidence[at])
             self._pending, self._told = (chain[0][at], chain[1][at], chain[2][at]), evidence[at + 1] - evidence[at]
         else:
             self._censored(chain, at, evidence, alarm)
@@ -179,12 +179,12 @@ class Watch:
         """Learn from the visits before an alarm, and of those that it blames what its limit allows."""
         share = min(alarm.limit / alarm.score, 1.0)
         before = max(at - 1, 0)
-        self.usual.learn(self.usual.course(*(entry[: at + 1] for entry in chain)), before, evidence[before])
+        self.usual.learn(self.usual.taught(*(entry[: at + 1] for entry in chain)), before, evidence[before])
         if at:
             blamed = alarm.since < alarm.visit
             x, weight, variance = (entry[at - 1 : at] for entry in chain)
             told = evidence[at - 1 if blamed else at]
-            self.usual.learn(self.usual.course(x * (share if blamed else 1.0), weight, variance), 1, told)
+            self.usual.learn(self.usual.taught(x * (share if blamed else 1.0), weight, variance), 1, told)
         self._pending, self._told = (chain[0][at] * share, chain[1][at], chain[2][at]), np.zeros(evidence.shape[1])
 
     def smallest(self) -> dict[str, float]:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, gammaln, ndtr, softmax, stdtr
 
-__all__ = ["Course", "Predictive", "Usual"]
+__all__ = ["Predictive", "Taught", "Usual"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -133,20 +133,20 @@ class Usual:
     def excess(self, variance: Array) -> Array:
         """Mean covariance (r, r) of the machine's scatter beyond the readings' stated variances (r,)."""
         nothing = np.zeros((1, len(variance)))
-        now = self.course(nothing, nothing, variance[None]).predictive(np.array([0]), np.array([0]))
+        now = self.taught(nothing, nothing, variance[None]).predictive(np.array([0]), np.array([0]))
         size, axes = np.linalg.eigh(now.scale[0] - np.eye(len(variance)))
         return np.asarray(((axes * np.maximum(size, 0.0)) @ axes.T) * np.sqrt(np.outer(variance, variance)))
 
-    def course(self, x: Array, weight: Array, variance: Array) -> Course:
+    def taught(self, x: Array, weight: Array, variance: Array) -> Taught:
         """What m visits would teach, one after the other: x (m, r), `weight` the reading's share of the forecast's variance, and
         the readings' stated `variance`, infinite where there is none."""
-        return Course(self, x, weight, variance)
+        return Taught(self, x, weight, variance)
 
-    def learn(self, course: Course, count: int, evidence: Array) -> None:
-        """Learn from the first visits of a course, which leave this `evidence` (d + 1,) of the degrees."""
-        self.sum, self.count, self.evidence = course.sums[count], course.counts[count], evidence
-        self.reference = course.first if self.reference is None else self.reference
-        weight = course.weighed(count)
+    def learn(self, taught: Taught, count: int, evidence: Array) -> None:
+        """Learn from the first visits of what was taught, which leave this `evidence` (d + 1,) of the degrees."""
+        self.sum, self.count, self.evidence = taught.sums[count], taught.counts[count], evidence
+        self.reference = taught.first if self.reference is None else self.reference
+        weight = taught.weighed(count)
         probable = weight > IMPROBABLE * weight.max()
         points = self._points[probable]
         self.squares, self._points = self.squares[probable], points
@@ -180,7 +180,7 @@ class Usual:
         return changed
 
 
-class Course:
+class Taught:
     """The m + 1 states that m visits lead to: `sums` (m + 1, r, r) and `counts` (m + 1, r)."""
 
     def __init__(self, usual: Usual, x: Array, weight: Array, variance: Array) -> None:
