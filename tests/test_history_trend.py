@@ -301,6 +301,14 @@ def test_what_was_watched_is_the_same_packed_and_unpacked():
     again = Watched.unpacked(data)
     assert again is not None and again.packed() == data == trend_of(visits, []).watched.packed()
     assert trend_of(visits, [], watched=again).to_data() == trend.to_data()
+    for spoilt in (
+        b"",
+        b"nonsense",
+        data[:-200],
+        data[:900] + b"x" * 40 + data[940:],
+        data.replace(b'"course": 1', b'"course": 0'),
+    ):
+        assert Watched.unpacked(spoilt) is None
 
 
 # --- forecast -----------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
@@ -56,16 +57,19 @@ class Watched:
 
     @classmethod
     def unpacked(cls, data: bytes) -> Watched | None:
-        """What was packed; None where another version of symfive watched otherwise."""
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            said = json.loads(arrays["said"].tobytes())
-            if said["course"] != COURSE:
-                return None
-            state = State(**{field.name: arrays[f"state_{field.name}"] for field in fields(State)})
-            excess = arrays["excess"] if arrays["excess"].size else None
-            alarms = tuple(_alarm(entry) for entry in said["alarms"])
-            levels, variances, begun = (arrays[key] for key in ("levels", "variances", "begun"))
-            return cls(state, alarms, levels, variances, begun, excess, said["smallest"])
+        """What was packed; None where another version of symfive watched otherwise, or the bytes are damaged."""
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                said = json.loads(arrays["said"].tobytes())
+                if said["course"] != COURSE:
+                    return None
+                state = State(**{field.name: arrays[f"state_{field.name}"] for field in fields(State)})
+                excess = arrays["excess"] if arrays["excess"].size else None
+                alarms = tuple(_alarm(entry) for entry in said["alarms"])
+                levels, variances, begun = (arrays[key] for key in ("levels", "variances", "begun"))
+                return cls(state, alarms, levels, variances, begun, excess, said["smallest"])
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+            return None
 
 
 def watch_visits(
