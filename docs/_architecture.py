@@ -56,9 +56,7 @@ def imports() -> Iterator[Import]:
     """Every import of symfive within itself, wherever it stands in a file."""
     known = modules()
     for by, path in known.items():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        typing = {id(n) for top in ast.walk(tree) if _is_typing(top) for n in ast.walk(top)}
-        for node in ast.walk(tree):
+        for node, typing in _statements(ast.parse(path.read_text(encoding="utf-8")), typing=False):
             if isinstance(node, ast.Import):
                 found = [(alias.name, None) for alias in node.names]
             elif isinstance(node, ast.ImportFrom) and node.module:
@@ -67,10 +65,17 @@ def imports() -> Iterator[Import]:
             else:
                 continue
             yield from (
-                Import(by, of, name, node.lineno, id(node) in typing)
-                for of, name in found
-                if of.split(".")[0] == "symfive"
+                Import(by, of, name, node.lineno, typing) for of, name in found if of.split(".")[0] == "symfive"
             )
+
+
+def _statements(node: ast.AST, *, typing: bool) -> Iterator[tuple[ast.stmt, bool]]:
+    """Every statement below a node, and whether it stands below `if TYPE_CHECKING`; no import stands in an expression."""
+    for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for entry in getattr(node, block, ()):
+            if isinstance(entry, ast.stmt):
+                yield entry, typing
+            yield from _statements(entry, typing=typing or _is_typing(entry))
 
 
 def _is_typing(node: ast.AST) -> bool:

@@ -1,11 +1,27 @@
-"""Nothing here compiles for the user's cache: `SYMFIVE_COMPILER=cc` in the environment lets every test do so."""
+"""What tests compile lies in a folder of the run, cold at first and shared by workers; `SYMFIVE_COMPILER=none` forbids it."""
 
 import os
+import shutil
+import tempfile
+from pathlib import Path
 
 import pytest
 from progress import Progress
 
-os.environ.setdefault("SYMFIVE_COMPILER", "none")
+FOLDER = "SYMFIVE_TESTS_CACHE"
+"""The environment variable by which the workers know it."""
+
+
+def _own_cache() -> None:
+    """A cache of this run alone: the user's holds what other trees compiled. Matplotlib keeps its list of fonts."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    os.environ.setdefault("MPLCONFIGDIR", str(Path(home) / "matplotlib"))
+    os.environ[FOLDER] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="symfive-tests-")
+
+
+MADE = FOLDER not in os.environ
+if MADE:
+    _own_cache()
 
 
 @pytest.hookimpl(trylast=True)
@@ -16,3 +32,9 @@ def pytest_configure(config: pytest.Config) -> None:
         return
 
     config.pluginmanager.register(Progress(lambda line: terminal.write(f"\n{line}\n")), "progress")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """The cache goes with the run that made it."""
+    if MADE:
+        shutil.rmtree(os.environ[FOLDER], ignore_errors=True)

@@ -9,33 +9,41 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "docs"))
 
-from _architecture import LAYERS, imports, modules, package, picture  # noqa: E402
+from _architecture import LAYERS, Import, imports, modules, package, picture  # noqa: E402
 
 ORDER = [name for layer in LAYERS.values() for name in layer]
-IMPORTS = list(imports())
-ACROSS = [i for i in IMPORTS if package(i.by) != package(i.of)]
+
+
+@pytest.fixture(scope="module")
+def every() -> list[Import]:
+    return list(imports())
+
+
+@pytest.fixture(scope="module")
+def across(every: list[Import]) -> list[Import]:
+    return [i for i in every if package(i.by) != package(i.of)]
 
 
 def test_the_table_has_every_package_once():
     assert sorted(ORDER) == sorted({package(module) for module in modules()})
 
 
-def test_a_package_imports_only_what_stands_below_it():
+def test_a_package_imports_only_what_stands_below_it(across):
     place = {name: number for number, name in enumerate(ORDER)}
-    assert not [str(i) for i in ACROSS if place[package(i.of)] >= place[package(i.by)]]
+    assert not [str(i) for i in across if place[package(i.of)] >= place[package(i.by)]]
 
 
-def test_no_private_name_crosses_a_package():
+def test_no_private_name_crosses_a_package(across):
     def private(name: str) -> bool:
         return name.startswith("_") and name != "__version__"
 
-    assert not [str(i) for i in ACROSS if any(map(private, (*i.of.split("."), i.name or "")))]
+    assert not [str(i) for i in across if any(map(private, (*i.of.split("."), i.name or "")))]
 
 
 @pytest.mark.parametrize("name", ORDER)
-def test_the_files_of_a_package_load_without_a_circle(name: str):
+def test_the_files_of_a_package_load_without_a_circle(name: str, every):
     needs: dict[str, set[str]] = {}
-    for i in IMPORTS:
+    for i in every:
         if package(i.by) == package(i.of) == name and i.by != i.of and not i.typing:
             needs.setdefault(i.by, set()).add(i.of)
     list(TopologicalSorter(needs).static_order())  # raises CycleError, which names the circle

@@ -70,7 +70,8 @@ def rounded_plans() -> dict[str, Plan]:
     for instrument, name in (("r_test", "oyama-2010"), ("ball_bar", "wang-li-2016")):
         machine = _location_only(name)
         machine = replace(machine, workspace=replace(machine.workspace, tool_length=(110.0, 180.0)), text="")
-        found[instrument] = plan(machine, instrument=instrument, points=16, starts=1, anywhere=False, prove=False)
+        options = {"points": 14, "setups": 2, "starts": 1, "anywhere": False, "prove": False}
+        found[instrument] = plan(machine, instrument=instrument, **options)
     return found
 
 

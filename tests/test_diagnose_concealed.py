@@ -431,7 +431,7 @@ LACKING = [
      {"effect": "lateral_play", "component": "EZB", "width": 8.0, "form": "presliding", "distance": 30.0}),
     pytest.param("B since reversal", ("lateral_play", "setup_shift", "gravity_sag"),
      {"effect": "lateral_play", "component": "EAB", "width": 60.0, "form": "presliding", "distance": 30.0},
-     marks=wrong("two names beside it")),
+     marks=[pytest.mark.slow, wrong("two names beside it")]),
     pytest.param("t", ("vibration",),
      {"effect": "vibration", "frequency_hz": 6.7, "amplitude": 2.0, "direction": [0.8, 0.6, 0.0]},
      marks=pytest.mark.slow),

@@ -52,7 +52,7 @@ def blocks(page: Path) -> list[Block]:
     return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 2) for m in FENCE.finditer(text)]
 
 
-SLOW = {ROOT / "docs/design.md", ROOT / "docs/howto/plan.md"}
+SLOW = {ROOT / "docs/design.md", ROOT / "docs/howto/diagnosis.md", ROOT / "docs/howto/plan.md"}
 
 
 def pages_with(language: str) -> list:

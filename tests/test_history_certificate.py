@@ -61,6 +61,17 @@ def test_the_profile_refuses_what_is_out_of_order(visit):
         assert not checker.is_valid(ET.ElementTree(ET.fromstring(text.replace(good, bad))))
 
 
+def test_the_rules_of_good_practice_accept_a_complete_certificate(visit):
+    """PTB's Schematron; of one that is not filled in it refuses the country."""
+    schematron = pytest.importorskip(
+        "dcclib.validation.schematron", reason="Skipped (optional): dcclib is not installed."
+    )
+    rules = schematron.SchematronValidator.for_dcc()
+    assert rules.validate_str(certificate(visit, FULL).decode()).is_valid
+    refused = rules.validate_str(certificate(visit, Office()).decode())
+    assert [report.location.split("}")[-1] for report in refused.failed_assertions] == ["countryCodeISO3166_1[1]"]
+
+
 def test_every_number_is_that_of_the_visit_with_k_2(visit):
     root = ET.fromstring(certificate(visit, FULL))
     found = {}

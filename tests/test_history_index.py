@@ -173,7 +173,7 @@ def test_an_older_index_is_brought_up_to_date(world, version):
     """One as version `version` would have left it, filled through its own tables."""
     before = digest(world)
     with sqlite3.connect(world / "history" / "index.sqlite") as new:
-        visits = new.execute("SELECT * FROM visits").fetchall()
+        visits, machines = (new.execute(f"SELECT * FROM {table}").fetchall() for table in ("visits", "machines"))
     new.close()
     forget(world)
     old = sqlite3.connect(world / "history" / "index.sqlite", isolation_level=None)
@@ -182,6 +182,8 @@ def test_an_older_index_is_brought_up_to_date(world, version):
     old.execute(f"PRAGMA user_version = {version}")
     if version:
         old.executemany("INSERT INTO visits VALUES (?, ?, ?, ?, ?, ?)", visits)
+    if version > 1:
+        old.executemany("INSERT INTO machines VALUES (?, ?, ?, ?, ?)", machines)
     old.close()
     with History(world / "history") as history:
         if version:

@@ -1,7 +1,7 @@
-"""What pages share: their style, the picture of a campaign's poses in space, and the colours of all pictures."""
+"""What pages share: their frame and style, the picture of a campaign's poses in space, and the colours of all pictures."""
 
 from symfive.drawing._colours import BLUE, FAINT, GREEN, GRID, INK, ORANGE, PAPER, PURPLE, SERIES
-from symfive.drawing._page import PAGE_STYLE
+from symfive.drawing._page import PAGE_STYLE, page
 from symfive.drawing._poses import SCRIPT, poses_figure
 
 __all__ = [
@@ -16,5 +16,6 @@ __all__ = [
     "PURPLE",
     "SCRIPT",
     "SERIES",
+    "page",
     "poses_figure",
 ]

@@ -1,10 +1,48 @@
-"""The style of every page: light or dark as the reader's system, narrow or wide, on paper."""
+"""What every page is made of: its style, light or dark, narrow or wide, on paper, and the frame of a page whose tables sort."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+from functools import cache
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
-__all__ = ["PAGE_STYLE"]
+from symfive.version import __version__
 
-PAGE_STYLE = (files("symfive.drawing") / "page.css").read_text(encoding="utf-8")
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+__all__ = ["PAGE_STYLE", "page"]
+
+
+def _own(name: str) -> str:
+    return (files("symfive.drawing") / name).read_text(encoding="utf-8")
+
+
+PAGE_STYLE = _own("page.css")
 """CSS for a page whose content stands in `<main>`; wide tables stand in `<div class="wide">`, or are cut nowhere else."""
+
+
+def page(title: str, body: str, *, style: str = "", script: str = "") -> str:
+    """A page of one file that loads nothing: `title` plain text, `body` HTML whose text is already escaped.
+
+    Tables sort by the buttons in their heads (`<th><button>`); a cell with `data-sort` sorts by that number. `style` and `script`
+    are the page's own. The policy in its head lets only this very script run.
+    """
+    from markupsafe import Markup
+
+    own = _own("sort.js") + script
+    digest = base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()
+    filled = _frame().render(
+        title=title, body=Markup(body), style=Markup(f"{PAGE_STYLE}{_own('sorted.css')}{style}"), script=Markup(own),
+        script_hash=f"sha256-{digest}", version=__version__,
+    )  # fmt: skip
+    return f"{filled}\n"
+
+
+@cache
+def _frame() -> Template:
+    from jinja2 import Environment, StrictUndefined
+
+    return Environment(autoescape=True, undefined=StrictUndefined).from_string(_own("page.html"))

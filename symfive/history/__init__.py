@@ -18,11 +18,12 @@ from symfive.history._serve import Server
 from symfive.history._take import RECORD, Details, read_record, record_bytes, taken
 from symfive.history._trend import Trend, trend_of
 from symfive.history._visit import KINDS, STAGES, Event, Finding, MachineId, Visit, instant
+from symfive.history._watched import Watched
 from symfive.history._words import trend_text
 
 __all__ = [
     "FOLDER", "KINDS", "RATE", "RECORD", "STAGES", "Added", "Alarm", "Cause", "Change", "Details", "Event", "Finding",
     "FindingChange", "Forecast", "History", "Limits", "MachineId", "MachineRow", "MachineTable", "Office", "Rebuilt",
-    "Server", "Trend", "Visit", "certificate", "change_between", "ewma_run_length", "instant", "read_record",
+    "Server", "Trend", "Visit", "Watched", "certificate", "change_between", "ewma_run_length", "instant", "read_record",
     "rebuilt", "record_bytes", "taken", "trend_of", "trend_text",
 ]  # fmt: skip

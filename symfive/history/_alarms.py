@@ -1,14 +1,9 @@
 """Alarms of one machine: what stepped or drifts, when, which error is the cause.
 
-The standardised errors x (r,) of a visit's forecast have an unknown covariance: the readings' own, and whatever the machine does
-from visit to visit. It is learnt from the n visits before, S = Σ w x xᵀ, n = Σ w, w the reading's share
-of the forecast's variance: where the level was hardly known, x tells nothing of the scatter. A visit that raised an alarm
-counts with no more than its limit (R. A. Maronna 1976). An error j moves x along a_j = U_j / spread. Its score
-
-    F = ν (a' S⁻¹ x)² / (a' S⁻¹ a) / (1 + x' S⁻¹ x - (a' S⁻¹ x)² / (a' S⁻¹ a)),    ν = n - r + 1,
-
-has Fisher's distribution with 1 and ν degrees of freedom whatever the covariance is (C. R. Rao 1973, 8c.4; E. J. Kelly 1986), and
-becomes a standard normal score by its probability. T² = x' S⁻¹ x asks all directions together (H. Hotelling 1931).
+The standardised errors x (r,) of a visit's forecast have a covariance of which a mixture is learnt (`Usual`), one visit late: a
+step is judged without itself. An error j moves x along a_j = U_j / spread. With Σ the mixture's mean scale its most powerful
+combination is h_j = Σ⁻¹ a_j; the mixture says how probable an h_j·x as large is, and that becomes a standard normal score. All
+directions together are asked likewise. Of a visit that raised an alarm no more is learnt than its limit (R. A. Maronna 1976).
 
 The cause is the error that explains the most; equal chances beforehand make its probability proportional to exp(½ score²), and
 errors with the same a_j share it: that is what the visits cannot tell apart.
@@ -21,10 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc, gammainccinv, ndtri, stdtr
+from scipy.special import gammainccinv, ndtr, ndtri, softmax
 
-from symfive.history._filter import Step
+from symfive.history._filter import Steps
 from symfive.history._limits import WEIGHT, Limits
+from symfive.history._usual import Predictive, Usual
 
 __all__ = ["Alarm", "Cause", "Watch", "causes_of"]
 
@@ -34,6 +30,8 @@ PRESENT = 0.05
 NAMED = 0.05
 """Less probable causes are not spoken of."""
 MOST_CAUSES = 4
+KNOWN = 1.0 / 3.0
+"""The 1σ of a learnt standard deviation's square, sqrt(2/n) of n readings, below which it is used for comparisons."""
 CLEAR = 0.01
 """Chance at which what is left beside the causes counts as nothing."""
 
@@ -66,94 +64,154 @@ class Watch:
     """Watches the steps of a filter; `basis` (k, r), `names`, `units` and `scale` (k,) of the errors."""
 
     def __init__(self, basis: Array, names: Sequence[str], units: Sequence[str], scale: Array) -> None:
-        self.basis, self.names, self.units, self.scale = basis, tuple(names), tuple(units), scale
+        self.names, self.units, self.scale = tuple(names), tuple(units), scale
+        self.usual = Usual(basis, np.array([unit == "urad" for unit in units], dtype=bool))
         self._candidates = np.flatnonzero((basis**2).sum(axis=1) >= PRESENT)
         self._patterns = basis[self._candidates]
-        self._sum, self._count = np.zeros((2, basis.shape[1], basis.shape[1]))
-        self._pending: tuple[Array, Array] | None = None
-        self.first: int | None = None  # the visit at which the scatter was known
+        self._pending: tuple[Array, Array, Array] | None = None
+        self._told: Array | None = None  # by the visit that is pending
+        self._last: tuple[_Look, Limits] | None = None
         self.forget()
 
     def forget(self) -> None:
         """Begin anew: the machine was changed, or an alarm was raised."""
         self._drift, self._looks = np.zeros(len(self._candidates)), 0
-        self._before: tuple[Array, Array, Array, Array] | None = None
+        self._before: _Look | None = None
 
-    def learn(self, step: Step, alarm: Alarm | None) -> None:
-        """Take the visit into the machine's scatter, one visit late: a step is judged without itself. Of an alarm's visits what
-        its limit allows."""
-        share = 1.0 if alarm is None else min(alarm.limit / alarm.score, 1.0)
+    def look(self, steps: Steps, rate: float, years: Array, first: int) -> Alarm | None:
+        """The first alarm that the visits raise, if any; the scatter is learnt from those up to it.
+
+        n visits with their steps (n, r) and the `years` (n,) since the one before each, numbered from `first`. A visit is learnt
+        from one visit late: a step is judged without itself.
+        """
+        if not self._candidates.size:
+            return None
+        x = steps.error / steps.spread
+        chain = [x, steps.reading, steps.variance]
+        late = self._pending is not None
         if self._pending is not None:
-            x, weight = self._pending
-            x = x * (share if alarm is not None and alarm.since < alarm.visit else 1.0)
-            self._sum += x[:, None] * x
-            self._count += weight[:, None] * weight
-        weight = np.sqrt(step.reading)
-        self._pending = weight * share * step.error / step.spread, weight
+            chain = [np.concatenate([old[None], new]) for old, new in zip(self._pending, chain, strict=True)]
+        taught, visits = self.usual.taught(*chain), np.arange(len(x)) + late
+        states = np.maximum(visits - 1, 0)
+        looks, evidence = self._looked(taught.predictive(states, visits), steps, x, states)
+        alarm = None
+        for number, look in enumerate(looks):
+            limits = Limits.of(rate, float(years[number]), len(self._candidates))
+            alarm = self._judged(look, limits, first + number)
+            self._before = look
+            if alarm is not None:
+                break
+        at = number + late
+        if alarm is None:
+            self.usual.learn(taught, at, evidence[at])
+            self._pending, self._told = (chain[0][at], chain[1][at], chain[2][at]), evidence[at + 1] - evidence[at]
+        else:
+            self._censored(chain, at, evidence, alarm)
+        self._last = look, limits
+        return alarm
+
+    def _looked(
+        self, expected: Predictive, steps: Steps, x: Array, states: NDArray[np.intp]
+    ) -> tuple[list[_Look], Array]:
+        """Score of each error at each visit, also that of a step one visit before, and the evidence of the degrees at each state.
+
+        The evidence is that of each error by itself, as many of them as there are directions.
+        """
+        pattern, half = self._patterns / steps.spread[:, None], len(self._candidates)  # (n, c, r)
+        both = np.concatenate([pattern, pattern * steps.kept[:, None]], axis=1)
+        combined = both @ expected.inverse
+        norm = np.sqrt(np.maximum((combined * both).sum(axis=2), 1e-300))
+        value = (combined @ x[..., None])[..., 0]
+        seen = np.maximum(expected.seen.sum(axis=1), 1)
+        power = steps.reading.sum(axis=1) / seen * np.minimum(seen / half, 1.0)
+        told = power[:, None] * expected.densities(combined[:, :half], value[:, :half]).sum(axis=1)
+        told = told if self._told is None else np.concatenate([self._told[None], told])
+        evidence = self.usual.evidence + np.concatenate([np.zeros_like(told[:1]), np.cumsum(told, axis=0)])
+        weights = softmax(evidence[states], axis=1)
+        chance = np.maximum(expected.chance(combined, value, weights), 1e-300)
+        score = -np.sign(value) * ndtri(0.5 * chance)
+        together = expected.together(x, weights)
+        looks = [
+            _Look(score[i], norm[i], both[i], combined[i], x[i], float(together[i]), weights[i], expected, i)
+            for i in range(len(x))
+        ]
+        return looks, evidence
+
+    def _judged(self, look: _Look, limits: Limits, number: int) -> Alarm | None:
+        """The alarm of one visit, if any: a step at it or at the one before, several errors at once, a drift."""
+        half, before = len(self._candidates), self._before
+        score = look.score[:half]
+        self._drift, self._looks = (1.0 - WEIGHT) * self._drift + WEIGHT * score, self._looks + 1
+        worst, since = float(np.abs(score).max()), number
+        if before is not None:
+            two = before.norm[:half] * before.score[:half] + look.norm[half:] * look.score[half:]
+            two = np.abs(two) / np.maximum(np.hypot(before.norm[:half], look.norm[half:]), 1e-300)
+            if two.max() > worst:
+                worst, since = float(two.max()), number - 1
+        if worst > limits.step:
+            shapes = [look.whitened(look.pattern[half:] if since < number else look.pattern[:half])]
+            errors = [look.whitened(look.x)]
+            if since < number and before is not None:
+                shapes.insert(0, before.whitened(before.pattern[:half]))
+                errors.insert(0, before.whitened(before.x))
+            causes = self._causes(np.concatenate(shapes, axis=1), np.concatenate(errors))
+            return Alarm("step", number, since, worst, limits.step, causes)
+        if look.together < limits.together:
+            said = -float(ndtri(max(look.together, 1e-300)))
+            limit = -float(ndtri(limits.together))
+            causes = self._causes(look.whitened(look.pattern[:half]), look.whitened(look.x))
+            return Alarm("several", number, number, said, limit, causes)
+        return self._drifting(look, limits, number)
+
+    def _drifting(self, look: _Look, limits: Limits, number: int) -> Alarm | None:
+        size = np.sqrt(WEIGHT / (2.0 - WEIGHT))
+        worst = int(np.abs(self._drift).argmax())
+        if abs(self._drift[worst]) <= limits.drift * size:
+            return None
+        pattern = look.whitened(look.pattern[: len(self._candidates)])
+        spread = size * np.sqrt(1.0 - (1.0 - WEIGHT) ** (2 * self._looks))
+        errors = self._drift[worst] / spread * pattern[worst] / np.maximum(np.linalg.norm(pattern[worst]), 1e-300)
+        since = number - min(self._looks, round(1.0 / WEIGHT)) + 1
+        score = abs(float(self._drift[worst])) / size
+        return Alarm("drift", number, since, score, limits.drift, self._causes(pattern, errors)[:1])
+
+    def _censored(self, chain: list[Array], at: int, evidence: Array, alarm: Alarm) -> None:
+        """Learn from the visits before an alarm, and of those that it blames what its limit allows."""
+        share = min(alarm.limit / alarm.score, 1.0)
+        before = max(at - 1, 0)
+        self.usual.learn(self.usual.taught(*(entry[: at + 1] for entry in chain)), before, evidence[before])
+        if at:
+            blamed = alarm.since < alarm.visit
+            x, weight, variance = (entry[at - 1 : at] for entry in chain)
+            told = evidence[at - 1 if blamed else at]
+            self.usual.learn(self.usual.taught(x * (share if blamed else 1.0), weight, variance), 1, told)
+        self._pending, self._told = (chain[0][at] * share, chain[1][at], chain[2][at]), np.zeros(evidence.shape[1])
+
+    def smallest(self) -> dict[str, float]:
+        """The smallest step of each error that raises an alarm at a next visit like the last one; file units. One
+        that only steps beyond the prior's 1σ would raise an alarm for is left out."""
+        if self._last is None:
+            return {}
+        look, limits = self._last
+        half = len(self._candidates)
+        combined, square = look.combined[None, :half], look.norm[None, :half] ** 2
+        expected, chance = look.expected.of(look.place), 2.0 * ndtr(-limits.step)
+        low, high = np.full((1, half), -12.0), np.full((1, half), 1.0)  # decades of the prior's 1 sigma
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            missed = expected.chance(combined, 10.0**middle * square, look.weights[None]) > chance
+            low, high = np.where(missed, middle, low), np.where(missed, high, middle)
+        return {
+            self.names[i]: float(self.scale[i] * 10.0**size)
+            for i, size in zip(self._candidates, high[0], strict=True)
+            if size < 0.0
+        }
 
     def excess(self, variance: Array) -> Array | None:
-        """Covariance (r, r) of the machine's scatter beyond stated variances (r,); None before it is known."""
-        count = float(self._count.min(initial=np.inf))
-        if count - len(self._sum) < 1.0:
+        """Covariance (r, r) of the machine's scatter beyond stated variances (r,); None before it is known to a third."""
+        if self.usual.visits * len(variance) < 2.0 / KNOWN**2:
             return None
-        size, axes = np.linalg.eigh(self._sum / np.maximum(self._count, 1.0) - np.eye(len(self._sum)))
-        known = (axes * np.maximum(size, 0.0)) @ axes.T
-        std = np.sqrt(variance)
-        return np.asarray(known * np.outer(std, std))
-
-    def look(self, step: Step, rate: float, years: float, number: int) -> Alarm | None:
-        """The alarm that this visit raises, if any."""
-        seen = np.flatnonzero(np.isfinite(step.spread))
-        if not seen.size or not self._candidates.size:
-            return None
-        limits = Limits.of(rate, years, len(self._candidates))
-        whiten, dof = self._whitening(seen)
-        if dof < 1.0:
-            return None
-        self.first = number if self.first is None else self.first
-        x = whiten @ (step.error / step.spread)[seen]
-        pattern = self._patterns[:, seen] / step.spread[seen]
-        both = np.concatenate([pattern, pattern * step.kept[seen]]) @ whiten.T
-        scores, weights = _scores(both, x, dof)
-        half = len(pattern)
-        score, weight, now, later = scores[:half], weights[:half], both[:half], both[half:]
-        self._drift, self._looks = (1.0 - WEIGHT) * self._drift + WEIGHT * score, self._looks + 1
-        tests = [(float(np.abs(score).max()), number, now, x)]
-        if self._before is not None:
-            first, heavy, shape, errors = self._before
-            two = np.abs(heavy * first + weights[half:] * scores[half:]) / np.maximum(
-                np.hypot(heavy, weights[half:]), 1e-300
-            )
-            stacked = np.concatenate([shape, later], axis=1), np.concatenate([errors, x])
-            tests.append((float(two.max()), number - 1, *stacked))
-        self._before = score, weight, now, x
-        size, since, shape, errors = max(tests, key=lambda test: test[0])
-        if size > limits.step:
-            return Alarm("step", number, since, size, limits.step, self._causes(shape, errors))
-        chance = _together(x, dof)
-        if chance < limits.together:
-            said = -float(ndtri(max(chance, 1e-300)))
-            return Alarm("several", number, number, said, -float(ndtri(limits.together)), self._causes(now, x))
-        spread = np.sqrt(WEIGHT / (2.0 - WEIGHT) * (1.0 - (1.0 - WEIGHT) ** (2 * self._looks)))
-        worst = int(np.abs(self._drift).argmax())
-        if abs(self._drift[worst]) > limits.drift * np.sqrt(WEIGHT / (2.0 - WEIGHT)):
-            errors = self._drift[worst] / spread * now[worst] / np.maximum(np.linalg.norm(now[worst]), 1e-300)
-            size = abs(float(self._drift[worst])) / np.sqrt(WEIGHT / (2.0 - WEIGHT))
-            since = number - min(self._looks, round(1.0 / WEIGHT)) + 1
-            return Alarm("drift", number, since, size, limits.drift, self._causes(now, errors)[:1])
-        return None
-
-    def _whitening(self, seen: NDArray[np.intp]) -> tuple[Array, float]:
-        """W with W R Wᵀ = 1 for the learnt covariance R of the directions seen, and the degrees of freedom ν."""
-        count = self._count[seen][:, seen]
-        learnt, dof = self._sum[seen][:, seen] / np.maximum(count, 1.0), float(count.min()) - len(seen) + 1.0
-        if dof < 1.0:
-            return learnt, dof
-        try:
-            return np.linalg.inv(np.linalg.cholesky(learnt)), dof
-        except np.linalg.LinAlgError:  # directions seen at different visits may leave no covariance
-            size, axes = np.linalg.eigh(learnt)
-            return np.asarray((axes / np.sqrt(np.maximum(size, 1e-12 * size[-1]))).T), dof
+        return self.usual.excess(variance)
 
     def _causes(self, pattern: Array, errors: Array) -> tuple[Cause, ...]:
         where = self._candidates
@@ -165,20 +223,25 @@ class Watch:
         )  # fmt: skip
 
 
-def _scores(pattern: Array, x: Array, dof: float) -> tuple[Array, Array]:
-    """Standard normal score of each candidate (c,) and its weight |a|; `pattern` (c, m) and `x` (m,) whitened."""
-    norm = np.sqrt((pattern**2).sum(axis=1))
-    along = pattern @ x / np.where(norm > 0.0, norm, np.inf)
-    total = dof + len(x) - 1.0  # degrees of freedom of the covariance that whitened them
-    t = along * np.sqrt(dof / (total + x @ x - along**2))
-    tail = np.maximum(stdtr(dof, -np.abs(t)), 1e-300)
-    return -np.sign(t) * ndtri(tail), norm
+@dataclass(frozen=True)
+class _Look:
+    """One visit: scores and weights `norm` (2c,) of a step now and of one a visit before, of c errors with their `pattern` and
+    the directions `combined` (2c, r); x (r,), and the chance of all of it; what was `expected` at this `place`, by which
+    `weights` of the degrees."""
 
+    score: Array
+    norm: Array
+    pattern: Array
+    combined: Array
+    x: Array
+    together: float
+    weights: Array
+    expected: Predictive
+    place: int
 
-def _together(x: Array, dof: float) -> float:
-    """The chance of a T² as large while nothing changes."""
-    total = dof + len(x) - 1.0
-    return float(fdtrc(len(x), dof, dof / len(x) * (x @ x) / total))
+    def whitened(self, vectors: Array) -> Array:
+        """Vectors (..., r) in units of what is usual."""
+        return np.asarray(vectors @ np.linalg.inv(np.linalg.cholesky(self.expected.scale[self.place])).T)
 
 
 def causes_of(

@@ -11,59 +11,54 @@ M. West & J. Harrison 1997, Bayesian Forecasting and Dynamic Models, sections 4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-__all__ = ["MEMORIES", "Filter", "Step"]
+__all__ = ["MEMORIES", "REFERENCE", "SPAN", "Course", "State", "Steps", "follow"]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 MEMORIES = (np.inf, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
 """Years, by octaves: from a machine that never forgets to one that a season renews."""
 REFERENCE, SPAN = 20.0, 10.0
 """Temperature at which errors count (ISO 1), and the unit of its slope, °C."""
+ROW, COLUMN = np.triu_indices(3)
 
 
 @dataclass(frozen=True)
-class Step:
-    """One visit against its forecast along r directions: `error` (r,) over `spread` (r,), what the stated uncertainties make of
-    the forecast, in scaled units (0 and infinity where nothing was read); `kept` (r,) the share of a step one visit ago that
-    the forecast has not yet followed; `reading` (r,) the reading's share of the forecast's variance, small where the level
-    itself was hardly known."""
+class State:
+    """The state along r directions after a visit, for M memories: `mean` (3, M, r) of level, rate and slope, `covariance` (6, M,
+    r) of them over s², the upper triangle row by row, `scale` s² and `evidence` (M, r); `count` (r,) visits learnt from;
+    `begun` (r,); `gain` (3, M, r) used at the visit."""
 
-    error: Array
-    spread: Array
-    kept: Array
-    reading: Array
+    mean: Array
+    covariance: Array
+    scale: Array
+    evidence: Array
+    count: Array
+    begun: Flags
+    gain: Array
 
-
-class Filter:
-    """The state along r directions, for every memory: mean (M, r, 3) and covariance (M, r, 3, 3) over s², s² (M, r);
-    `best` (r,) the memory that each direction uses."""
-
-    def __init__(self, count: int) -> None:
+    @classmethod
+    def new(cls, count: int) -> State:
+        """Before the first visit: a prior 1σ as level, in a year, in ten degrees."""
         shape = (len(MEMORIES), count)
-        self.mean, self.covariance = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
-        self.covariance[...] = np.eye(3)  # a prior 1σ as level, in a year, in ten degrees
-        self.scale, self.evidence = np.ones(shape), np.zeros(shape)
-        self.count, self.begun = np.zeros(count), np.zeros(count, dtype=bool)
-        self._each, self.best = np.arange(count), np.zeros(count, dtype=np.intp)
-        self._forecast: tuple[Array, Array, Array] | None = None  # of this visit, until the state follows it
-        self._memories = np.array(MEMORIES)[:, None, None, None]
+        covariance = np.zeros((6, *shape))
+        covariance[[0, 3, 5]] = 1.0
+        flat = np.zeros((3, *shape))
+        return cls(
+            flat, covariance, np.ones(shape), np.zeros(shape), np.zeros(count), np.zeros(count, dtype=bool), flat
+        )
 
     def chosen(self) -> tuple[Array, Array, Array]:
-        """Mean (r, 3), covariance (r, 3, 3) in scaled units, and memory (r,) of those."""
-        best, each = self.best, self._each
-        covariance = self.covariance[best, each] * self.scale[best, each][:, None, None]
-        return self.mean[best, each], covariance, np.array(MEMORIES)[best]
-
-    def now(self, warmth: float) -> tuple[Array, Array]:
-        """Levels (r,) and their variances now, scaled units, at a `warmth`."""
-        best, each = self.best, self._each
-        regressor, covariance = np.array([1.0, 0.0, warmth]), self.covariance[best, each]
-        return self.mean[best, each] @ regressor, (covariance @ regressor @ regressor) * self.scale[best, each]
+        """Mean (r, 3), covariance (r, 3, 3) in scaled units, and memory (r,) of each direction's best."""
+        best, each = self.evidence.argmax(axis=0), np.arange(len(self.count))
+        covariance = np.empty((len(each), 3, 3))
+        covariance[:, ROW, COLUMN] = covariance[:, COLUMN, ROW] = (self.covariance * self.scale)[:, best, each].T
+        return self.mean[:, best, each].T, covariance, np.array(MEMORIES)[best]
 
     def ahead(self, years: Array, warmth: float) -> tuple[Array, Array]:
         """Levels (n, r) and their variances so many years (n,) from now, scaled units, at a `warmth`."""
@@ -73,72 +68,115 @@ class Filter:
         grown = variance * np.exp(np.minimum(years[:, None] / memory, 50.0))
         return regressors @ mean.T, np.minimum(grown, np.maximum(variance, 1.0))
 
-    def elapse(self, years: float) -> None:
-        """Time goes by: levels follow their rates, the past counts less."""
-        self.mean[..., 0] += years * self.mean[..., 1]
-        c = self.covariance
-        c[..., 0, :] += years * c[..., 1, :]
-        c[..., :, 0] += years * c[..., :, 1]
-        widest = np.maximum(c[..., 0, 0], c[..., 1, 1])
-        most = np.maximum(1.0 / (self.scale * widest), 1.0)  # nothing is known less than the priors know it
-        c[..., :2, :2] *= np.minimum(np.exp(np.minimum(years / self._memories, 50.0)), most[..., None, None])
 
-    def renew(self) -> None:
-        """The levels may have changed by as much as the priors allow."""
-        self.covariance[..., 0, 0] += 1.0 / self.scale
-        self._forecast = None
+@dataclass(frozen=True)
+class Steps:
+    """n visits against their forecasts along r directions: `error` over `spread`, what the stated uncertainties make of the
+    forecast, in scaled units (0 and infinity where nothing was read); `kept` the share of a step one visit ago that the
+    forecast has not yet followed; `reading` the reading's share of the forecast's variance, small where the level itself was
+    hardly known; `variance` the reading's, infinite where there is none. All (n, r)."""
 
-    def forecast(self, value: Array, variance: Array, warmth: float, before: Array | None) -> Step:
-        """The visit's readings (r,) against the forecast; `before` the gain by which the state followed the visit before."""
-        seen = np.isfinite(value)
-        self._begin(value, seen)
-        self._forecast = _, size, error = self._expected(value, variance, warmth)
-        best, each = self.best, self._each
-        kept = np.ones(len(each)) if before is None else 1.0 - before[best, each] @ np.array([1.0, 0.0, warmth])
-        own = size[best, each]
-        return Step(error[best, each], np.where(seen, np.sqrt(own), np.inf), kept, np.where(seen, variance / own, 0.0))
-
-    def follow(self, value: Array, variance: Array, warmth: float, *, learn: bool = True) -> Array:
-        """Take the visit's readings in; `learn` the scale and the memory from it, too. Returns the gain used (M, r, 3)."""
-        towards, size, error = self._forecast or self._expected(value, variance, warmth)
-        self._forecast = None
-        gain = towards / size[..., None]
-        self.mean += gain * error[..., None]
-        root = towards / np.sqrt(size)[..., None]
-        self.covariance -= (
-            root[..., :, None] * root[..., None, :]
-        )  # exactly symmetric: what is not grows by the discount
-        if learn:
-            self._learn(error**2 / (size * self.scale), size, np.isfinite(value))
-        return gain
-
-    def _expected(self, value: Array, variance: Array, warmth: float) -> tuple[Array, Array, Array]:
-        """Covariance of state and forecast (M, r, 3), the forecast's variance over s² and its error (M, r); a direction that is
-        not read has an infinite variance and no error."""
-        seen = np.isfinite(value)
-        towards = self.covariance[..., 0] + warmth * self.covariance[..., 2]  # times the regressor (1, 0, warmth)
-        size = towards[..., 0] + warmth * towards[..., 2] + np.where(seen, variance, np.inf)
-        error = np.where(seen, value - self.mean[..., 0] - warmth * self.mean[..., 2], 0.0)
-        return towards, size, error
-
-    def _begin(self, value: Array, seen: NDArray[np.bool_]) -> None:
-        """A direction that is seen for the first time begins at its reading."""
-        new = seen & ~self.begun
-        if new.any():
-            self.mean[:, new, 0] = value[new]
-            self.begun |= new
-
-    def _learn(self, square: Array, size: Array, seen: NDArray[np.bool_]) -> None:
-        learnt = seen & (self.count > 0.0)  # the first reading forecasts nothing
-        if learnt.any():
-            n, square = self.count[learnt], square[:, learnt]
-            density = _half_steps(n) - 0.5 * np.log(n * size[:, learnt] * self.scale[:, learnt])
-            self.evidence[:, learnt] += density - 0.5 * (n + 1.0) * np.log1p(square / n)
-            self.scale[:, learnt] *= (n + square) / (n + 1.0)
-            self.best = self.evidence.argmax(axis=0)
-        self.count += seen
+    error: Array
+    spread: Array
+    kept: Array
+    reading: Array
+    variance: Array
 
 
-def _half_steps(n: Array) -> Array:
-    """ln Γ((n + 1)/2) - ln Γ(n/2), of Student's density."""
-    return np.asarray(gammaln(0.5 * (n + 1.0)) - gammaln(0.5 * n))
+@dataclass(frozen=True)
+class Course:
+    """n visits through the filter: the `states` after each, `steps`, and levels with their variances at each visit's
+    temperature (n, r)."""
+
+    states: tuple[State, ...]
+    steps: Steps
+    level: Array
+    level_variance: Array
+    begun: Flags
+
+
+def follow(
+    state: State, years: Array, value: Array, variance: Array, warmth: Array, *, renewed: bool = False
+) -> Course:
+    """Follow n visits from a state: `years` since the visit before each and `warmth` (n,), readings `value` with `variance`
+    (n, r), NaN where there are none. `renewed`: the level may have changed by as much as the priors allow; the visits are not
+    learnt from. Every memory is followed; which one is used is looked up afterwards."""
+    seen = np.isfinite(value)
+    variance, value = np.where(seen, variance, np.inf), np.where(seen, value, 0.0)
+    discount = np.exp(np.minimum(years[:, None] / np.array(MEMORIES), 50.0))[..., None]
+    states, errors, sizes = [state], [], []
+    for visit in range(len(value)):
+        told = float(years[visit]), discount[visit], value[visit], variance[visit], seen[visit], float(warmth[visit])
+        after, error, size = _followed(states[-1], *told, renewed)
+        states.append(after)
+        errors.append(error)
+        sizes.append(size)
+    error, size = np.array(errors), np.array(sizes)
+    if not renewed:
+        states = _weighed(states, error, size, seen)
+    return _course(states, error, size, variance, warmth)
+
+
+def _followed(
+    state: State,
+    years: float,
+    discount: Array,
+    value: Array,
+    variance: Array,
+    seen: Flags,
+    warmth: float,
+    renewed: bool,
+) -> tuple[State, Array, Array]:
+    """The state after one visit, its error and the forecast's variance over s² (M, r); the evidence is still that of before."""
+    mean, c, begun = state.mean.copy(), state.covariance.copy(), state.begun | seen
+    mean[0] += years * mean[1]
+    c[0] += years * (2.0 * c[1] + years * c[3])
+    c[1:3] += years * c[3:5]
+    most = np.maximum(
+        1.0 / (state.scale * np.maximum(c[0], c[3])), 1.0
+    )  # nothing is known less than the priors know it
+    c[[0, 1, 3]] *= np.minimum(discount, most)
+    if renewed:
+        c[0] += 1.0 / state.scale
+    if not state.begun.all():  # a direction that is seen for the first time begins at its reading
+        mean[0] = np.where(begun & ~state.begun, value, mean[0])
+    towards = c[:3] + warmth * c[[2, 4, 5]]  # times the regressor (1, 0, warmth)
+    size = towards[0] + warmth * towards[2] + variance
+    error = (value - mean[0] - warmth * mean[2]) * seen
+    gain = towards / size
+    mean += gain * error
+    c -= gain[ROW] * towards[COLUMN]
+    scale, count = state.scale, state.count
+    if not renewed:
+        learnt = seen & (count > 0.0)  # the first reading forecasts nothing
+        scale = np.where(learnt, (count * scale + error**2 / size) / (count + 1.0), scale)
+        count = count + seen
+    return State(mean, c, scale, state.evidence, count, begun, gain), error, size
+
+
+def _weighed(states: list[State], error: Array, size: Array, seen: Flags) -> list[State]:
+    """The states with the evidence of each memory: Student's log density of every forecast error so far."""
+    count = np.array([state.count for state in states[:-1]])[:, None]
+    scale = np.array([state.scale for state in states[:-1]])
+    n = np.maximum(count, 1.0)
+    density = gammaln(0.5 * (n + 1.0)) - gammaln(0.5 * n) - 0.5 * np.log(n * np.where(seen[:, None], size, 1.0) * scale)
+    density = density - 0.5 * (n + 1.0) * np.log1p(error**2 / (n * size * scale))
+    evidence = states[0].evidence + np.cumsum(np.where(seen[:, None] & (count > 0.0), density, 0.0), axis=0)
+    return [states[0], *(replace(state, evidence=e) for state, e in zip(states[1:], evidence, strict=True))]
+
+
+def _course(states: list[State], error: Array, size: Array, variance: Array, warmth: Array) -> Course:
+    """What the visits (n,) look like by the memory that was the best before each, and the levels by the best after it."""
+    n, each, t = np.arange(len(error))[:, None], np.arange(error.shape[2]), warmth[:, None]
+    evidence = np.array([state.evidence for state in states])
+    before, after = evidence[:-1].argmax(axis=1), evidence[1:].argmax(axis=1)  # (n, r)
+    gain = np.array([state.gain for state in states[:-1]])[n, :, before, each]
+    own = size[n, before, each]
+    share = np.where(np.isfinite(variance), variance / np.where(np.isfinite(own), own, 1.0), 0.0)
+    steps = Steps(error[n, before, each], np.sqrt(own), 1.0 - gain[..., 0] - t * gain[..., 2], share, variance)
+    mean = np.array([state.mean for state in states[1:]])[n, :, after, each]
+    c = np.array([state.covariance for state in states[1:]])[n, :, after, each]
+    scale = np.array([state.scale for state in states[1:]])[n, after, each]
+    spread = (c[..., 0] + 2.0 * t * c[..., 2] + t**2 * c[..., 5]) * scale
+    begun = np.array([state.begun for state in states[1:]])
+    return Course(tuple(states[1:]), steps, mean[..., 0] + t * mean[..., 2], spread, begun)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from symfive.history._directions import Readings
-from symfive.history._filter import Filter
+from symfive.history._filter import State
 from symfive.history._information import Said
 from symfive.history._visit import time_text
 
@@ -68,18 +68,18 @@ def errors_at(
 
 
 def forecasts_of(
-    filter_: Filter, readings: Readings, said: Said, *, which: NDArray[np.bool_], warmth: float, ahead: Array, now: float,
+    state: State, readings: Readings, said: Said, *, which: NDArray[np.bool_], warmth: float, ahead: Array, now: float,
     tolerances: Mapping[str, float],
 ) -> tuple[Forecast, ...]:  # fmt: skip
     """The forecast of errors `which` (k,) from the instant `now` over the years `ahead`, at one temperature."""
     basis, known = readings.basis, readings.known[-1]
-    mean, covariance, _ = filter_.chosen()
+    mean, covariance, _ = state.chosen()
     slope, slope_std = basis @ mean[:, 1] * said.scale, np.sqrt((basis**2) @ covariance[:, 1, 1]) * said.scale
     years = ahead if tolerances else ahead[:1]
-    levels, variances = filter_.ahead(years, warmth)
-    every = np.broadcast_to(filter_.begun, levels.shape)
+    levels, variances = state.ahead(years, warmth)
+    every = np.broadcast_to(state.begun, levels.shape)
     paths, spreads = errors_at(readings, said.scale, np.tile(known, (len(years), 1)), levels, variances, every)
-    factor = float(stdtrit(max(float(np.min(filter_.count, initial=np.inf)), 1.0), 0.5 + 0.5 * BAND))
+    factor = float(stdtrit(max(float(np.min(state.count, initial=np.inf)), 1.0), 0.5 + 0.5 * BAND))
     found = []
     for i in np.flatnonzero(which):
         name, value, std = said.names[i], paths[:, i], spreads[:, i]

@@ -21,6 +21,7 @@ from symfive.history._schema import put_damaged_aside
 from symfive.history._take import Details, is_result, taken
 from symfive.history._trend import Trend, trend_of
 from symfive.history._visit import Event, MachineId, Visit
+from symfive.history._watched import Watched
 from symfive.outputs import output_file, write_text
 from symfive.screen import plural
 
@@ -62,7 +63,7 @@ class History:
     """
 
     def __init__(self, folder: Path | str = FOLDER, *, create: bool = False) -> None:
-        self._index = Index(Path(folder), _state, create=create)
+        self._index = Index(Path(folder), _kept, create=create)
 
     def __enter__(self) -> History:
         self._index.__enter__()
@@ -141,16 +142,17 @@ class History:
         self, machine: str | MachineId, *, tolerances: Mapping[str, float] | None = None, rate: float = RATE
     ) -> Trend:
         """Alarms, forecasts and advice for one machine; `rate` false alarms a year, `tolerances` ± by name, file units."""
-        known = self._known(machine)
-        return trend_of(self._index.visits(known), self._index.events(known), rate=rate, tolerances=tolerances)
+        visits, events, course = self._index.whole(self._known(machine))
+        watched = Watched.unpacked(course) if course and rate == RATE else None
+        return trend_of(visits, events, rate=rate, tolerances=tolerances, watched=watched)
 
     def change(self, machine: str | MachineId, *, since: float | None = None, until: float | None = None) -> Change:
         """The change between two visits: the last one up to `since` (the first, if none) and the last one up to `until`.
 
         The machine's own scatter and temperature are taken into account as soon as its history knows them.
         """
-        known = self._known(machine)
-        visits = self.visits(known)
+        trend = self.trend(machine)
+        visits = trend.visits
         if len(visits) < 2:
             raise InputError("a change needs two visits", remedy="add results with symfive history add")
         later = [v for v in visits if until is None or v.time <= until] or visits[:1]
@@ -159,7 +161,7 @@ class History:
         first = earlier[-1] if earlier else visits[0]
         if first is second:
             raise InputError("both dates fall on one visit", remedy="name dates before and after a visit")
-        return change_between(first, second, trend_of(visits, self._index.events(known)).scatter)
+        return change_between(first, second, trend.scatter)
 
     def fleet(self) -> MachineTable:
         """The table of all machines, from their states in the index."""
@@ -237,8 +239,11 @@ def rebuilt(folder: Path | str, results: Sequence[Path | str], *, progress: Prog
         return history.rebuild(results, progress=progress)
 
 
-def _state(visits: Sequence[Visit], events: Sequence[Event]) -> dict[str, Any]:
-    return trend_of(visits, events).state() if visits else {"visits": 0}
+def _kept(visits: Sequence[Visit], events: Sequence[Event]) -> tuple[dict[str, Any], bytes]:
+    if not visits:
+        return {"visits": 0}, b""
+    trend = trend_of(visits, events)
+    return trend.state(), trend.watched.packed()
 
 
 def _results(path: Path) -> list[Path]:

@@ -24,16 +24,16 @@ from symfive.outputs import write_bytes, write_json
 __all__ = ["FILE", "Index"]
 
 FILE, EVENTS = "index.sqlite", "events"
-State = Callable[[Sequence[Visit], Sequence[Event]], Mapping[str, Any]]
-"""What is kept of a machine for the fleet's table, from its visits and events."""
+Keep = Callable[[Sequence[Visit], Sequence[Event]], tuple[Mapping[str, Any], bytes]]
+"""What is kept of a machine, from its visits and events: its state for the fleet's table, and what was watched."""
 OF_A_MACHINE = """SELECT MIN(folder), record FROM visits WHERE machine = ? GROUP BY id ORDER BY time, stage, id"""
 
 
 class Index:
-    """The index in `folder`; a context manager. `state` is computed anew whenever a machine's visits change."""
+    """The index in `folder`; a context manager. What it shall `keep` of a machine follows whenever its visits change."""
 
-    def __init__(self, folder: Path, state: State, *, create: bool = True) -> None:
-        self.folder, self._state = Path(os.path.realpath(folder)), state
+    def __init__(self, folder: Path, keep: Keep, *, create: bool = True) -> None:
+        self.folder, self._keep = Path(os.path.realpath(folder)), keep
         self.path = self.folder / FILE
         self._connection = connect(self.path, create=create)
 
@@ -65,6 +65,12 @@ class Index:
         """What happened to the machine, in the order of the dates."""
         rows = self._all("SELECT record FROM events WHERE machine = ? ORDER BY time, id", machine.key)
         return [Event.from_data(json.loads(record)) for (record,) in rows]
+
+    def whole(self, machine: MachineId) -> tuple[list[Visit], list[Event], bytes]:
+        """Visits, events and what was watched of them, of one instant; nothing where that is not known."""
+        with self._transaction("DEFERRED"):
+            courses = self._all("SELECT course FROM courses WHERE machine = ?", machine.key)
+            return self.visits(machine), self.events(machine), courses[0][0] if courses else b""
 
     def twins(self, visit: Visit, folder: Path) -> list[Path]:
         """Other folders that hold the same results."""
@@ -103,7 +109,7 @@ class Index:
         """
         count, problems, machines = 0, list[str](), dict[str, MachineId]()
         with self._transaction():
-            for table in ("visits", "events", "pending", "machines"):
+            for table in ("visits", "events", "pending", "machines", "courses"):
                 self._connection.execute(f"DELETE FROM {table}")
             for folder in _records(folders):
                 try:
@@ -127,7 +133,7 @@ class Index:
     def digest(self) -> str:
         """SHA-256 of all that the index says: two of one digest are equal."""
         digest = hashlib.sha256()
-        for table in ("visits", "events", "machines"):
+        for table in ("visits", "events", "machines", "courses"):
             for row in self._connection.execute(f"SELECT * FROM {table} ORDER BY 1"):
                 digest.update(repr(row).encode())
         return digest.hexdigest()
@@ -178,10 +184,13 @@ class Index:
         for machine in machines:
             visits, events = self.visits(machine), self.events(machine)
             self._connection.execute("DELETE FROM machines WHERE key = ?", (machine.key,))
+            self._connection.execute("DELETE FROM courses WHERE machine = ?", (machine.key,))
             if visits or events:
-                state = json.dumps(self._state(visits, events), separators=(",", ":"), ensure_ascii=False)
+                kept, course = self._keep(visits, events)
+                state = json.dumps(kept, separators=(",", ":"), ensure_ascii=False)
                 row = (machine.key, machine.name, machine.serial, machine.structure, state)
                 self._connection.execute("INSERT INTO machines VALUES (?, ?, ?, ?, ?)", row)
+                self._connection.execute("INSERT INTO courses VALUES (?, ?)", (machine.key, course))
 
     def _all(self, statement: str, *values: Any) -> list[Any]:
         try:
@@ -190,10 +199,10 @@ class Index:
             raise broken(error, self.path) from None
 
     @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        """All or nothing; one writer after the other."""
+    def _transaction(self, kind: str = "IMMEDIATE") -> Iterator[None]:
+        """All or nothing; one writer after the other, unless it is `DEFERRED`: then it reads of one instant."""
         try:
-            self._connection.execute("BEGIN IMMEDIATE")
+            self._connection.execute(f"BEGIN {kind}")
             try:
                 yield
                 self._connection.execute("COMMIT")

@@ -2,8 +2,8 @@
 
 A machine may raise `rate` false alarms a year. At a visit `dt` years after the one before the chance is rate·dt, shared by three
 questions in equal parts: did one error step (each error, at this visit or the last: Bonferroni over these tests), did several
-together (Hotelling's T²), does one drift (an EWMA for each error). All are asked of scores whose distribution is known while
-nothing changes, whatever the machine's own scatter is.
+together (Hotelling's T²), does one drift (an EWMA for each error). All are asked of scores that are standard normal while
+nothing changes, by what was learnt of the machine's own scatter.
 """
 
 from __future__ import annotations

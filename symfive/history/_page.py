@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from symfive.drawing import PAGE_STYLE
+from symfive.drawing import page
 from symfive.history._change import Change, change_between
 from symfive.history._charts import Spark, charts_of, spark
 from symfive.history._fleet import MachineRow, MachineTable, alarm_words
 from symfive.history._forecast import YEAR
 from symfive.history._trend import Trend, alarm_data
 from symfive.history._visit import Visit, instant
-from symfive.history._words import advice, alarm_sentence, forecast_sentence
+from symfive.history._words import advice, alarm_sentence, forecast_sentence, smallest_step
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.screen import plural
-from symfive.version import __version__
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -64,6 +62,7 @@ def fleet_page(
                    headline=headline, sentences=[])  # fmt: skip
 
 
+@cache
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -72,17 +71,8 @@ def _environment() -> Environment:
 
 
 def _filled(name: str, title: str, **values: Any) -> str:
-    from markupsafe import Markup
-
-    def own(file: str) -> str:
-        return (files("symfive.history") / "pages" / file).read_text(encoding="utf-8")
-
-    script = own("page.js")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return _environment().get_template(name).render(
-        title=title, version=__version__, style=Markup(PAGE_STYLE), own_style=Markup(own("history.css")),
-        script=Markup(script), script_hash=f"sha256-{digest}", **values,
-    )  # fmt: skip
+    body = _environment().get_template(name).render(title=title, **values)
+    return page(title, body, style=(files("symfive.history") / "pages" / "history.css").read_text(encoding="utf-8"))
 
 
 def _changes(trend: Trend) -> list[dict[str, Any]]:
@@ -113,13 +103,15 @@ def _errors(trend: Trend) -> dict[str, Any]:
         i = trend.said.names.index(f.name)
         last, std = float(trend.said.value[-1, i]), float(trend.said.std[-1, i])
         cells = [_cell(f.name), _cell(with_std(last, std, f.unit), last), _cell(with_std(f.level, f.level_std, f.unit), f.level),
-                 _cell(with_std(f.rate, f.rate_std, f.unit), f.rate)]  # fmt: skip
+                 _cell(with_std(f.rate, f.rate_std, f.unit), f.rate),
+                 _cell(smallest_step(trend, f), trend.smallest.get(f.name, float("inf")))]  # fmt: skip
         if any(other.tolerance is not None for other in trend.forecasts):
             cells.append(_cell(f"±{plain_number(f.tolerance)}" if f.tolerance is not None else "", f.tolerance or 0.0))
         rows.append(cells)
-    heads = ["error", "last visit", "now", "a year", "tolerance"][: len(rows[0]) if rows else 4]
+    heads = ["error", "last visit", "now", "a year", "alarm from", "tolerance"][: len(rows[0]) if rows else 5]
     note = (
-        f"± is 1σ. Now and a year at {plain_number(trend.temperature)} °C, from the nominal machine of the first visit."
+        f"± is 1σ. Now and a year at {plain_number(trend.temperature)} °C, from the nominal machine of the first visit. "
+        "Alarm from: the smallest step that raises an alarm at the next visit."
     )
     return {"heads": heads, "rows": rows, "note": note}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from symfive.errors import InputError
 from symfive.files import shown
-from symfive.history._alarms import Alarm, Watch
+from symfive.history._alarms import Alarm
 from symfive.history._change import ITSELF, Scatter
 from symfive.history._directions import Readings, readings_of
-from symfive.history._filter import REFERENCE, SPAN, Filter
+from symfive.history._filter import REFERENCE, SPAN
 from symfive.history._forecast import YEAR, Forecast, errors_at, forecasts_of, years_ahead
 from symfive.history._information import Said, said_by
 from symfive.history._limits import RATE
 from symfive.history._visit import Event, MachineId, Visit, time_text
+from symfive.history._watched import Watched, watch_visits
 
 __all__ = ["Trend", "alarm_data", "trend_of"]
 
@@ -31,9 +32,9 @@ class Trend:
     """The history of one machine: `said` what each visit says, (n, k); `alarms`; `forecasts` of the determined errors;
     `come_back` the date (s) until which all tolerances hold with 95 %, None without tolerances; `horizon` the last date
     looked at; `rate` false alarms a year that the limits allow. `path` and `band` (n, k) are the level and its 1σ after each
-    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C;
-    `scatter` what it does from visit to visit, None before it is known; alarms can be raised from the visit
-    number `begins` (from 0) on, None while they cannot."""
+    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C; `watched` all that was watched;
+    `scatter` what the machine does from visit to visit, None before it is known; `smallest` the smallest step of each error
+    that would raise an alarm at the next visit, file units."""
 
     machine: MachineId
     visits: tuple[Visit, ...]
@@ -46,11 +47,11 @@ class Trend:
     band: Array
     rate: float
     horizon: float
+    watched: Watched
     come_back: float | None = None
     temperature: float = REFERENCE
     scatter: Scatter | None = None
-    begins: int | None = None
-    directions: int = 0
+    smallest: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def open_alarms(self) -> tuple[Alarm, ...]:
@@ -69,7 +70,7 @@ class Trend:
             "alarms": [alarm_data(alarm, self) for alarm in self.alarms], "open_alarms": len(self.open_alarms),
             "errors": [forecast.to_data() for forecast in self.forecasts], "temperature_C": self.temperature,
             "not_determined": [name for name in self.said.names if name not in self.determined],
-            "horizon": time_text(self.horizon),
+            "smallest_steps_alarmed": dict(self.smallest), "horizon": time_text(self.horizon),
             "measure_again_by": None if self.come_back is None else time_text(self.come_back),
         }  # fmt: skip
 
@@ -124,8 +125,10 @@ def alarm_data(alarm: Alarm, trend: Trend) -> dict[str, Any]:
 
 def trend_of(
     visits: Sequence[Visit], events: Sequence[Event], *, rate: float = RATE, tolerances: Mapping[str, float] | None = None,
+    watched: Watched | None = None,
 ) -> Trend:  # fmt: skip
-    """The trend of one machine's visits, in the order of their dates. `tolerances` ± of errors by name, file units.
+    """The trend of one machine's visits, in the order of their dates. `tolerances` ± of errors by name, file units. What is
+    already `watched` of the same visits and events at the same `rate` is not watched again.
 
     Raises `InputError` where there is no visit, or a tolerance is of an error that no visit holds.
     """
@@ -138,13 +141,14 @@ def trend_of(
             problem = f"no visit identified {shown(name)}"
             raise InputError(problem, remedy=f"use one of {', '.join(said.names[:12])}")
     readings, warmth = readings_of(said), _warmth(visits)
-    watched = _watched(visits, events, said, readings, warmth, rate)
+    if watched is None:
+        watched = watch_visits(visits, events, said, readings, warmth, rate)
     path, band = errors_at(readings, said.scale, readings.known, watched.levels, watched.variances, watched.begun)
     determined = (readings.basis**2).sum(axis=1) >= ITSELF
     usual, last = float(warmth.mean()), visits[-1].time
     ahead = years_ahead((last - visits[0].time) / YEAR)
     forecasts = forecasts_of(
-        watched.filter,
+        watched.state,
         readings,
         said,
         which=determined,
@@ -158,56 +162,10 @@ def trend_of(
     return Trend(
         machine=visits[-1].machine, visits=tuple(visits), events=tuple(events), said=said,
         determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(watched.alarms),
-        forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon,
+        forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon, watched=watched,
         come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
-        scatter=_scatter(watched.filter, watched.watch, readings, said), begins=watched.watch.first,
-        directions=readings.basis.shape[1],
+        scatter=_scatter(watched, readings, said), smallest=watched.smallest,
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Watched:
-    """Filter and watch after the last visit, the alarms, and the levels after each visit (n, r) with their variances."""
-
-    filter: Filter
-    watch: Watch
-    alarms: list[Alarm]
-    levels: Array
-    variances: Array
-    begun: NDArray[np.bool_]
-
-
-def _watched(
-    visits: Sequence[Visit], events: Sequence[Event], said: Said, readings: Readings, warmth: Array, rate: float
-) -> _Watched:
-    """Visit after visit: time goes by, the forecast is judged, the state follows; nothing looks ahead."""
-    filter_, watch = Filter(readings.basis.shape[1]), Watch(readings.basis, said.names, said.units, said.scale)
-    alarms, (levels, variances) = list[Alarm](), np.empty((2, *readings.value.shape))
-    begun = np.zeros(readings.value.shape, dtype=bool)
-    renewals = sorted(event.time for event in events if event.renews)
-    gain: Array | None = None
-    for number, visit in enumerate(visits):
-        before = visits[number - 1] if number else visit
-        years = (visit.time - before.time) / YEAR
-        filter_.elapse(years)
-        alarm, renewed = None, visit.stage == "as-left" or any(before.time < time <= visit.time for time in renewals)
-        value, variance = readings.value[number], readings.variance[number]
-        if renewed:
-            filter_.renew()
-            watch.forget()
-        step = filter_.forecast(value, variance, warmth[number], None if renewed else gain)
-        if number and not renewed:
-            alarm = watch.look(step, rate, years, number)
-            watch.learn(step, alarm)
-        if alarm is not None:
-            alarms.append(alarm)
-            filter_.renew()
-            watch.forget()
-        gain = filter_.follow(value, variance, warmth[number], learn=alarm is None and not renewed)
-        gain = None if alarm is not None else gain
-        levels[number], variances[number] = filter_.now(warmth[number])
-        begun[number] = filter_.begun
-    return _Watched(filter_, watch, alarms, levels, variances, begun)
 
 
 def _warmth(visits: Sequence[Visit]) -> Array:
@@ -221,16 +179,14 @@ def _warmth(visits: Sequence[Visit]) -> Array:
     return np.array(found)
 
 
-def _scatter(filter_: Filter, watch: Watch, readings: Readings, said: Said) -> Scatter | None:
+def _scatter(watched: Watched, readings: Readings, said: Said) -> Scatter | None:
     """What the machine does beyond the stated uncertainties, in file units; the newest visit states them."""
-    last = readings.variance[-1]
-    if not np.isfinite(last).all():
+    if watched.excess is None:
         return None
-    excess = watch.excess(last)
-    if excess is None:
-        return None
-    mean, covariance, _ = filter_.chosen()
+    mean, covariance, _ = watched.state.chosen()
     basis, scale = readings.basis, said.scale
     slopes = (basis * covariance[:, 2, 2]) @ basis.T / SPAN**2
     both = np.outer(scale, scale)
-    return Scatter(said.names, basis @ excess @ basis.T * both, basis @ mean[:, 2] * scale / SPAN, slopes * both)
+    return Scatter(
+        said.names, basis @ watched.excess @ basis.T * both, basis @ mean[:, 2] * scale / SPAN, slopes * both
+    )

@@ -9,7 +9,7 @@ from symfive.history._visit import time_text
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.screen import listed, plural
 
-__all__ = ["advice", "alarm_sentence", "forecast_sentence", "trend_text"]
+__all__ = ["advice", "alarm_sentence", "forecast_sentence", "smallest_step", "trend_text"]
 
 
 def trend_text(trend: Trend) -> str:
@@ -17,7 +17,7 @@ def trend_text(trend: Trend) -> str:
     first, last = trend.visits[0], trend.visits[-1]
     head = f"{trend.machine}: {plural(len(trend.visits), 'visit')}, {first.date} to {last.date}"
     lines = [head, *(f"  {sentence}" for sentence in _alarms(trend))]
-    lines += ["", "error      last visit              now                     a year"]
+    lines += ["", f"{'error':<9}  {'last visit':<22}  {'now':<22}  {'a year':<22}  alarm from"]
     rows = [_row(trend, f) for f in trend.forecasts]
     lines += listed(rows, "history.trend(machine).forecasts")
     open_ = [name for name in trend.said.names if name not in trend.determined]
@@ -29,27 +29,31 @@ def trend_text(trend: Trend) -> str:
         lines.append(said)
     lines.append(
         f"± is 1σ; now and later at {plain_number(trend.temperature)} °C, the visits' average; from the nominal machine of the "
-        "first visit."
+        "first visit. Alarm from: the smallest step that raises an alarm at the next visit."
     )
     return "\n".join(lines)
 
 
 def _row(trend: Trend, forecast: Forecast) -> str:
-    """An error: at the last visit, now and its rate, these two from the second visit on."""
+    """An error: at the last visit; now, its rate and the smallest step alarmed from the second visit on."""
     i = trend.said.names.index(forecast.name)
     last = with_std(float(trend.said.value[-1, i]), float(trend.said.std[-1, i]), forecast.unit)
     now = with_std(forecast.level, forecast.level_std, forecast.unit)
     rate = with_std(forecast.rate, forecast.rate_std, forecast.unit)
-    return (f"{forecast.name:<9}  {last:<22}" + (f"  {now:<22}  {rate}" if len(trend.visits) > 1 else "")).rstrip()
+    later = f"  {now:<22}  {rate:<22}  {smallest_step(trend, forecast)}" if len(trend.visits) > 1 else ""
+    return f"{forecast.name:<9}  {last:<22}{later}".rstrip()
+
+
+def smallest_step(trend: Trend, forecast: Forecast) -> str:
+    """The smallest step that would raise an alarm at the next visit; "" where none is known."""
+    size = trend.smallest.get(forecast.name)
+    return "" if size is None else f"{size:.2g} {unit_words(forecast.unit)}"
 
 
 def _alarms(trend: Trend) -> list[str]:
-    stated = f"at most {plain_number(trend.rate * 10)} false alarms in ten years"
-    if trend.begins is None:
-        return [
-            "No alarm can be raised yet: the machine's own scatter is known after two to three visits for each of "
-            f"{plural(trend.directions, 'direction')}. Compare two dates with --since."
-        ]
+    stated = f"false alarms expected: at most {plain_number(trend.rate * 10)} in ten years"
+    if not trend.alarms and not trend.smallest:
+        return ["No alarm can be raised yet: too few visits. Compare two dates with --since."]
     if not trend.alarms:
         return [f"No alarm ({stated})."]
     shown = [alarm_sentence(trend, number) for number in range(len(trend.alarms))][::-1]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import html
 import re
 from collections.abc import Sequence
@@ -11,12 +9,11 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAGE_STYLE, PAPER
+from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAPER, page
 from symfive.drawing import SCRIPT as POSES
 from symfive.outputs import write_text
 from symfive.report._style import Tips, rendered
 from symfive.report._template import Markup, asset, fragment
-from symfive.version import __version__
 
 __all__ = ["embedded", "sentences", "write_page"]
 
@@ -26,13 +23,8 @@ _THEME = {INK: "var(--ink)", FAINT: "var(--faint)", GRID: "var(--grid)", PAPER: 
 
 def write_page(path: Path, title: str, body: Markup) -> None:
     """Write the page whole or not at all. `title` is plain text, `body` HTML whose text is already escaped."""
-    script = asset("sort.js") + Markup(POSES if '<figure class="poses">' in body else "")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    style = Markup(PAGE_STYLE) + asset("page.css")
-    page = fragment(
-        "page", title=title, style=style, body=body, script=script, script_hash=f"sha256-{digest}", version=__version__
-    )
-    write_text(path, f"{page}\n")
+    script = POSES if '<figure class="poses">' in body else ""
+    write_text(path, page(title, body, style=asset("page.css"), script=script))
 
 
 def embedded(figure: Figure, name: str, title: str, reading: str, tips: Tips | None = None) -> Markup:
