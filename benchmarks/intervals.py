@@ -129,16 +129,13 @@ def main(arguments: list[str] | None = None) -> int:
     known = Kept(options.keep)
     with executor(options.workers, options.scheduler) as pool:
         for topology in TOPOLOGIES:
-            tasks = [
-                task
-                for noise in NOISES
-                for first in range(0, machines, BATCH)
-                if (task := (topology, noise, first, min(BATCH, machines - first))) not in known
-            ]
-            for number, outcome in finished(pool, covered, tasks):
-                if isinstance(outcome, Exception):
-                    raise outcome
-                known.add(tasks[number], outcome)
+            for noise in NOISES:
+                spans = [(first, min(BATCH, machines - first)) for first in range(0, machines, BATCH)]
+                tasks = [task for span in spans if (task := (topology, noise, *span)) not in known]
+                for number, outcome in finished(pool, covered, tasks):
+                    if isinstance(outcome, Exception):
+                        raise outcome
+                    known.add(tasks[number], outcome)
             cells = [_words(known.of(topology, noise, machines)) for noise in NOISES]
             print(f"| `{topology}` |" + "".join(f" {words} |" for words in cells), flush=True)
     every = [[pair for topology in TOPOLOGIES for pair in known.of(topology, noise, machines)] for noise in NOISES]
