@@ -7,7 +7,7 @@ from pathlib import Path
 
 from symfive.errors import InputError
 
-__all__ = ["MIGRATIONS", "NEWEST", "broken", "connect", "put_damaged_aside"]
+__all__ = ["MIGRATIONS", "NEWEST", "broken", "connect", "damaged", "put_damaged_aside"]
 
 MIGRATIONS = (
     # 1: every record by its folder, every event; a folder stands in `pending` while its record is being written
@@ -88,6 +88,11 @@ def broken(error: sqlite3.Error, path: Path) -> InputError:
         return InputError("another process is writing the index", path=path, remedy="wait for its end")
     if "full" in said or "disk I/O" in said or "readonly" in said or "unable to open" in said:
         return InputError(f"the index cannot be written ({said})", path=path, remedy="make room, or check your rights")
+    return damaged(said, path)
+
+
+def damaged(said: str, path: Path) -> InputError:
+    """That an index cannot be read, by what is wrong in it, with its remedy."""
     return InputError(f"the index is damaged ({said})", path=path, remedy="rebuild it: symfive history rebuild FOLDER")
 
 
