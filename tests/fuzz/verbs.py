@@ -192,7 +192,10 @@ class Calls:
             os.chdir(before)
         if limit > LIMIT_S:
             return
-        self.longest = max(self.longest, time.process_time() - begin)
+        spent = time.process_time() - begin
+        self.longest = max(self.longest, spent)
+        if not said and spent > LIMIT_S:  # in compiled code no alarm is heard
+            said = f"{spent:.0f} s"
         self.codes[words[0], code] += 1
         text = err.getvalue()
         if not said and code not in (0, 1, 2):
