@@ -177,13 +177,13 @@ class Calls:
         said = ""
         os.chdir(room)
         previous = signal.signal(signal.SIGPROF, _alarm)
-        signal.setitimer(signal.ITIMER_PROF, limit)
+        signal.setitimer(signal.ITIMER_PROF, limit, 1.0)  # again, where it was raised in a callback and lost
         code = -1
         try:
             with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
                 code = cli.main(words)
         except _TooLong:
-            said = f"longer than {LIMIT_S:g} s, in {traceback.extract_tb(sys.exc_info()[2])[-1]}"
+            said = f"longer than {LIMIT_S:g} s, in {traceback.extract_tb(sys.exc_info()[2])[-2]}"
         except BaseException as error:
             said = f"{type(error).__name__}: {str(error)[:200]} at {traceback.extract_tb(error.__traceback__)[-1]}"
         finally:
