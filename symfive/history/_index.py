@@ -194,6 +194,8 @@ class Index:
             return self._connection.execute(statement, values).fetchall()
         except sqlite3.Error as error:
             raise broken(error, self.path) from None
+        except UnicodeDecodeError as error:
+            raise damaged(str(error), self.path) from None
 
     @contextmanager
     def trusted(self) -> Iterator[None]:
