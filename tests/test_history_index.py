@@ -222,6 +222,17 @@ def test_what_the_index_cannot_mean_is_damage(world, change):
     assert digest(world) == before
 
 
+def test_damage_that_sqlite_cannot_spell_is_a_sentence(world):
+    index = world / "history" / "index.sqlite"
+    data = index.read_bytes()
+    assert data.count(b"CREATE TABLE") >= 4
+    index.write_bytes(data.replace(b"CREATE TABLE", b"CREATE \x87\x87\x87LE"))
+    with pytest.raises(InputError, match=r"the index is damaged.*rebuild it"), History(world / "history") as history:
+        history.fleet()
+    before = [p.name for p in (world / "results").iterdir()]
+    assert rebuilt(world / "history", [world / "results"]).count == len(before)
+
+
 def test_a_history_that_is_not_there_is_said(tmp_path):
     with pytest.raises(InputError, match="there is no history; add results"):
         History(tmp_path / "history")

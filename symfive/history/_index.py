@@ -219,6 +219,8 @@ class Index:
                 raise
         except sqlite3.Error as error:
             raise broken(error, self.path) from None
+        except UnicodeDecodeError as error:
+            raise damaged(str(error), self.path) from None
 
 
 def _records(folders: Iterable[Path]) -> Iterator[Path]:

@@ -52,6 +52,9 @@ def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
     except sqlite3.DatabaseError as error:
         connection.close()
         raise broken(error, path) from None
+    except UnicodeDecodeError as error:  # in what SQLite says of the damage
+        connection.close()
+        raise damaged(str(error), path) from None
     except BaseException:
         connection.close()
         raise
@@ -72,7 +75,7 @@ def put_damaged_aside(path: Path) -> bool:
             connection.close()
     except sqlite3.OperationalError as error:  # busy or without rights: not damaged
         raise broken(error, path) from None
-    except sqlite3.DatabaseError:
+    except (sqlite3.DatabaseError, UnicodeDecodeError):
         pass
     for end in ("", "-wal", "-shm"):
         file = path.with_name(path.name + end)
