@@ -100,8 +100,8 @@ def one(rows: int, most: int = MOST) -> dict[str, float]:
 def record(rows: int, folder: Path) -> None:
     """Write a campaign of about so many rows, pass by pass: the axes rest between two, so that each reads like the first."""
     plan_ = plan_at(ON_DISK_HZ)
-    there_and_back = replace(plan_, runs=tuple(_there_and_back(run) for run in plan_.runs))
-    exact = simulate(there_and_back, seed=SEED, noise=False).campaign
+    turned = replace(plan_, runs=tuple(there_and_back(run) for run in plan_.runs))
+    exact = simulate(turned, seed=SEED, noise=False).campaign
     write_campaign(exact, folder)
     generator = np.random.default_rng(SEED)
     for run in exact.runs:
@@ -119,7 +119,7 @@ def record(rows: int, folder: Path) -> None:
                 stream.writelines(",".join(map(repr, line)) + "\n" for line in lines)
 
 
-def _there_and_back(run: Run) -> Run:
+def there_and_back(run: Run) -> Run:
     """A run's programme and the same backwards, with rests at both ends."""
     rest = round(REST_S * ON_DISK_HZ)
     commands = {}

@@ -1,7 +1,7 @@
 """Do the 95 % intervals hold the truth in 95 of 100 cases, under noise as it is?
 
     python benchmarks/intervals.py                     # 200 machines of each topology and noise: 4,000 identifications
-    python benchmarks/intervals.py --machines 2000     # more of them
+    python benchmarks/intervals.py --machines 2000 --keep found.json    # more; after a break it goes on from the file
     python benchmarks/intervals.py --quick             # 10
     python benchmarks/intervals.py --workers 2, or --scheduler tcp://host:8786    # the same numbers, sooner
 
@@ -14,9 +14,11 @@ alone.
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,30 +119,56 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} machines")
     parser.add_argument("--workers", type=int, default=0, help="processes; 0: none but this one")
     parser.add_argument("--scheduler", help="a Dask scheduler instead, as tcp://host:8786")
+    parser.add_argument("--keep", type=Path, help="a file of what was found, to go on from")
     options = parser.parse_args(arguments)
     machines = QUICK if options.quick else options.machines
     for noise, (words, _) in NOISES.items():
         print(f"{noise}: {words}")
     print(f"{machines} machines each; intervals that hold the truth, % ± 1σ\n")
     print("| topology |" + "".join(f" {noise} |" for noise in NOISES) + "\n" + "| --- " * (1 + len(NOISES)) + "|")
-    every: dict[str, list[tuple[int, int]]] = {noise: [] for noise in NOISES}
+    known = Kept(options.keep)
     with executor(options.workers, options.scheduler) as pool:
         for topology in TOPOLOGIES:
-            tasks = [
-                (topology, noise, first, min(BATCH, machines - first))
-                for noise in NOISES
-                for first in range(0, machines, BATCH)
-            ]
-            mine: dict[str, list[tuple[int, int]]] = {noise: [] for noise in NOISES}
-            for number, outcome in finished(pool, covered, tasks):
-                if isinstance(outcome, Exception):
-                    raise outcome
-                mine[tasks[number][1]] += outcome
-            print(f"| `{topology}` |" + "".join(f" {_words(mine[noise])} |" for noise in NOISES), flush=True)
-            for noise, found in mine.items():
-                every[noise] += found
-    print("| all |" + "".join(f" {_words(every[noise])} |" for noise in NOISES))
+            for noise in NOISES:
+                spans = [(first, min(BATCH, machines - first)) for first in range(0, machines, BATCH)]
+                tasks = [task for span in spans if (task := (topology, noise, *span)) not in known]
+                for number, outcome in finished(pool, covered, tasks):
+                    if isinstance(outcome, Exception):
+                        raise outcome
+                    known.add(tasks[number], outcome)
+            cells = [_words(known.of(topology, noise, machines)) for noise in NOISES]
+            print(f"| `{topology}` |" + "".join(f" {words} |" for words in cells), flush=True)
+    every = [[pair for topology in TOPOLOGIES for pair in known.of(topology, noise, machines)] for noise in NOISES]
+    print("| all |" + "".join(f" {_words(found)} |" for found in every))
     return 0
+
+
+Task = tuple[str, str, int, int]
+
+
+class Kept:
+    """What was found of every task, in memory and, with a `path`, one line each in a file."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path, self._found = path, dict[Task, list[tuple[int, int]]]()
+        for line in path.read_text().splitlines() if path is not None and path.exists() else ():
+            task, found = json.loads(line)
+            self._found[tuple(task)] = [tuple(pair) for pair in found]
+
+    def __contains__(self, task: Task) -> bool:
+        return task in self._found
+
+    def add(self, task: Task, found: list[tuple[int, int]]) -> None:
+        """Remember what was found of a task."""
+        self._found[task] = found
+        if self._path is not None:
+            with self._path.open("a") as file:
+                file.write(json.dumps([task, found]) + "\n")
+
+    def of(self, topology: str, noise: str, machines: int) -> list[tuple[int, int]]:
+        """Hits and trials of the machines of a cell."""
+        tasks = [task for task in self._found if task[:2] == (topology, noise) and task[2] < machines]
+        return [pair for task in sorted(tasks) for pair in self._found[task]]
 
 
 def _words(found: list[tuple[int, int]]) -> str:

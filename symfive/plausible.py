@@ -6,14 +6,16 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine, designed_ball
 from symfive.numbers import plain_number
 from symfive.runs import Campaign, Run
 
-__all__ = ["doubts"]
+__all__ = ["doubts", "unreadable"]
 
+Array = NDArray[np.float64]
 TINY, SLIP = 0.1, 10.0
 """Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
 units are 57, 60 and 1000)."""
@@ -30,8 +32,50 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
     nest beside the table; a ball bar or an R-test that would be beyond its stroke on the machine as the file has it; readings
     beyond that stroke, or that hardly change (a wrong unit).
     """
-    runs = (run if run.rows <= MOST_ROWS else run.part(0, MOST_ROWS) for run in campaign.runs)
-    return (*_small_priors(campaign), *(said for run in runs for said in _of_run(campaign.machine, run)))
+    return (*_small_priors(campaign), *(said for run in _begun(campaign) for said in _of_run(campaign.machine, run)))
+
+
+def unreadable(campaign: Campaign) -> str | None:
+    """What no instrument can have read, in words: a row at which, by the file's balls and commands, it would be two strokes off,
+    from one end of its range beyond the other wherever its zero lies."""
+    machine = campaign.machine
+    for run in _begun(campaign):
+        instrument = _with_stroke(run)
+        if run.measured and instrument is not None:
+            away, stroke = _away(machine, run, instrument), _stroke(machine, instrument)
+            if 1e-3 * float(np.max(np.abs(away))) > 2.0 * stroke:
+                return _beyond(run, instrument, away, stroke)
+    return None
+
+
+def _begun(campaign: Campaign) -> Iterator[Run]:
+    """The runs, long ones by their first rows."""
+    return (run if run.rows <= MOST_ROWS else run.part(0, MOST_ROWS) for run in campaign.runs)
+
+
+def _with_stroke(run: Run) -> str | None:
+    return next((name for name in run.instrument if name in WHAT), None)
+
+
+def _stroke(machine: Machine, instrument: str) -> float:
+    return machine.workspace.stroke(bar=instrument == "ball_bar")
+
+
+def _away(machine: Machine, run: Run, instrument: str) -> Array:
+    """What the machine as the file has it would let the instrument read (N, columns), µm."""
+    away = designed_ball(machine, run.commands, run.tool_ball) - np.array(run.table_ball)
+    if instrument == "ball_bar":
+        away = np.linalg.norm(away, axis=1, keepdims=True) - (run.length or 0.0)
+    return np.asarray(1e3 * away)
+
+
+def _beyond(run: Run, instrument: str, away: Array, stroke: float) -> str:
+    row, _ = np.unravel_index(int(np.argmax(np.abs(away))), away.shape)
+    most = plain_number(1e-3 * float(np.max(np.abs(away))))
+    return (
+        f"run {run.id}: with its balls and commands {WHAT[instrument]} would be {most} mm off at row {row + 1} "
+        f"(stroke ±{plain_number(stroke)} mm); look at table_ball, tool_ball, length, the feed and the units of the commands"
+    )
 
 
 def _small_priors(campaign: Campaign) -> Iterator[str]:
@@ -48,7 +92,7 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
         if axis.max_feed is not None and speed > SLIP * axis.max_feed:
             sizes = f"{plain_number(speed)} {axis.unit}/min where its max_feed is {plain_number(axis.max_feed)}"
             yield f"run {run.id}: {name} is commanded at up to {sizes}; look at t_s and the units of {name}"
-    instrument = next((name for name in run.instrument if name in WHAT), None)
+    instrument = _with_stroke(run)
     if instrument is not None:
         yield from _beside_the_table(machine, run)
         yield from _of_stroke(machine, run, instrument)
@@ -71,27 +115,18 @@ def _beside_the_table(machine: Machine, run: Run) -> Iterator[str]:
 
 
 def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
-    stroke = machine.workspace.stroke(bar=instrument == "ball_bar")
-    columns = [column.name for column in INSTRUMENTS[instrument].columns(run, machine)]
-    away = designed_ball(machine, run.commands, run.tool_ball) - np.array(run.table_ball)
-    if instrument == "ball_bar":
-        away = np.linalg.norm(away, axis=1, keepdims=True) - (run.length or 0.0)
-    predicted = 1e3 * away
-    row, _ = np.unravel_index(int(np.argmax(np.abs(predicted))), predicted.shape)
-    most = 1e-3 * float(np.max(np.abs(predicted)))
-    what, limit = WHAT[instrument], f"{plain_number(stroke)} mm"
-    if most > stroke:
-        yield (
-            f"run {run.id}: with its balls and commands {what} would be {plain_number(most)} mm off at row {row + 1} "
-            f"(stroke ±{limit}); look at table_ball, tool_ball, length, the feed and the units of the commands"
-        )
+    stroke, predicted = _stroke(machine, instrument), _away(machine, run, instrument)
+    if 1e-3 * float(np.max(np.abs(predicted))) > stroke:
+        yield _beyond(run, instrument, predicted, stroke)
         return
     if not run.measured:
         return
+    columns = [column.name for column in INSTRUMENTS[instrument].columns(run, machine)]
     readings = np.stack([run.readings[name] for name in columns], axis=1)
     largest = 1e-3 * float(np.max(np.abs(readings)))
     if largest > 2.0 * stroke:
-        yield f"run {run.id}: readings of up to {plain_number(largest)} mm are beyond the stroke of ±{limit}; they are in µm"
+        sizes = f"{plain_number(largest)} mm are beyond the stroke of ±{plain_number(stroke)} mm"
+        yield f"run {run.id}: readings of up to {sizes}; they are in µm"
     scatter, noise = float(np.std(readings - predicted)), run.noise(instrument)
     if len(readings) > 2 and scatter < TINY * noise:
         sizes = f"by {plain_number(scatter)} µm only where noise_um is {plain_number(noise)}"

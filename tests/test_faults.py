@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import symfive.cli as cli
@@ -26,11 +27,13 @@ import symfive.report._style  # noqa: F401  (loaded, so that their long work can
 from symfive.campaign import write_campaign
 from symfive.diagnose import diagnose
 from symfive.files import read_text
+from symfive.history import Details, History
 from symfive.identify import fitted_model, identify
 from symfive.machine import preset
 from symfive.model import write_model
 from symfive.outputs import _place, output_folder
 from symfive.procedures import campaign_of, r_test_grid
+from symfive.runs import Run
 from symfive.simulate import simulate
 
 MACHINE = preset("oyama-2010")
@@ -90,6 +93,16 @@ class Faults:
             _place.exchanged = exchanged
 
 
+def recorded(run: Run) -> str:
+    """What a head writes over a whole R-test run, five rows a second: at rest for 2 s at each pose, far off between two."""
+    time = np.arange(run.time[0] - 5.0, run.time[-1] + 5.0, 0.2)
+    pose = np.abs(time[:, None] - run.time).argmin(axis=1)
+    still = np.stack(list(run.readings.values()), axis=1)[pose]
+    moving = np.abs(time - run.time[pose]) > 1.01
+    rows = still + (1e3 * moving * np.sin(7.0 * time))[:, None]
+    return "".join(f"{t:.1f},{','.join(f'{x:.3f}' for x in row)}\n" for t, row in zip(time, rows, strict=True))
+
+
 @pytest.fixture(scope="module")
 def world(tmp_path_factory) -> Path:
     """What the verbs read, and their long computations done once."""
@@ -106,6 +119,11 @@ def world(tmp_path_factory) -> Path:
         rows = "".join(f"{angle},{angle % 7 + seed}\n" for angle in range(0, 720, 4))
         (root / f"{name}.csv").write_text(f"angle,deviation\n{rows}")
         shutil.copy(PROBE, root / f"{name}.xml")
+        for number, run in enumerate(campaign.runs, start=1):
+            (root / f"{name}-{number}.txt").write_text(recorded(run))
+        write_model(fitted_model(fits[name]), root / "results" / name / "model.json")
+        with History(root / f"history-{name}", create=True) as history:
+            history.add(root / "results" / name, Details(time=1.4e9))
     modules = sys.modules
     undo = pytest.MonkeyPatch()
 
@@ -147,6 +165,12 @@ VERBS = {
     "convert": ["convert", "{}", "-q"],
     "fleet": ["fleet", "{}", "--no-figures", "--workers", "0", "-q"],
     "import-mtconnect": ["import-mtconnect", "{}.xml", "-q"],
+    "import": ["import", *POLAR[1:3], "--map", "angle=1:deg", "--map", "deviation=2:um", *POLAR[3:]],
+    "import-rests": ["import-rests", "plan", "{}-1.txt", "{}-2.txt", "-q"],
+    "standards": ["standards", "{}", "-q"],
+    "history show": ["history", "show", MACHINE.name, "--history", "history-{}"],
+    "history fleet": ["history", "fleet", "--history", "history-{}"],
+    "history certificate": ["history", "certificate", "results/{}", "-q"],
     "plan": ["plan", "oyama-2010", "--points", "4", "--starts", "1", "--seed", "{n}", "-q", "--nc", "iso", "--nc", "heidenhain"],
 }  # fmt: skip
 KINDS: dict[str, Callable[[], BaseException]] = {
@@ -155,7 +179,9 @@ KINDS: dict[str, Callable[[], BaseException]] = {
 }
 
 
-NEVER_REPLACED = ("fleet", "import-mtconnect")
+FILES = {"import-mtconnect": "out.toml", "standards": "out.json", "history certificate": "out.xml"}
+"""Verbs that write one file, which is never replaced."""
+NEVER_REPLACED = ("fleet", *FILES)
 """Of a fleet each machine's folder is one result, as `identify` writes it."""
 
 
@@ -165,7 +191,7 @@ def words_of(verb: str, which: str, target: Path, *more: str) -> list[str]:
 
 
 def target_of(verb: str, folder: Path) -> Path:
-    return folder / ("out.toml" if verb == "import-mtconnect" else "out")
+    return folder / FILES.get(verb, "out")
 
 
 def clean(path: Path) -> None:

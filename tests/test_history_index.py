@@ -210,6 +210,31 @@ def test_a_damaged_index_is_said_put_aside_and_rebuilt(world):
     assert digest(world) == before and (world / "history" / "index.sqlite.damaged").is_file()
 
 
+@pytest.mark.parametrize("change", [("machines", "state", "{"), ("machines", "state", '{"rms": "x"}'), ("visits", "record", "[]"),
+                                    ("machines", "state", '{"open": 1, "alarms": [{"kind": "odd"}]}')])  # fmt: skip
+def test_what_the_index_cannot_mean_is_damage(world, change):
+    table, column, text = change
+    before = digest(world)
+    with sqlite3.connect(world / "history" / "index.sqlite") as index:
+        index.execute(f"UPDATE {table} SET {column} = ?", (text,))
+    index.close()
+    with pytest.raises(InputError, match=r"the index is damaged.*rebuild it"), History(world / "history") as history:
+        history.fleet() if table == "machines" else history.visits(history.machines()[0])
+    rebuilt(world / "history", [world / "results"])
+    assert digest(world) == before
+
+
+def test_damage_that_sqlite_cannot_spell_is_a_sentence(world):
+    index = world / "history" / "index.sqlite"
+    data = index.read_bytes()
+    assert data.count(b"CREATE TABLE") >= 4
+    index.write_bytes(data.replace(b"CREATE TABLE", b"CREATE \x87\x87\x87LE"))
+    with pytest.raises(InputError, match=r"the index is damaged.*rebuild it"), History(world / "history") as history:
+        history.fleet()
+    before = [p.name for p in (world / "results").iterdir()]
+    assert rebuilt(world / "history", [world / "results"]).count == len(before)
+
+
 def test_a_history_that_is_not_there_is_said(tmp_path):
     with pytest.raises(InputError, match="there is no history; add results"):
         History(tmp_path / "history")

@@ -119,6 +119,16 @@ def test_bad_files_end_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFix
         polar_run(MACHINE, np.arange(0.0, 360.0, 3.0), np.zeros(120), centre=CENTRE, radius=0.0, feed=1.0)
     with pytest.raises(InputError, match="one deviation per angle"):
         polar_run(MACHINE, np.arange(0.0, 360.0, 3.0), np.zeros(12), centre=CENTRE, radius=100.0, feed=1000.0)
+    with pytest.raises(InputError, match=r"no reading is further than 180° .* give a smaller angle_error"):
+        polar_run(
+            MACHINE,
+            np.arange(0.0, 360.0, 2.0),
+            np.zeros(180),
+            centre=CENTRE,
+            radius=RADIUS,
+            feed=FEED,
+            angle_error=180.0,
+        )
 
 
 ANGLES = range(0, 360, 3)

@@ -303,7 +303,7 @@ def passed(passes):
     model = Model(Campaign(machine=machine, runs=(run,)))
     problem = Problem.of(model)
     problem.information_at(model.start)
-    problem.flag_outliers(problem.survey(model.start))
+    problem.flag_outliers(problem.survey(model.start), model.start)
     problem.residuals_at(model.start)
     return run.rows, len(model.parameters), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 

@@ -17,7 +17,8 @@ from symfive.diagnose import diagnose
 from symfive.identify import fitted_model, identify, predict
 from symfive.inference._noise import Block, estimate_noise
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
-from symfive.procedures import campaign_of, planar_circle
+from symfive.posterior import baseline
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.report import diagnosis_text, identification_text
 from symfive.report._diagnosis import diagnosis_report
 from symfive.simulate import simulate
@@ -28,6 +29,24 @@ import intervals
 
 NOISE_UM = 0.3
 TARGETS = np.linspace(0.0, 300.0, 31)
+
+
+def test_one_gross_reading_of_few_is_found_and_no_good_one():
+    """0.2 mm off in one of 54 readings of an R-test: it bends the fit, so that good readings lie beyond the limit, too, and the
+    noise that is estimated with it hides all else."""
+    machine = preset("oyama-2010")
+    machine = replace(machine, errors={name: machine.errors[name] for name in ("EX0C", "EA0B")})
+    measured = simulate(campaign_of(machine, r_test_grid(machine, step_deg=120.0, returning=False)), seed=1)
+    run = measured.campaign.runs[1]
+    wrong = run.readings["dx_um"].copy()
+    wrong[4] += 200.0
+    spoilt = run.with_readings({**run.readings, "dx_um": wrong})
+    campaign = replace(measured.campaign, runs=(measured.campaign.runs[0], spoilt))
+    found = identify(campaign)
+    assert [(o.run, o.row, o.column) for o in found.outliers] == [(run.id, 4, "dx_um")]
+    assert found.noises[run.id, "r_test"].total < 1.3 * run.noise("r_test")
+    assert found["EX0C"] == pytest.approx(measured.truth["EX0C"], abs=4.0 * found.uncertainty("EX0C"))
+    assert [(o.run, o.row, o.column) for o in baseline(campaign).outliers] == [(run.id, 4, "dx_um")]
 
 
 def positioning(cycles: int = 5, seed: int = 1) -> list[np.ndarray]:

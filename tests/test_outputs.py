@@ -210,6 +210,15 @@ def test_the_manifest_binds_inputs_outputs_version_and_command(here, capsys):
     assert plan["outputs"] == {} and set(plan["to_edit"]) == set(tree(here / "plan")) - {MANIFEST}
 
 
+def test_what_came_with_symfive_is_no_input(here, capsys):
+    """Else readings could not be replaced after symfive moved, since their source would be gone."""
+    (here / "a.csv").write_text("angle,deviation\n" + "".join(f"{a},{a % 3}\n" for a in range(0, 360, 4)))
+    words = ["import-polar", "three-axis", "a.csv", "-o", "polar", "--radius", "100", "--feed", "1000"]
+    for more in ((), ("--overwrite",)):  # also where the machine is read for the first time
+        assert run(capsys, *words, *more)[0] == 0
+        assert list(json.loads((here / "polar" / MANIFEST).read_text())["inputs"]) == ["a.csv"]
+
+
 def test_a_mixture_of_two_results_is_refused_with_the_remedy(here, capsys):
     for number in (1, 2):
         assert run(capsys, "simulate", "plan", "-o", f"m{number}", "--seed", str(number), "-q")[0] == 0

@@ -8,8 +8,10 @@ import pytest
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.check import check
+from symfive.diagnose import diagnose
+from symfive.errors import InputError
 from symfive.machine import designed_ball, preset, presets
-from symfive.plausible import doubts
+from symfive.plausible import doubts, unreadable
 from symfive.procedures import Nominal
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -53,6 +55,20 @@ def test_balls_that_do_not_fit_the_commands(bar, nests):
     )
     (said,) = slipped(nests, table_ball=(0.0, 0.0, 0.0))
     assert "the ball would be" in said and "(stroke ±1 mm)" in said
+
+
+def test_what_no_instrument_can_have_read_is_not_diagnosed(bar):
+    """One command that is 40 mm off; two strokes, since a zero may lie at one end of the range."""
+    run, axis = bar.runs[0], bar.machine.axis_names[-1]
+    wrong = run.commands[axis].copy()
+    wrong[7] = wrong[7] + (40.0 if wrong[7] < 0.0 else -40.0)
+    spoilt = replace(bar, runs=(replace(run, commands={**run.commands, axis: wrong}), *bar.runs[1:]))
+    assert unreadable(bar) is None and "at row 8 (stroke" in (unreadable(spoilt) or "")
+    with pytest.raises(InputError, match=r"at row 8 .* \[workspace\]"):
+        diagnose(spoilt)
+    x, y, z = run.table_ball
+    near = replace(bar, runs=(replace(run, table_ball=(x + 1.5, y, z)), *bar.runs[1:]))
+    assert doubts(near) and unreadable(near) is None
 
 
 def test_commands_in_radian(nests):

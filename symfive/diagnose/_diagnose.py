@@ -15,7 +15,9 @@ from symfive.diagnose._locate import located
 from symfive.diagnose._prove import prove
 from symfive.diagnose._result import Diagnosis
 from symfive.diagnose._split import Split, parted
+from symfive.errors import InputError
 from symfive.given import campaign_given
+from symfive.plausible import unreadable
 from symfive.posterior import EXPECTED, Posterior, baseline, candidates, coarsened, decide, fitted, polish
 from symfive.threads import one_thread
 
@@ -37,12 +39,17 @@ def diagnose(
     a clean campaign (names follow from probabilities and stated losses instead: `symfive.posterior.decide`); `exclude` takes
     effects (by id) out of the library, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) everything is
     learnt from the rest; a finding that makes the held-out part worse is withdrawn. Raises `InputError` for a campaign without
-    readings, and where nothing is left to fit.
+    readings, for one that the instrument cannot have read, and where nothing is left to fit.
 
     The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened` and `decide` of
     `symfive.posterior`; `withdraw`, `findings_of`, `prove`, `held_out`.
     """
     whole = campaign = campaign_given(campaign)
+    said = unreadable(campaign)
+    if said is not None:
+        raise InputError(
+            said, remedy="no machine does that; or give the true stroke under [workspace] in the machine file"
+        )
     split = None
     if hold_out is not None:
         whole, split = parted(campaign, hold_out)

@@ -124,7 +124,7 @@ def _set_up(model: Model, known: Mapping[str, float], strange: Sequence[str]) ->
     values = part.vector({name: value for name, value in known.items() if name in part.index})
     if problem.free.any():
         values, _ = gauss_newton(problem, values, TOLERANCE)
-        if problem.flag_outliers(problem.survey(values)):
+        if problem.flag_outliers(problem.survey(values), values):
             values, _ = gauss_newton(problem, values, TOLERANCE)
     return {p.name: float(v) for p, v in zip(part.parameters, values, strict=True) if p.run in strange}
 

@@ -18,7 +18,8 @@ SCHEMA = "symfive.history/1"
 @dataclass(frozen=True, kw_only=True)
 class MachineRow:
     """One machine: how many visits from `first` to `last` (ISO 8601), alarms in all and `open` ones since the last repair, the
-    newest of them as it stands in the state, findings of the last visit, and its errors now."""
+    newest of them as it stands in the state, findings of the last visit, and its errors now; `says` the newest open alarm in
+    a few words, else that there are no visits."""
 
     machine: MachineId
     visits: int
@@ -31,13 +32,13 @@ class MachineRow:
     rms: float | None = None
     rms_unit: str = "um"
     forecasts: tuple[Mapping[str, Any], ...] = field(default=())
+    says: str = field(init=False)
 
-    @property
-    def says(self) -> str:
-        """The newest open alarm in a few words, else that there is none."""
-        if not self.open or self.alarm is None:
-            return "" if self.visits else "no visits"
-        return f"{alarm_words(self.alarm)} ({self.alarm['when'][:10]})"
+    def __post_init__(self) -> None:
+        said = "" if self.visits else "no visits"
+        if self.open and self.alarm is not None:
+            said = f"{alarm_words(self.alarm)} ({self.alarm['when'][:10]})"
+        object.__setattr__(self, "says", said)
 
 
 def alarm_words(alarm: Mapping[str, Any]) -> str:
@@ -64,7 +65,7 @@ class MachineTable(OnScreen):
         """The table as JSON."""
         return {
             "schema": SCHEMA,
-            "machines": [{**asdict(row), "key": row.machine.key, "says": row.says} for row in self.rows],
+            "machines": [{**asdict(row), "key": row.machine.key} for row in self.rows],
         }
 
     def __str__(self) -> str:
@@ -92,8 +93,9 @@ def row_of(machine: MachineId, state: Mapping[str, Any]) -> MachineRow:
     """The row that a state says."""
     alarms = state.get("alarms", [])
     return MachineRow(
-        machine=machine, visits=int(state.get("visits", 0)), first=state.get("first") or "", last=state.get("last") or "",
+        machine=machine, visits=int(state.get("visits", 0)), first=str(state.get("first") or ""),
+        last=str(state.get("last") or ""),
         alarms=int(state.get("alarm_count", 0)), open=int(state.get("open", 0)), alarm=alarms[-1] if alarms else None,
-        findings=tuple(state.get("findings", [])), rms=state.get("rms"), rms_unit=state.get("rms_unit", "um"),
-        forecasts=tuple(state.get("forecasts", [])),
+        findings=tuple(map(str, state.get("findings", []))), rms=None if state.get("rms") is None else float(state["rms"]),
+        rms_unit=str(state.get("rms_unit", "um")), forecasts=tuple(map(dict, state.get("forecasts", []))),
     )  # fmt: skip

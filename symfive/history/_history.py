@@ -165,7 +165,9 @@ class History:
 
     def fleet(self) -> MachineTable:
         """The table of all machines, from their states in the index."""
-        return MachineTable(tuple(row_of(machine, state) for machine, state in self._index.machines()))
+        machines = self._index.machines()
+        with self._index.trusted():
+            return MachineTable(tuple(row_of(machine, state) for machine, state in machines))
 
     def machine_page(
         self, machine: str | MachineId, *, tolerances: Mapping[str, float] | None = None, rate: float = RATE
@@ -181,7 +183,9 @@ class History:
 
         states = dict(self._index.machines())
         link = {machine.key: f"{machine.key}.html" for machine, state in states.items() if state.get("visits")}
-        return fleet_page(self.fleet(), list(states.values()), link=link)
+        table = self.fleet()
+        with self._index.trusted():
+            return fleet_page(table, list(states.values()), link=link)
 
     def write_pages(self, folder: Path) -> list[Path]:
         """`fleet.html` and a page of every machine in `folder`; their paths."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from symfive.errors import InputError
-from symfive.history._schema import broken, connect
+from symfive.history._schema import broken, connect, damaged
 from symfive.history._take import RECORD, read_record, record_bytes
 from symfive.history._visit import STAGES, Event, MachineId, Visit
 from symfive.outputs import write_bytes, write_json
@@ -51,11 +51,16 @@ class Index:
     def machines(self) -> list[tuple[MachineId, dict[str, Any]]]:
         """Every machine, by name and serial number, and its state."""
         rows = self._all("SELECT name, structure, serial, state FROM machines ORDER BY name, serial, key")
-        return [(MachineId(name=n, structure=c, serial=s), json.loads(state or "{}")) for n, c, s, state in rows]
+        with self.trusted():
+            return [
+                (MachineId(name=n, structure=c, serial=s), dict(json.loads(state or "{}"))) for n, c, s, state in rows
+            ]
 
     def visits(self, machine: MachineId) -> list[Visit]:
         """The machine's visits in the order of their dates, each once."""
-        return [Visit.from_data(json.loads(record)) for _, record in self._all(OF_A_MACHINE, machine.key)]
+        rows = self._all(OF_A_MACHINE, machine.key)
+        with self.trusted():
+            return [Visit.from_data(json.loads(record)) for _, record in rows]
 
     def folders(self, machine: MachineId) -> list[Path]:
         """Their folders, in the same order."""
@@ -64,7 +69,8 @@ class Index:
     def events(self, machine: MachineId) -> list[Event]:
         """What happened to the machine, in the order of the dates."""
         rows = self._all("SELECT record FROM events WHERE machine = ? ORDER BY time, id", machine.key)
-        return [Event.from_data(json.loads(record)) for (record,) in rows]
+        with self.trusted():
+            return [Event.from_data(json.loads(record)) for (record,) in rows]
 
     def whole(self, machine: MachineId) -> tuple[list[Visit], list[Event], bytes]:
         """Visits, events and what was watched of them, of one instant; nothing where that is not known."""
@@ -197,6 +203,16 @@ class Index:
             return self._connection.execute(statement, values).fetchall()
         except sqlite3.Error as error:
             raise broken(error, self.path) from None
+        except UnicodeDecodeError as error:
+            raise damaged(str(error), self.path) from None
+
+    @contextmanager
+    def trusted(self) -> Iterator[None]:
+        """Where only what the index wrote itself is read: what is wrong with that is damage, and a sentence."""
+        try:
+            yield
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            raise damaged(str(error), self.path) from None
 
     @contextmanager
     def _transaction(self, kind: str = "IMMEDIATE") -> Iterator[None]:
@@ -212,6 +228,8 @@ class Index:
                 raise
         except sqlite3.Error as error:
             raise broken(error, self.path) from None
+        except UnicodeDecodeError as error:
+            raise damaged(str(error), self.path) from None
 
 
 def _records(folders: Iterable[Path]) -> Iterator[Path]:

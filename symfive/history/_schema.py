@@ -7,7 +7,7 @@ from pathlib import Path
 
 from symfive.errors import InputError
 
-__all__ = ["MIGRATIONS", "NEWEST", "broken", "connect", "put_damaged_aside"]
+__all__ = ["MIGRATIONS", "NEWEST", "broken", "connect", "damaged", "put_damaged_aside"]
 
 MIGRATIONS = (
     # 1: every record by its folder, every event; a folder stands in `pending` while its record is being written
@@ -63,6 +63,9 @@ def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
     except sqlite3.DatabaseError as error:
         connection.close()
         raise broken(error, path) from None
+    except UnicodeDecodeError as error:  # in what SQLite says of the damage
+        connection.close()
+        raise damaged(str(error), path) from None
     except BaseException:
         connection.close()
         raise
@@ -83,7 +86,7 @@ def put_damaged_aside(path: Path) -> bool:
             connection.close()
     except sqlite3.OperationalError as error:  # busy or without rights: not damaged
         raise broken(error, path) from None
-    except sqlite3.DatabaseError:
+    except (sqlite3.DatabaseError, UnicodeDecodeError):
         pass
     for end in ("", "-wal", "-shm"):
         file = path.with_name(path.name + end)
@@ -99,6 +102,11 @@ def broken(error: sqlite3.Error, path: Path) -> InputError:
         return InputError("another process is writing the index", path=path, remedy="wait for its end")
     if "full" in said or "disk I/O" in said or "readonly" in said or "unable to open" in said:
         return InputError(f"the index cannot be written ({said})", path=path, remedy="make room, or check your rights")
+    return damaged(said, path)
+
+
+def damaged(said: str, path: Path) -> InputError:
+    """That an index cannot be read, by what is wrong in it, with its remedy."""
     return InputError(f"the index is damaged ({said})", path=path, remedy="rebuild it: symfive history rebuild FOLDER")
 
 

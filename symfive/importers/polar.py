@@ -200,6 +200,11 @@ def _timed(run: Run, phi: Array, ahead: Array, error: float) -> Run:
         a, b, _ = np.linalg.lstsq(waves, positions, rcond=None)[0]
         if np.hypot(a, b) > MOVES_MM:
             known &= np.abs(np.remainder(phi - np.arctan2(b, a) + 0.5 * np.pi, np.pi) - 0.5 * np.pi) > error
+    if not known.any():
+        problem = f"no reading is further than {np.degrees(error):.3g}° from where an axis reverses"
+        raise InputError(
+            problem, remedy="give a smaller angle_error (--angle-error), in degrees, or more readings a turn"
+        )
     return replace(
         run,
         time=run.time[known] - run.time[known][0],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -13,11 +14,16 @@ from symfive.inference._noise import Block
 from symfive.inference._whitening import Noise, Whitening, whiten
 from symfive.inference._windows import spans_of
 
-__all__ = ["Outlier", "isolated_outliers", "outlier_limit"]
+__all__ = ["Outlier", "isolated_outliers", "leverage_of", "one_by_one", "outlier_limit"]
 
 Array = NDArray[np.float64]
+Key = tuple[str, str]
 OUTLIER_LEVEL = 0.01
 LONGEST_OUTLIER = 3
+MOST_LEVERAGE = 0.99
+"""A reading that alone determines a parameter leaves nothing of its noise in the residual."""
+MOST_SNOOPED = 1000
+"""So many readings beyond the limit are the mismatch of a model; each step takes their number squared."""
 RESPONSE_ROWS = 200
 
 
@@ -61,6 +67,62 @@ def isolated_outliers(block: Block, noise: Noise, limit: float, leverage: Array)
             if _returns(innovations, response):
                 found += [(group[0] + k, j) for k in _disturbed(innovations[: len(group)], response, limit)]
     return found, table
+
+
+def leverage_of(
+    blocks: Mapping[Key, Block], covariance: Array, noises: Mapping[Key, Noise]
+) -> dict[Key, tuple[Block, Array]]:
+    """Every recording, and h = diag(J C Jᵀ) of its whitened readings (N, ny), C the `covariance` (k, k)."""
+    found = {}
+    for key, block in blocks.items():
+        slopes = whiten(block.jacobian, noises[key], block.interval)[0]
+        inner = covariance[np.ix_(block.columns, block.columns)]
+        found[key] = block, np.minimum(np.einsum("nyk,nyk->ny", slopes @ inner, slopes), MOST_LEVERAGE)
+    return found
+
+
+def one_by_one(
+    blocks: Mapping[Key, Block], covariance: Array, noises: Mapping[Key, Noise], limit: float
+) -> dict[Key, NDArray[np.bool_]]:
+    """Which readings (N, ny) stay beyond `limit` σ when the worse ones are left out: these bend the fit, and by that the
+    residuals of good ones (data snooping, W. Baarda 1968). Of more than `MOST_SNOOPED`, those that are left out already.
+
+    Without one reading the innovation of another changes by G/(1 - G) of that reading's, G = J C Jᵀ.
+    """
+    found = {key: block.left_out.copy() for key, block in blocks.items()}
+    places, rows, values = list[tuple[Key, int, int]](), list[Array](), list[float]()
+    for key, (block, leverage) in leverage_of(blocks, covariance, noises).items():
+        white = whiten(block.stacked(), noises[key], block.interval)[0]
+        for row, j in np.argwhere((np.abs(white[:, :, -1]) > limit * np.sqrt(1.0 - leverage)) & ~block.left_out):
+            slope = np.zeros(len(covariance))
+            slope[block.columns] = white[row, j, :-1]
+            places.append((key, int(row), int(j)))
+            rows.append(slope)
+            values.append(float(white[row, j, -1]))
+    if not 0 < len(places) <= MOST_SNOOPED:
+        return found
+    gram, innovation = np.array(rows) @ covariance @ np.array(rows).T, np.array(values)
+    left = np.ones(len(places), dtype=bool)
+    while left.any():
+        share = np.maximum(1.0 - np.diag(gram), 1.0 - MOST_LEVERAGE)
+        sigmas = np.where(left, np.abs(innovation) / np.sqrt(share), 0.0)
+        worst = int(np.argmax(sigmas))
+        if sigmas[worst] <= limit:
+            break
+        key, row, j = places[worst]
+        left[worst], found[key][row, j] = False, True
+        pull = gram[:, worst] / share[worst]
+        innovation, gram = innovation + pull * innovation[worst], gram + np.outer(pull, gram[worst])
+    return {key: _short(mask) | blocks[key].left_out for key, mask in found.items()}
+
+
+def _short(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Those of some readings (N, ny) that stand in groups short enough to be outliers."""
+    kept = np.zeros_like(mask)
+    for j in range(mask.shape[1]):
+        for group in _isolated(np.flatnonzero(mask[:, j]).tolist()):
+            kept[group, j] = True
+    return kept
 
 
 def _disturbed(innovations: Array, response: Array, limit: float) -> list[int]:

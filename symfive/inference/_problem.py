@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from symfive.disk import new_table, release
 from symfive.inference._information import Information, NormalEquations
 from symfive.inference._noise import Block, estimate_noise, long_run_variance, plain_noise
-from symfive.inference._outliers import Outlier, isolated_outliers, outlier_limit
+from symfive.inference._outliers import Outlier, isolated_outliers, leverage_of, one_by_one, outlier_limit
 from symfive.inference._repeats import alike, repeats_say_so
 from symfive.inference._whitening import TRANSIENT, Noise, Whitening, whiten
 from symfive.inference._windows import spans_of, windows_of
@@ -26,8 +26,6 @@ Key = tuple[str, str]
 SHORT = 100
 LOUD = 2.0
 """An instrument's noise does not differ from run to run by more than this factor."""
-MOST_LEVERAGE = 0.99
-"""A reading that alone determines a parameter leaves nothing of its noise in the residual."""
 NOISE_ROWS = 60_000
 """The noise of an instrument is estimated from so many rows, the first ones of each of its runs."""
 
@@ -260,46 +258,44 @@ class Problem:
             total[np.ix_(columns[key], columns[key])] += long_run_variance(np.concatenate(parts))
         return total
 
-    def flag_outliers(self, survey: Mapping[Key, Block]) -> bool:
+    def flag_outliers(self, survey: Mapping[Key, Block], values: Array) -> bool:
         """Mark isolated readings beyond what noise gives and what the same reading showed at other times; True where the set
-        changed."""
+        changed. They are judged by the fit under the present noise, to which `values` lead by one step."""
         limit = outlier_limit(sum(block.residual.size for block in survey.values()))
-        leverage = self._leverage(survey)
-        isolated = {
-            key: isolated_outliers(block, self.noises[key], limit, leverage[key]) for key, block in survey.items()
-        }
+        judged = {key: (block, np.broadcast_to(0.0, block.residual.shape)) for key, block in survey.items()}
+        if all(block.whole for block in survey.values()):  # of a long recording no reading draws the fit
+            apart = one_by_one(*self._refitted(survey, values), self.noises, limit)
+            without = {key: replace(block, left_out=apart[key]) for key, block in survey.items()}
+            judged = leverage_of(*self._refitted(without, values), self.noises)
+        isolated = {key: isolated_outliers(block, self.noises[key], limit, h) for key, (block, h) in judged.items()}
         innovations = {key: table for key, (_, table) in isolated.items()}
-        ways = alike(self.model, list(survey)) if any(found for found, _ in isolated.values()) else {}
+        beyond = [(key, row, j) for key, (found, _) in isolated.items() for row, j in found]
+        ways = alike(self.model, list(survey)) if beyond else {}
         fresh = {run: np.zeros(mask.shape, dtype=bool) for run, mask in self.left_out.items()}
         outliers: list[Outlier] = []
         places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
-        for key, (found, table) in isolated.items():
-            columns = self.model.columns(key[0])
-            for row, j in found:
-                if repeats_say_so(key, row, j, innovations, ways[key], limit):
-                    continue
-                place = places[key] + j
-                fresh[key[0]][row, place] = True
-                residual = float(survey[key].residual[row, j])
-                outliers.append(Outlier(key[0], row, columns[place].name, residual, float(table[row, j])))
+        for key, row, j in beyond:
+            if repeats_say_so(key, row, j, innovations, ways[key], limit):
+                continue
+            place = places[key] + j
+            fresh[key[0]][row, place] = True
+            residual, sigmas = float(judged[key][0].residual[row, j]), float(innovations[key][row, j])
+            outliers.append(Outlier(key[0], row, self.model.columns(key[0])[place].name, residual, sigmas))
         changed = any(not np.array_equal(fresh[run], self.left_out[run]) for run in fresh)
         for run, mask in fresh.items():
             self.left_out[run] = mask
         self.outliers = outliers
         return changed
 
-    def _leverage(self, survey: Mapping[Key, Block]) -> dict[Key, Array]:
-        """h = diag(J C Jᵀ) of every whitened reading (N, ny), C the covariance; none of a long recording draws the fit."""
-        found: dict[Key, Array] = {key: np.broadcast_to(0.0, block.residual.shape) for key, block in survey.items()}
-        if not all(block.whole for block in survey.values()):
-            return found
-        covariance = np.linalg.inv(self.information(survey).matrix + np.diag(self.prior_precision))
-        for key, block in survey.items():
-            if len(block.columns):
-                slopes = whiten(block.jacobian, self.noises[key], block.interval)[0]
-                inner = covariance[np.ix_(block.columns, block.columns)]
-                found[key] = np.minimum(np.einsum("nyk,nyk->ny", slopes @ inner, slopes), MOST_LEVERAGE)
-        return found
+    def _refitted(self, survey: Mapping[Key, Block], values: Array) -> tuple[dict[Key, Block], Array]:
+        """The residuals one Gauss-Newton step further, under the present noise, and the covariance (k, k) there."""
+        information, model = self.information(survey), self.model
+        covariance = np.asarray(np.linalg.inv(information.matrix + np.diag(self.prior_precision)))
+        step = covariance @ (information.gradient - (values - model.prior_mean) * self.prior_precision)
+        lowest, highest = (np.array([getattr(p, side) for p in model.parameters]) for side in ("lower", "upper"))
+        step = np.clip(step, lowest - values, highest - values)
+        moved = {key: replace(b, residual=b.residual - b.jacobian @ step[b.columns]) for key, b in survey.items()}
+        return moved, covariance
 
 
 def _power(block: Block, noise: Noise) -> float:

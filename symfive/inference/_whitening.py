@@ -121,18 +121,18 @@ def _recurrence(theta: float, forcing: Array) -> Array:
 def _transient(phi: float, power: float, white: float, rows: int) -> tuple[Array, Array, float]:
     """The Kalman filter of the first `rows` as a matrix (rows, rows) on the readings, the prediction of the next one (rows,),
     and Σ log of the innovations' variances."""
-    filtered, predicted = np.zeros((rows, rows)), np.zeros(rows)
-    variance, logs = power, 0.0
-    for t in range(rows):
-        total = variance + white
-        gain = variance / total
-        innovation = -predicted
-        innovation[t] += 1.0
-        filtered[t] = innovation / np.sqrt(total)
-        logs += float(np.log(total))
-        predicted = phi * (predicted + gain * innovation)
-        variance = phi**2 * variance * (1.0 - gain) + (1.0 - phi**2) * power
-    return filtered, predicted, logs
+    predictions = [power]  # variances
+    for _ in range(rows - 1):
+        last = predictions[-1]
+        predictions.append(phi**2 * last * white / (last + white) + (1.0 - phi**2) * power)
+    variances = np.array(predictions) + white
+    gains = np.array(predictions) / variances
+    # reading s enters the prediction of row t > s by φ·K[s] times what the gains after it leave, Π φ·(1 - K)
+    left = np.cumsum(np.log(np.maximum(phi * (1.0 - gains), np.finfo(float).tiny)))
+    entered = phi * gains * np.exp(np.where(np.tri(rows, dtype=bool), left[:, None] - left, -np.inf))
+    filtered = np.eye(rows)
+    filtered[1:] -= entered[:-1]
+    return filtered / np.sqrt(variances)[:, None], entered[-1], float(np.sum(np.log(variances)))
 
 
 def steady_variance(phi: float, power: float, white: float) -> float:

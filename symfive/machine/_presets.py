@@ -8,6 +8,7 @@ from pathlib import Path
 from symfive.errors import InputError
 from symfive.machine._data import Machine
 from symfive.machine._read import read_machine
+from symfive.outputs import own_data
 
 __all__ = ["preset", "presets"]
 
@@ -30,7 +31,8 @@ def preset(name: str) -> Machine:
 @cache
 def _read(path: Path) -> Machine:
     """Nothing changes a machine, so one serves everybody."""
-    return read_machine(path)
+    with own_data():
+        return read_machine(path)
 
 
 def _folder() -> Path:

@@ -7,7 +7,7 @@ edit (a plan's tables, TOML) are listed there and not bound. A folder without a 
 
 from symfive.outputs._folder import output_file, output_folder, write_bytes, write_json, write_parts, write_text
 from symfive.outputs._manifest import MANIFEST, by_command
-from symfive.outputs._reading import Reading
+from symfive.outputs._reading import Reading, own_data
 
 __all__ = [
     "MANIFEST",
@@ -15,6 +15,7 @@ __all__ = [
     "by_command",
     "output_file",
     "output_folder",
+    "own_data",
     "write_bytes",
     "write_json",
     "write_parts",

@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from symfive.errors import InputError
 from symfive.outputs._manifest import MANIFEST, cut, manifest_of
 from symfive.outputs._place import being_written
 
-__all__ = ["Reading"]
+__all__ = ["Reading", "own_data"]
+
+
+@contextmanager
+def own_data() -> Iterator[None]:
+    """What is read in this block came with symfive: no input, since the manifest's version says which it is."""
+    token = being_written.set(None)
+    try:
+        yield
+    finally:
+        being_written.reset(token)
 
 
 class Reading:

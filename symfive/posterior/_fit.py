@@ -62,7 +62,7 @@ def fitted(
         squares = [problem.information_at(v).square for v in vectors] if len(vectors) > 1 else [0.0]
         values = vectors[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))]
         values, converged = gauss_newton(problem, values, TOLERANCE, STEPS)
-        if like is None and problem.flag_outliers(problem.survey(values)):
+        if like is None and problem.flag_outliers(problem.survey(values), values):
             values, converged = gauss_newton(problem, values, TOLERANCE, STEPS)
         fit = summarise(problem, values, converged)
     return fit if like is None else replace(fit, outliers=like.outliers)
