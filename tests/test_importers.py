@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symfive.campaign import Campaign, Run, read_campaign
+from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.cli import main
 from symfive.errors import InputError
 from symfive.identify import identify
@@ -56,6 +56,47 @@ def test_positions_and_drives_are_those_of_the_programme():
     at_rest = RunMotion(replace(part, options={}), MACHINE, {}, {}).axis("Y").position.value
     moving = RunMotion(part, MACHINE, {}, {}).axis("Y").position.value
     assert np.abs(at_rest - moving)[:3].max() > 1e-2  # else the drive would have to catch up from standstill
+
+
+def test_a_planned_circle_says_what_the_export_does_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Radius, feed, centre, plane and direction come from the plan's run, found by the file's name or by its place."""
+    plan = simulate(_circles(), truth={"EC0X": 45.0}, seed=4).campaign
+    write_campaign(plan, tmp_path / "plan")
+    named, listed = [], []
+    for i, run in enumerate(plan.runs):
+        angle, deviation = _polar(run)
+        order = np.argsort(angle)  # as a software that sorts by the angle
+        text = "".join(f"{a},{d}\n" for a, d in zip(angle[order], deviation[order], strict=True))
+        for name, files in ((f"{run.id}.csv", named), (f"export{i}.csv", listed)):
+            (tmp_path / name).write_text(text)
+            files.append(str(tmp_path / name))
+    words = [
+        "--radius",
+        str(RADIUS),
+        "--feed",
+        str(FEED),
+        "--centre",
+        "0,0,110",
+        "--direction",
+        "ccw",
+        "--direction",
+        "cw",
+    ]
+    calls = {"plan": named[::-1], "order": listed}
+    for name, files in calls.items():
+        assert main(["import-polar", str(tmp_path / "plan"), *files, "-o", str(tmp_path / f"by-{name}"), "-q"]) == 0
+    assert main(["import-polar", "three-axis", *named, "-o", str(tmp_path / "by-words"), *words, "-q"]) == 0
+    told = read_campaign(tmp_path / "by-words")
+    for name in calls:
+        found = read_campaign(tmp_path / f"by-{name}")
+        assert {run.id for run in found.runs} == {run.id for run in plan.runs}
+        for run in found.runs:
+            other = told.run(run.id)
+            assert run.table_ball == CENTRE and run.length == RADIUS
+            np.testing.assert_allclose(run.time, other.time, atol=1e-9)
+            np.testing.assert_allclose(run.commands["X"], other.commands["X"], atol=1e-6)
+    assert main(["import-polar", str(tmp_path / "plan"), listed[0], "-o", str(tmp_path / "none")]) == 2
+    assert "name each file as its run" in capsys.readouterr().err and not (tmp_path / "none").exists()
 
 
 def test_errors_come_out_as_from_the_whole_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from symfive.campaign import Campaign, Run
     from symfive.errors import InputError
+    from symfive.machine import Machine
 
 __all__ = ["codegen", "convert", "import_mtconnect", "import_polar", "import_rests", "import_touches"]
 
@@ -39,17 +40,17 @@ def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool,
     name="import-polar",
     epilog="Example: symfive import-polar three-axis ccw.csv cw.csv -o measured/ --radius 100 --feed 1000",
 )
-@click.argument("machine", help="A machine file, or the name of a preset.")
+@click.argument("machine", help="The plan's folder, a machine file, or the name of a preset.")
 @click.argument("files", type=PATH, nargs=-1, required=True, help="Angle and deviation, one file per direction.")
 @output_path
 @click.option("--radius", type=POSITIVE, help="Radius of the circle: the bar's length, mm.")
 @click.option("--feed", type=POSITIVE, help="Feed along the circle, mm/min.")
 @click.option("--columns", default="angle,deviation", help="The file's columns in order, - for what is not needed.")
 @click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
-@click.option("--centre", default="0,0,0", help="The table ball in the workpiece frame, mm.")
-@click.option("--plane", default="XY", help="XY, YZ or ZX.")
+@click.option("--centre", help="The table ball in the workpiece frame, mm; 0,0,0 without it.")
+@click.option("--plane", help="XY, YZ or ZX; XY without it.")
 @click.option("--unit", default="um", help="Unit of the deviation: um or mm.")
-@click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
+@click.option("--noise-um", type=POSITIVE, help="1σ of one reading, from the instrument's data sheet; 0.3 without it.")
 @click.option("--fitted", is_flag=True, help="The software removed each circle's mean radius and centre.")
 @click.option(
     "--angle-error",
@@ -67,60 +68,88 @@ def import_polar(
     feed: float | None,
     columns: str,
     direction: tuple[str, ...],
-    centre: str,
-    plane: str,
+    centre: str | None,
+    plane: str | None,
     unit: str,
-    noise_um: float,
+    noise_um: float | None,
     fitted: bool,
     angle_error: float,
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Import deviation over angle of a ball bar. A campaign; positions are reconstructed."""
+    """Import deviation over angle of a ball bar. A campaign; positions are reconstructed.
+
+    Of circles that were planned, the plan's folder says radius, feed, centre and plane; a file has the name of its run, or
+    there is one for each run, in their order.
+    """
     import numpy as np
 
     from symfive.campaign import write_campaign_files
     from symfive.errors import InputError
-    from symfive.given import machine_given
     from symfive.importers import FITTED, polar_doubts, polar_run, read_polar
     from symfive.outputs import output_folder
     from symfive.procedures import campaign_of
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
-        data = machine_given(machine)
-        place = _place(centre)
+        given = {
+            "radius": radius, "feed": feed, "plane": plane, "noise_um": noise_um,
+            "centre": None if centre is None else _place(centre), "setup_sigma_um": FITTED if fitted else None,
+        }  # fmt: skip
+        given = {name: value for name, value in given.items() if value is not None}
+        data, circles = _circles(machine, files)
         names = [name.strip() for name in columns.split(",")]
-        senses: list[str | None] = list(direction) if direction else [None] * len(files)
+        senses: list[str | None] = list(direction) if direction else [circle.get("direction") for circle in circles]
         if len(senses) != len(files):
             problem = f"{len(files)} files have {len(senses)} directions"
             raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
         runs, angles, notes = [], [], list[str]()
-        for path, sense in zip(files, senses, strict=True):
+        for path, sense, circle in zip(files, senses, circles, strict=True):
             angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense)
             angles.append(angle)
-            if radius is None or feed is None:
-                raise _not_in_the_file(path, radius, feed)
-            if unit == "um" and float(np.abs(deviation).max()) < noise_um:
-                notes.append(f"{path.name}: no deviation reaches {noise_um:g} µm; if they are mm, give --unit mm")
+            circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
+            circle.pop("direction", None)
+            if "radius" not in circle or "feed" not in circle:
+                raise _not_in_the_file(path, circle.get("radius"), circle.get("feed"))
+            if unit == "um" and float(np.abs(deviation).max()) < circle["noise_um"]:
+                notes.append(
+                    f"{path.name}: no deviation reaches {circle['noise_um']:g} µm; if they are mm, give --unit mm"
+                )
             try:
-                runs.append(
-                    polar_run(
-                        data, angle, deviation, centre=place, radius=radius, feed=feed, id=path.stem, plane=plane,
-                        noise_um=noise_um, setup_sigma_um=FITTED if fitted else None, angle_error=angle_error,
-                    )
-                )  # fmt: skip
+                runs.append(polar_run(data, angle, deviation, angle_error=angle_error, **circle))
             except InputError as error:
                 raise error.at(path) from None
         campaign = campaign_of(data, runs, output.name)
         write_campaign_files(campaign, folder)
     if not quiet:
-        if radius is not None and feed is not None:
-            notes += polar_doubts(data, runs, angles, radius=radius, feed=feed)
+        notes += polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"])
         for note in notes:
             click.echo(f"note: {note}", err=True)
         near = sum(map(len, angles)) - campaign.rows
         left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
         click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}{left_out}", err=True)
+
+
+def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[str, Any]]]:
+    """The machine, and what is known of each file's circle: of a plan what it planned, else the name alone."""
+    from symfive.campaign import read_campaign
+    from symfive.errors import InputError
+    from symfive.given import machine_given
+    from symfive.importers import as_planned
+
+    if not (Path(machine) / "campaign.toml").is_file():
+        return machine_given(machine), [{"id": path.stem} for path in files]
+    plan = read_campaign(machine)
+    ids = [run.id for run in plan.runs]
+    if {path.stem for path in files} <= set(ids):
+        chosen = [plan.run(path.stem) for path in files]
+    elif len(files) == len(ids):
+        chosen = list(plan.runs)
+    else:
+        problem = f"{len(files)} files, and the plan has the runs {', '.join(ids)}"
+        raise InputError(
+            problem, path=Path(machine), remedy="name each file as its run, or give one for every run in their order"
+        )
+    return plan.machine, [as_planned(plan.machine, run) for run in chosen]
 
 
 def _place(centre: str) -> list[float]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
-__all__ = ["FITTED", "polar_doubts", "polar_run", "read_polar"]
+__all__ = ["FITTED", "as_planned", "polar_doubts", "polar_run", "read_polar"]
 
 Array = NDArray[np.float64]
 UNITS = {"um": 1.0, "mm": 1e3}
@@ -32,6 +33,8 @@ EVEN = 0.05
 LEAST_ROWS = 20
 MOVES_MM = 1e-6
 """An axis that moves less on a circle stands still."""
+ROUND_MM = 1e-3
+"""By how much the radius of a planned circle may vary."""
 MAX_BYTES = 5_000_000
 MOST = 1e12
 """A number from there on is no reading."""
@@ -135,6 +138,29 @@ def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[st
             problem = f"the rows hold one number, the {there}: the column {missing} is missing"
             remedy = "export both, and name them as they stand in the file: --columns angle,deviation"
         raise InputError(problem, remedy=remedy).at(path, rows[0][0])
+
+
+def as_planned(machine: Machine, run: Run) -> dict[str, Any]:
+    """What `read_polar` and `polar_run` take of a planned circle: direction, centre, radius, feed, plane, rotary axes, tool ball,
+    noise and set-up.
+
+    Raises `InputError` where the run is no circle of the linear axes about its ball.
+    """
+    moving = {name for name, q in run.commands.items() if np.ptp(q) > MOVES_MM}
+    plane = next((plane for plane in PLANES if set(plane) == moving), None)
+    way = Nominal(machine).ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
+    if plane is None or run.length is None or not run.dynamic or np.ptp(np.linalg.norm(way, axis=1)) > ROUND_MM:
+        problem = f"run {run.id} is no circle of X, Y and Z about its ball"
+        raise InputError(problem, remedy="import such a run with symfive import")
+    speed = np.linalg.norm(np.diff(way, axis=0), axis=1) / np.diff(run.time)
+    a, b = (run.commands[name] - np.mean(run.commands[name]) for name in plane)
+    rising = float(np.sum(a[:-1] * np.diff(b) - b[:-1] * np.diff(a))) > 0.0
+    return {
+        "direction": DIRECTIONS[0 if rising else 1],
+        "centre": run.table_ball, "radius": run.length, "feed": float(f"{60.0 * np.median(speed):.5g}"), "plane": plane,
+        "hold": {name: float(q[0]) for name, q in run.commands.items() if machine.axes[name].rotary}, "id": run.id,
+        "tool_ball": run.tool_ball, "noise_um": run.noise("ball_bar"), "setup_sigma_um": run.setup_sigma_um,
+    }  # fmt: skip
 
 
 def polar_run(
