@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,16 +32,17 @@ def visit() -> Visit:
     )
 
 
-def profiles() -> list:
-    own = [pytest.param(DATA / "dcc_profile.xsd", id="profile")]
-    official = os.environ.get("SYMFIVE_DCC_XSD")
-    skipped = pytest.mark.skipif(
-        not official, reason="Skipped (optional): SYMFIVE_DCC_XSD does not name PTB's dcc.xsd 3.3.0."
-    )
-    return [*own, pytest.param(Path(official or "dcc.xsd"), marks=skipped, id="official")]
+PROFILE, OFFICIAL = DATA / "dcc_profile.xsd", os.environ.get("SYMFIVE_DCC_XSD")
+needs_official = pytest.mark.skipif(
+    not OFFICIAL, reason="Skipped (optional): SYMFIVE_DCC_XSD does not name PTB's dcc.xsd 3.3.0."
+)
+SCHEMAS = [
+    pytest.param(PROFILE, id="profile"),
+    pytest.param(Path(OFFICIAL or "dcc.xsd"), marks=needs_official, id="official"),
+]
 
 
-@pytest.mark.parametrize("schema", profiles())
+@pytest.mark.parametrize("schema", SCHEMAS)
 @pytest.mark.parametrize("office", [FULL, Office()], ids=["full", "empty"])
 def test_the_certificate_is_valid(visit, schema, office):
     xmlschema = pytest.importorskip("xmlschema", reason="Skipped (optional): xmlschema is not installed.")
@@ -51,14 +54,60 @@ def test_the_certificate_is_valid(visit, schema, office):
         checker.validate(ET.ElementTree(ET.fromstring(certificate(one, office))))
 
 
-def test_the_profile_refuses_what_is_out_of_order(visit):
+WRONG = [
+    ("<dcc:countryCodeISO3166_1>DE", "<dcc:countryCodeISO3166_1>Germany"),
+    ('schemaVersion="3.3.0"', 'schemaVersion="2.0"'),
+    ("si:coverageFactor", "si:factor"),
+    ("<si:coverageFactor>2<", "<si:coverageFactor>0.5<"),
+    ("<si:coverageProbability>0.9545<", "<si:coverageProbability>95.45<"),
+    ("<si:coverageProbability>0.9545<", "<si:coverageProbability>.9545<"),
+    ("<si:valueExpandedMU>", "<si:valueExpandedMU>-"),
+    ("<dcc:uniqueIdentifier>", "<dcc:uniqueIdentifier> "),
+]
+
+
+@pytest.mark.parametrize("schema", SCHEMAS)
+def test_what_breaks_the_schema_is_refused(visit, schema):
     xmlschema = pytest.importorskip("xmlschema", reason="Skipped (optional): xmlschema is not installed.")
-    checker = xmlschema.XMLSchema(str(DATA / "dcc_profile.xsd"))
+    checker = xmlschema.XMLSchema(str(schema))
     text = certificate(visit, FULL).decode()
-    for good, bad in (("\\micro\\metre", "um"), ("<dcc:countryCodeISO3166_1>DE", "<dcc:countryCodeISO3166_1>Germany"),
-                      ('schemaVersion="3.3.0"', 'schemaVersion="2.0"'), ("si:coverageFactor", "si:factor")):  # fmt: skip
+    for good, bad in WRONG:
         assert good in text
-        assert not checker.is_valid(ET.ElementTree(ET.fromstring(text.replace(good, bad))))
+        assert not checker.is_valid(ET.ElementTree(ET.fromstring(text.replace(good, bad)))), bad
+
+
+def test_the_profile_refuses_a_unit_that_is_no_d_si(visit):
+    """The schema takes any text as a unit."""
+    xmlschema = pytest.importorskip("xmlschema", reason="Skipped (optional): xmlschema is not installed.")
+    text = certificate(visit, FULL).decode().replace("\\micro\\metre", "um")
+    assert not xmlschema.XMLSchema(str(PROFILE)).is_valid(ET.ElementTree(ET.fromstring(text)))
+
+
+def mutants(root: ET.Element) -> Iterator[ET.Element]:
+    """The certificate with one element left out, renamed, behind its neighbour or without its text."""
+    for k in range(sum(len(parent) for parent in root.iter())):
+        for change in ("drop", "rename", "swap", "empty"):
+            copy = deepcopy(root)
+            parent, i = [(parent, i) for parent in copy.iter() for i in range(len(parent))][k]
+            child = parent[i]
+            if change == "rename":
+                child.tag += "X"
+            elif change == "empty":
+                child.text = " "
+            else:
+                parent.remove(child)
+            if change == "swap":
+                parent.insert(i + 1, child)
+            yield copy
+
+
+@needs_official
+def test_the_profile_accepts_nothing_that_the_schema_refuses(visit):
+    xmlschema = pytest.importorskip("xmlschema", reason="Skipped (optional): xmlschema is not installed.")
+    profile, official = xmlschema.XMLSchema(str(PROFILE)), xmlschema.XMLSchema(OFFICIAL)
+    refused = [one for one in mutants(ET.fromstring(certificate(visit, FULL))) if not official.is_valid(one)]
+    assert refused
+    assert not any(profile.is_valid(one) for one in refused)
 
 
 def test_the_rules_of_good_practice_accept_a_complete_certificate(visit):
