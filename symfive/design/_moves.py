@@ -56,17 +56,25 @@ class Moves:
         """Positions in the machine's order of axes."""
         return np.array([positions[name] for name in self.machine.axis_names])
 
+    def outside(self, places: Array) -> NDArray[np.bool_]:
+        """Whether each axis is outside its travel (…, axes)."""
+        return np.asarray(~((places >= self.low) & (places <= self.high)))
+
+    def close(self, before: Array, after: Array) -> bool:
+        """Whether two places are so near that nothing between them is tested: short blocks need no test each."""
+        return bool(np.all(np.abs(after - before) <= self.grain))
+
     def clear(self, path: Array) -> bool:
         """Whether nothing meets along a path (n, axes) of straight blocks with the ball seated; blocks shorter than what is
         tested anyway are taken together. What is blocked is so in many places mostly: a few are looked at first.
 
         Nothing more of a path is looked at that leaves a travel: near a singular pose it is kilometres long.
         """
-        if np.any((path < self.low) | (path > self.high)):
+        if self.outside(path).any():
             return False
         places = [path[0]]
         for here, after in itertools.pairwise(path[1:]):
-            if np.any(np.abs(after - places[-1]) > self.grain):
+            if not self.close(places[-1], after):
                 places.append(here)
         path = np.array([*places, path[-1]])
         few = path[:: max(1, len(path) // FEW)]
@@ -129,7 +137,7 @@ class Moves:
 def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tuple[int, str]]:
     """Moves of a program on which bodies meet or an axis leaves its travel: (the row they lead to, what meets)."""
     test = Moves(machine, run)
-    moves, outside = _moves(machine, steps)
+    moves, outside = _moves(test, steps)
     found = dict(outside)
     for rapid, bar in itertools.product((False, True), repeat=2):
         alike = [
@@ -149,7 +157,7 @@ def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tup
     return sorted(found.items())
 
 
-def _moves(machine: Machine, steps: Sequence[Step]) -> tuple[list[tuple[Step, Positions]], dict[int, str]]:
+def _moves(test: Moves, steps: Sequence[Step]) -> tuple[list[tuple[Step, Positions]], dict[int, str]]:
     """The moves to be tested, each with where it begins, and the rows on whose way a block ends outside an axis' travel.
 
     Such a way is blocked whatever else it meets, and where the chain is nearly singular it is kilometres long: nothing more of
@@ -166,14 +174,14 @@ def _moves(machine: Machine, steps: Sequence[Step]) -> tuple[list[tuple[Step, Po
         if not (before and step.commands and step.towards is not None):
             before, tested = step.commands, {}
             continue
-        out = _outside(machine, step.commands)
-        if out or step.towards in outside:
-            outside.setdefault(step.towards, f"travel of {out}")
+        out = test.outside(test.vector(step.commands))
+        if out.any() or step.towards in outside:
+            outside.setdefault(step.towards, f"travel of {test.machine.axis_names[int(np.argmax(out))]}")
             tested = {}
         else:
             tested = tested or before
             alike = after is not None and _kind(after) == _kind(step) and step.kind == "feed"
-            if not (alike and after is not None and _close(machine, tested, after.commands)):
+            if not (alike and after is not None and test.close(test.vector(tested), test.vector(after.commands))):
                 moves.append((step, tested))
                 tested = {}
         before = step.commands
@@ -182,20 +190,3 @@ def _moves(machine: Machine, steps: Sequence[Step]) -> tuple[list[tuple[Step, Po
 
 def _kind(step: Step) -> tuple[str, int | None, bool]:
     return step.kind, step.towards, step.seated
-
-
-def _outside(machine: Machine, commands: Positions) -> str | None:
-    """An axis that is outside its travel."""
-    for name, axis in machine.axes.items():
-        low, high = axis.travel
-        if not low - ROUNDING_MM <= commands[name] <= high + ROUNDING_MM:
-            return name
-    return None
-
-
-def _close(machine: Machine, before: Positions, after: Positions) -> bool:
-    """Whether two positions are so near that nothing between them is tested: short blocks need no test each."""
-    return all(
-        abs(after[name] - before[name]) <= (ROTARY_DEG if axis.rotary else LINEAR_MM)
-        for name, axis in machine.axes.items()
-    )

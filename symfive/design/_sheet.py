@@ -14,7 +14,7 @@ from symfive.design._assess import Assessment
 from symfive.design._mounting import STILL, digits, from_axes, over_the_ball, path_facts
 from symfive.design._pose_table import mounted_before, pose_table
 from symfive.design._schedule import SETUP_S
-from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure
+from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, series_of, upright_axis, which_point
@@ -50,19 +50,13 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
 
     `pictures` run → SVG, of those that have one; `programs` their names.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
     campaign, nominal = sheet.campaign, Nominal(sheet.campaign.machine)
     own = (files("symfive.design") / "templates" / "sheet.css").read_text(encoding="utf-8")
-    runs = [_run(sheet, nominal, run) for run in campaign.runs]
-    for run in runs:
-        picture = pictures.get(run["id"], "")
-        run["picture"] = Markup(picture[picture.index("<svg") :] if picture else "")
-    environment = Environment(
-        loader=PackageLoader("symfive.design"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    return environment.get_template("sheet.html").render(
+    drawn = {name: Markup(picture[picture.index("<svg") :]) for name, picture in pictures.items()}
+    runs = [_run(sheet, nominal, run) | {"picture": drawn.get(run.id, "")} for run in campaign.runs]
+    return templates("symfive.design").get_template("sheet.html").render(
         title=f"Set-up sheet: {campaign.machine.name}", style=Markup(PAGE_STYLE + own), script=Markup(SCRIPT),
         structure=campaign.machine.structure.code, facts=_facts(sheet), unchecked=_unchecked(sheet), worth=sheet.worth, runs=runs,
         picture=Markup(poses_figure(campaign)), clearances=_clearances(sheet), notes=sheet.notes, programs=programs,
@@ -85,17 +79,20 @@ def _names(instruments: Iterable[str]) -> str:
 
 def _minutes(sheet: Sheet, run: Run) -> float:
     """A run with its set-up; a recording with the mounting of an earlier one needs a pause alone."""
-    stays = run.dynamic and mounted_before(sheet.campaign.runs, run) is not None
-    return (run.duration + (PAUSE_S if stays else SETUP_S)) / 60.0
+    return (run.duration + (PAUSE_S if _stays(sheet, run) else SETUP_S)) / 60.0
+
+
+def _stays(sheet: Sheet, run: Run) -> bool:
+    """Whether a recording needs nothing mounted anew."""
+    return run.dynamic and mounted_before(sheet.campaign.runs, run) is not None
 
 
 def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
     """What the page shows of a run."""
     stands = next((STANDS[name] for name in run.instrument if name in STANDS), "")
-    stays = run.dynamic and mounted_before(sheet.campaign.runs, run) is not None
     return {
         "id": run.id, "rows": run.rows, "minutes": f"{_minutes(sheet, run):.0f}", "steps": _steps(sheet, run, stands),
-        "places": _places(nominal, run, stands) if stands and not stays else None,
+        "places": _places(nominal, run, stands) if stands and not _stays(sheet, run) else None,
         "recording": _recording(nominal, run) if run.dynamic else None,
         "poses": None if run.dynamic else pose_table(sheet.campaign, run, sheet.post),
     }  # fmt: skip
@@ -104,7 +101,7 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
 def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     """What is to be done, in its order."""
     machine, again = sheet.campaign.machine, mounted_before(sheet.campaign.runs, run)
-    programmed, stays = set(machine.axis_names) <= set(LETTERS), run.dynamic and again is not None
+    programmed, stays = set(machine.axis_names) <= set(LETTERS), _stays(sheet, run)
     steps = ["Work offset: the workpiece frame's origin, with all rotary axes at 0."]
     if programmed:
         steps.append(f"In the program {which_point(machine, run, sheet.post)}.")

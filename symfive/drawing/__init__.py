@@ -1,7 +1,7 @@
 """What pages share: their frame and style, the picture of a campaign's poses in space, and the colours of all pictures."""
 
 from symfive.drawing._colours import BLUE, FAINT, GREEN, GRID, INK, ORANGE, PAPER, PURPLE, SERIES
-from symfive.drawing._page import PAGE_STYLE, page
+from symfive.drawing._page import PAGE_STYLE, page, templates
 from symfive.drawing._poses import SCRIPT, poses_figure
 
 __all__ = [
@@ -18,4 +18,5 @@ __all__ = [
     "SERIES",
     "page",
     "poses_figure",
+    "templates",
 ]

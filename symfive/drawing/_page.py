@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from symfive.version import __version__
 
 if TYPE_CHECKING:
-    from jinja2 import Template
+    from jinja2 import Environment
 
-__all__ = ["PAGE_STYLE", "page"]
+__all__ = ["PAGE_STYLE", "page", "templates"]
 
 
 def _own(name: str) -> str:
@@ -34,7 +34,7 @@ def page(title: str, body: str, *, style: str = "", script: str = "") -> str:
 
     own = _own("sort.js") + script
     digest = base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()
-    filled = _frame().render(
+    filled = templates("symfive.drawing", ".").get_template("page.html").render(
         title=title, body=Markup(body), style=Markup(f"{PAGE_STYLE}{_own('sorted.css')}{style}"), script=Markup(own),
         script_hash=f"sha256-{digest}", version=__version__,
     )  # fmt: skip
@@ -42,7 +42,9 @@ def page(title: str, body: str, *, style: str = "", script: str = "") -> str:
 
 
 @cache
-def _frame() -> Template:
-    from jinja2 import Environment, StrictUndefined
+def templates(package: str, folder: str = "templates") -> Environment:
+    """The templates in a folder of a package (Jinja2). Every value is escaped, and one that is not given is an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    return Environment(autoescape=True, undefined=StrictUndefined).from_string(_own("page.html"))
+    loader = PackageLoader(package, folder)
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from symfive.drawing import page
+from symfive.drawing import page, templates
 from symfive.history._change import Change, change_between
 from symfive.history._charts import Spark, charts_of, spark
 from symfive.history._fleet import MachineRow, MachineTable, alarm_words
@@ -17,9 +16,6 @@ from symfive.history._visit import Visit, instant
 from symfive.history._words import advice, alarm_sentence, forecast_sentence, smallest_step
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.screen import plural
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 __all__ = ["fleet_page", "machine_page"]
 
@@ -62,16 +58,8 @@ def fleet_page(
                    headline=headline, sentences=[])  # fmt: skip
 
 
-@cache
-def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("symfive.history", "pages")
-    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-
-
 def _filled(name: str, title: str, **values: Any) -> str:
-    body = _environment().get_template(name).render(title=title, **values)
+    body = templates("symfive.history", "pages").get_template(name).render(title=title, **values)
     return page(title, body, style=(files("symfive.history") / "pages" / "history.css").read_text(encoding="utf-8"))
 
 
