@@ -73,6 +73,21 @@ class _Subset:
     aim: NDArray[np.int64]
     weights: Array
 
+    def solved(self, kappa2: Array) -> Array:
+        """x (J, n) under the noise scales (J,)."""
+        return np.asarray(np.linalg.solve(self._a(kappa2), (self.g / kappa2[:, None] - self.d)[..., None])[..., 0])
+
+    def turned(self, x: Array) -> Array:
+        """H·x (J, n)."""
+        return np.asarray((self.h @ x[..., None])[..., 0])
+
+    def logdet(self, kappa2: Array) -> Array:
+        """log|A| (J,)."""
+        return np.asarray(2.0 * np.log(np.diagonal(np.linalg.cholesky(self._a(kappa2)), axis1=1, axis2=2)).sum(axis=1))
+
+    def _a(self, kappa2: Array) -> Array:
+        return np.asarray(self.h / kappa2[:, None, None] + np.eye(len(self.d)))
+
 
 def _subset(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> _Subset:
     target = np.zeros(moments.size)
@@ -119,36 +134,17 @@ def beside(
 def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> Weighed:
     """The evidence of one subset, with the discrepancies `blocks` of its terms."""
     s = _subset(moments, members, blocks)
-    fits = _fits_by_eigenvectors if np.trace(s.h, axis1=1, axis2=2).max() > PLAIN else _fits
-    kappa2, left, pull, logdet = fits(s, moments.count)
-    cost = left / kappa2 + pull + moments.count * np.log(kappa2) + logdet
+    form = _Base.of(s) if np.trace(s.h, axis1=1, axis2=2).max() > PLAIN else s
+    kappa2 = np.maximum(1.0, s.q / moments.count)
+    for step in range(STEPS):
+        x = form.solved(kappa2)
+        left = s.q + np.sum(x * (form.turned(x) - 2.0 * form.g), axis=1)
+        if step < STEPS - 1:
+            kappa2 = np.maximum(1.0, left / moments.count)
+    pull = np.sum((x + form.d) ** 2, axis=1)
+    cost = left / kappa2 + pull + moments.count * np.log(kappa2) + form.logdet(kappa2)
     by_node = -0.5 * (cost + moments.const) + moments.log_prior
     return Weighed(by_node, float(kappa2[np.argmax(by_node)]))
-
-
-def _fits(s: _Subset, count: int) -> tuple[Array, Array, Array, Array]:
-    """κ², what is left, |x + d|² and log|A| in every node (J,)."""
-    kappa2, one = np.maximum(1.0, s.q / count), np.eye(len(s.d))
-    for step in range(STEPS):
-        a = s.h / kappa2[:, None, None] + one
-        x = np.linalg.solve(a, (s.g / kappa2[:, None] - s.d)[..., None])[..., 0]
-        left = s.q + np.sum(x * ((s.h @ x[..., None])[..., 0] - 2.0 * s.g), axis=1)
-        if step < STEPS - 1:
-            kappa2 = np.maximum(1.0, left / count)
-    logdet = 2.0 * np.log(np.diagonal(np.linalg.cholesky(a), axis1=1, axis2=2)).sum(axis=1)
-    return kappa2, left, np.sum((x + s.d) ** 2, axis=1), logdet
-
-
-def _fits_by_eigenvectors(s: _Subset, count: int) -> tuple[Array, Array, Array, Array]:
-    """The same where rounding of H comes near the prior's 1: no component of g beyond what Cauchy and Schwarz allow."""
-    base, kappa2 = _Base.of(s), np.maximum(1.0, s.q / count)
-    for step in range(STEPS):
-        k = kappa2[:, None]
-        x = (base.g / k - base.d) / (base.power / k + 1.0)
-        left = s.q + np.sum(x * (base.power * x - 2.0 * base.g), axis=1)
-        if step < STEPS - 1:
-            kappa2 = np.maximum(1.0, left / count)
-    return kappa2, left, np.sum((x + base.d) ** 2, axis=1), np.log(base.power / kappa2[:, None] + 1.0).sum(axis=1)
 
 
 def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
@@ -189,7 +185,8 @@ def nearest_width(size: float, widths: Sequence[float] = WIDTHS) -> float:
 
 @dataclass(frozen=True)
 class _Base:
-    """A subset in every node, turned into the eigenvectors `axes` (J, n, n) of its H: `power` Λ, `g` and `d` (J, n)."""
+    """A subset in every node, turned into the eigenvectors `axes` (J, n, n) of its H: `power` Λ, `g` and `d` (J, n); no component
+    of g is beyond what Cauchy and Schwarz allow, as rounding would have it where H is far larger than the prior's 1."""
 
     power: Array
     g: Array
@@ -203,6 +200,19 @@ class _Base:
         most = np.sqrt(power * np.maximum(s.q, 0.0)[:, None])  # Cauchy and Schwarz; beyond it is rounding
         g = np.clip(np.einsum("jki,jk->ji", axes, s.g), -most, most)
         return cls(power, g, np.einsum("jki,k->ji", axes, s.d), axes)
+
+    def solved(self, kappa2: Array) -> Array:
+        """As that of a subset."""
+        k = kappa2[:, None]
+        return np.asarray((self.g / k - self.d) / (self.power / k + 1.0))
+
+    def turned(self, x: Array) -> Array:
+        """As that of a subset."""
+        return self.power * x
+
+    def logdet(self, kappa2: Array) -> Array:
+        """As that of a subset."""
+        return np.asarray(np.log(self.power / kappa2[:, None] + 1.0).sum(axis=1))
 
 
 def _joined(
