@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -175,11 +175,5 @@ def probed_run(run: Run, touches: Mapping[int, Array]) -> Probed:
         )
         raise InputError(problem, remedy="clean sphere and tip, check the probe, and run the program again")
     found = {f"{axis}_dev_um": 1e3 * off[:, i] for i, axis in enumerate("XYZ")}
-    probed = replace(
-        run,
-        time=run.time[:rows],
-        commands={name: q[:rows] for name, q in run.commands.items()},
-        readings=found,
-        spindle=None if run.spindle is None else run.spindle[:rows],
-    )
+    probed = run.part(0, rows).with_readings(found)
     return Probed(run=probed, planned=run.rows, radius=radius, rms_um=1e3 * float(np.sqrt(np.mean(left**2))))
