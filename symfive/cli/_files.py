@@ -98,7 +98,8 @@ def import_polar(
         given = {name: value for name, value in given.items() if value is not None}
         data, circles = _circles(machine, files)
         names = [name.strip() for name in columns.split(",")]
-        senses: list[str | None] = list(direction) if direction else [circle.get("direction") for circle in circles]
+        planned = [circle.pop("direction", None) for circle in circles]
+        senses: list[str | None] = list(direction) or planned
         if len(senses) != len(files):
             problem = f"{len(files)} files have {len(senses)} directions"
             raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
@@ -107,7 +108,6 @@ def import_polar(
             angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense)
             angles.append(angle)
             circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
-            circle.pop("direction", None)
             if "radius" not in circle or "feed" not in circle:
                 raise _not_in_the_file(path, circle.get("radius"), circle.get("feed"))
             if unit == "um" and float(np.abs(deviation).max()) < circle["noise_um"]:
@@ -146,9 +146,8 @@ def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[st
         chosen = list(plan.runs)
     else:
         problem = f"{len(files)} files, and the plan has the runs {', '.join(ids)}"
-        raise InputError(
-            problem, path=Path(machine), remedy="name each file as its run, or give one for every run in their order"
-        )
+        remedy = "name each file as its run, or give one for every run in their order"
+        raise InputError(problem, path=Path(machine), remedy=remedy)
     return plan.machine, [as_planned(plan.machine, run) for run in chosen]
 
 

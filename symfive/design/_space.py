@@ -53,6 +53,7 @@ LEAST_VOLUME = 0.1
 """Where a rotary axis turns linear axes against each other: they keep at least so far from lying in one plane (a sine, 6°);
 nearer, any of many positions of the axes would do for a pose."""
 PARALLEL = "linear axes in one plane"
+SAME_VOLUME = 1e-9
 SIGMAS_IN_RANGE = 3.0
 MOST_PROBE_TILT_DEG = 50.0
 """Between the probe and the sphere's post, so that a touch square to the probe is at least 40° off the post."""
@@ -252,11 +253,8 @@ def _spanned(machine: Machine, position: dict[str, Any], tool_ball: Any) -> Any 
     q = ca.vertcat(*rotary.values(), ca.SX(0, 1))
     volume = ca.fabs(ca.det(ca.jacobian(ball, vector)[:, moving]))
     at = ca.Function("volume", [q], [volume])
-    return (
-        volume
-        if np.ptp([float(at(np.arange(1.0, q.numel() + 1.0) * turn)) for turn in (0.3, 0.7, 1.1)]) > 1e-9
-        else None
-    )
+    places = (turn * np.arange(1.0, q.numel() + 1.0) for turn in (0.3, 0.7, 1.1))
+    return volume if np.ptp([float(at(place)) for place in places]) > SAME_VOLUME else None
 
 
 def _rows(
