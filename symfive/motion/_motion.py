@@ -203,8 +203,8 @@ class RunMotion:
         return AxisMotion(command, *(Series(values) for values in derivatives))
 
     def _earlier(self, time: Array, column: Array) -> Array:
-        """A column as it was `delay` earlier: along Akima's curve, which does not overshoot at corners (H. Akima 1970). Beyond the
-        ends the axis stands, or, where the recording begins in motion, goes on as it went."""
+        """A column as it was `delay` earlier, along Akima's curve, which does not overshoot at corners (H. Akima 1970): beyond
+        the ends the axis stands; where the recording begins in motion it goes on as it went."""
         at = self.run.time - self.delay
         if self.run.options.get("start") != "moving":
             at = np.clip(at, time[0], time[-1])
