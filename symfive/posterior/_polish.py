@@ -64,7 +64,8 @@ def polish(
     now = _settled(_first(before, replace(candidates, vary=False), progress))
     if candidates.vary:
         now = _settled(_Round.at(now.here, candidates, progress), now)
-    return now.posterior.corrected(now.exactly), settled(now.here)
+    held = held_by(now.posterior.moments)
+    return now.posterior.corrected(now.exactly | {held: now.mass}), settled(now.here)
 
 
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
