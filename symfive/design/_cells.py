@@ -127,12 +127,16 @@ def first_cells(spectrum: Spectrum, low: Array, high: Array, limit: float) -> Fi
     half = (high - low) / counts / 2.0
     axes = [a + h * (2.0 * np.arange(n) + 1.0) for a, h, n in zip(low, half, counts, strict=True)]
     orders = [order for order in itertools.product(range(4), repeat=len(half)) if sum(order) == 3]
+    shares = {
+        order: _share(order, half) for order in itertools.product(range(5), repeat=len(half)) if 2 < sum(order) < 5
+    }
+    beyond = sum(most * _share(order, half) for order, most in fifth.items())
     settled, centres, thirds = 0.0, [np.empty((0, len(half)))], [np.empty((0, len(orders)))]
     first, *others = spectrum.bases(axes, 4)
     for i, place in enumerate(axes[0]):
         slab = [[basis[i : i + 1] for basis in first], *others]
         found = {order: values.ravel() for order, values in spectrum.derivatives(slab, 0, 4)}
-        bound = _by_fourth_order(found, fifth, half)
+        bound = _by_fourth_order(found, shares, half) + beyond
         opened = np.flatnonzero(bound > limit)
         settled = max(settled, float(np.delete(bound, opened).max(initial=0.0)))
         centres.append(np.stack(np.meshgrid(place, *axes[1:], indexing="ij"), axis=-1).reshape(-1, len(half))[opened])
@@ -167,18 +171,18 @@ def _steepest(slope: Array, diagonal: Array, half: Array) -> Array:
     return np.asarray(slope * turned + 0.5 * diagonal * turned**2)
 
 
-def _by_fourth_order(found: Mapping[Order, Array], fifth: Mapping[Order, float], half: Array) -> Array:
-    """The bound in first cells, from all derivatives of the first four orders at their centres."""
+def _by_fourth_order(found: Mapping[Order, Array], shares: Mapping[Order, float], half: Array) -> Array:
+    """The bound of the first four orders in first cells, from all their derivatives at the centres; `shares` hᵅ/α! of the third
+    and fourth ones."""
     d = len(half)
     unit = np.eye(d, dtype=int)
     value = found[(0,) * d]
     slope = np.stack([found[tuple(row)] for row in unit.tolist()], axis=1)
     bent = np.stack([found[tuple((a + b).tolist())] for a in unit for b in unit], axis=1).reshape(-1, d, d)
     bound = value + _steepest(slope, _diagonal(bent, half[None]), half[None]).sum(axis=1)
-    for order, values in found.items():
-        if sum(order) >= 3:
-            bound += np.abs(values) * _share(order, half)
-    return np.asarray(bound + sum(most * _share(order, half) for order, most in fifth.items()))
+    for order, share in shares.items():
+        bound += np.abs(found[order]) * share
+    return np.asarray(bound)
 
 
 def _share(order: Order, half: Array) -> float:

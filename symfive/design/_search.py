@@ -22,8 +22,9 @@ __all__ = ["COARSE", "FEW", "MANY", "Search"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 COARSE = 4096
-FEW, MANY = 400, 2000
-"""Poses of the grid in a set-up from which a search climbs: while poses are collected, and before nothing more is sought."""
+FEW, MANY = 25, 125
+"""Poses of the grid in a set-up from which a search climbs, by the square of how many angles a pose has: while poses are
+collected, and before nothing more is sought."""
 MOST_FRESH, NEAR = 200, 3e-3
 """Poses that a search returns, and how far apart these are, of the ranges."""
 STRETCHED = 1.5
@@ -56,7 +57,7 @@ class Search:
         return z, np.repeat(self.lengths, n, axis=0), np.repeat(np.arange(self.groups), n)
 
     def largest(self, relaxed: Relaxed, columns: Candidates, starts: int = FEW) -> tuple[float, Candidates]:
-        """The largest value found and poses at local maxima, from the best of the grid, so many in every set-up,
+        """The largest value found and poses at local maxima, from the best of the grid, `starts` (see `FEW`) in every set-up,
         and from `columns`, those that the relaxed design already weighs."""
         pull = relaxed.pull
         seen = sensitivity(pull, self.whole)
@@ -67,7 +68,7 @@ class Search:
         parts = []
         for g in range(self.groups):
             mine, own = np.flatnonzero(self.all.group == g), columns.group == g
-            mine = mine[np.argsort(merit[mine])[::-1][:starts]]
+            mine = mine[np.argsort(merit[mine])[::-1][: starts * poses**2]]
             start = np.concatenate([self.all.z[mine], columns.z[own]])[:, :poses]
             told = told_of(self.space, self.layout, pull, self.setups[g], self.lengths[g], g)
             higher = climbed(told, start, top)

@@ -45,22 +45,27 @@ class Told:
         n = len(poses)
         return np.concatenate([poses, np.tile(self.setup, (n, 1))], axis=1), np.tile(self.k, (n, 1))
 
+    def _seen(self, rows: Array) -> Array:
+        """half · J (…, ny, size) of sensitivities (…, width, ny), as one product of two matrices."""
+        flat = np.ascontiguousarray(rows.swapaxes(-1, -2))
+        return np.asarray((flat.reshape(-1, flat.shape[-1]) @ self.half.T).reshape(*flat.shape[:-1], -1))
+
     def values(self, poses: Array) -> Array:
         """φ (n,)."""
-        rows = self.space.kernel.rows(*self.decided(poses))
-        return np.asarray(np.sum((self.half @ rows) ** 2, axis=(1, 2)))
+        seen = self._seen(self.space.kernel.rows(*self.decided(poses)))
+        return np.asarray(np.einsum("nyr,nyr->n", seen, seen))
 
     def taylor(self, poses: Array) -> tuple[Array, Array, Array]:
         """φ (n,), its slopes (n, d) and second derivatives (n, d, d)."""
         z, k = self.decided(poses)
         d = self.space.poses
         rows, slopes = self.space.kernel.slopes(z, k)
-        seen, moved = self.half @ rows, self.half @ slopes[:, :d]
-        value = np.einsum("nry,nry->n", seen, seen)
-        slope = 2.0 * np.einsum("nkry,nry->nk", moved, seen)
-        flat = moved.reshape(len(z), d, -1)
-        own = np.ascontiguousarray(self.half.T @ seen)
-        bent = flat @ flat.transpose(0, 2, 1) + self.space.kernel.curvature(z, k, own)[:, :d, :d]
+        seen = self._seen(rows).reshape(len(z), -1)
+        moved = self._seen(slopes[:, :d]).reshape(len(z), d, -1)
+        value = np.einsum("nr,nr->n", seen, seen)
+        slope = 2.0 * (moved @ seen[:, :, None])[..., 0]
+        own = (seen.reshape(-1, len(self.half)) @ self.half).reshape(len(z), -1, self.half.shape[1])
+        bent = moved @ moved.swapaxes(-1, -2) + self.space.kernel.curvature(z, k, own.swapaxes(1, 2))[:, :d, :d]
         return value, slope, 2.0 * bent
 
     def limits(self, poses: Array) -> Array:
