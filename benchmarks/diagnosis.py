@@ -29,8 +29,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
+from identify import RATE_HZ, ROWS, SEED, plan
 
-from benchmarks.identify import RATE_HZ, ROWS, SEED, plan
 from examples.blind_study.rivals import PYSINDY, RIVALS, Name, System, pysindy, search
 from symfive.campaign import read_campaign
 from symfive.diagnose import diagnose
