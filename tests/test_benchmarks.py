@@ -64,7 +64,7 @@ def test_table_is_markdown_and_tells_what_is_behind() -> None:
     table = [line for line in lines if line.startswith("|")]
     assert len(table) == 2 + 20 and {line.count("|") for line in table} == {6}
     assert "JAX, jit: skipped: ModuleNotFoundError" in text
-    assert len([line for line in lines if line.startswith("- ✗")]) == sum(line.endswith("✗ |") for line in table) == 6
+    assert len([line for line in lines if line.startswith("- ✗")]) == sum(line.endswith("✗ |") for line in table) == 7
 
 
 @pytest.mark.slow
