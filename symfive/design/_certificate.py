@@ -168,8 +168,8 @@ def generate(
     points: int | None = None, more: Candidates | None = None,
 ) -> Generated:  # fmt: skip
     """Column generation for `points` readings (as many as `rows`, if None) in the set-ups of `rows`, until bound and relaxed
-    design meet to `gap`, or to a small share of the distance to ψ = `value` of a plan; `more` poses to begin with. The last
-    searches for a plan's certificate begin at more poses."""
+    design meet to `gap`; `more` poses to begin with. With ψ = `value` of a plan, for its certificate: until they meet to a small
+    share of the distance to that, by searches that climb to the maxima and in the end begin at more poses."""
     points = points or len(rows.z)
     setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
     lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
@@ -177,7 +177,7 @@ def generate(
     own = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
     columns = _joined(own, search.grid.take(np.arange(0, len(search.grid), max(1, len(search.grid) // FIRST))))
     columns = columns if more is None else _joined(columns, more)
-    given, last = len(own), MANY if math.isfinite(value) else FEW
+    given, certain = len(own), math.isfinite(value)
     weights = np.concatenate(
         [np.full(given, points / given), np.full(len(columns) - given, 0.1 * points / len(columns))]
     )
@@ -191,16 +191,17 @@ def generate(
         reached = min(reached, relaxed.value)
         relaxed = replace(relaxed, pull=_extended(task, relaxed, columns, search.grid, rows.groups, points))
         kept = np.flatnonzero(relaxed.weights > KEPT * points)
-        top, fresh = search.largest(relaxed, columns.take(kept), starts)
+        weighed = columns.take(kept)
+        top, fresh = search.largest(relaxed, weighed, starts) if certain else search.spread(relaxed, weighed)
         bound = max(bound, _bound(task, relaxed, rows.groups, points, top))
         history.append(bound)
-        sharp = max(gap, SHARP * (value - reached)) if math.isfinite(value) else gap
+        sharp = max(gap, SHARP * (value - reached)) if certain else gap
         stalled = len(history) > PATIENCE and bound - history[-1 - PATIENCE] < 0.2 * gap
         done = relaxed.value - bound < sharp or stalled
-        if rounds == most or (done and starts == last):
+        if rounds == most or (done and (starts == MANY or not certain)):
             break
         if done:  # what few starts have missed would be in the bound
-            bound, starts, history = -math.inf, last, []
+            bound, starts, history = -math.inf, MANY, []
         columns = _joined(columns.take(kept), fresh)
         weights = np.concatenate([relaxed.weights[kept], np.full(len(fresh), 0.02 * points / len(fresh))])
     return Generated(search, columns, relaxed, reached, bound, rounds, top, fresh)

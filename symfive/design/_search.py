@@ -1,7 +1,8 @@
 """The largest ⟨G, F(pose)⟩ over all poses of some set-ups, searched: `_proof` bounds it.
 
 The search starts from quasi-random poses (Halton's), some of them on the edges and corners of the travels and some beyond the
-limits, and from the poses of the relaxed design, and climbs from the best of them (`_told`).
+limits, and from the poses of the relaxed design, and climbs from the best of them (`_told`). For the poses of a plan themselves a
+compass search is enough.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ FEW, MANY = 25, 125
 collected, and before nothing more is sought."""
 MOST_FRESH, NEAR = 200, 3e-3
 """Poses that a search returns, and how far apart these are, of the ranges."""
+FROM_GRID, HALVINGS, THINNED, SLANTED = 192, 14, (3, 6), 4
+"""Of the compass search: where it begins, how often its step is halved and after which halvings near poses become one. Steps lead
+along the angles and in slanted directions, so many per angle: where two limits meet no single angle can move."""
 STRETCHED = 1.5
 """Half of the poses again are spread over a box as much wider and put back onto its limits: a third of their coordinates."""
 PRIMES = (2, 3, 5, 7, 11, 13)
@@ -76,19 +80,57 @@ class Search:
             before = np.concatenate([np.where(self.fits[mine], seen[mine], -np.inf), known[own]])
             value = np.concatenate([there, before])
             z = told.decided(np.concatenate([higher, start]))[0]
-            some = self._distinct(z[:, :poses], value)
+            some = self._distinct(z[:, :poses], value, np.zeros(len(z), dtype=np.int64))
             parts.append((z[some], value[some], np.full(len(some), g)))
         z, value, group = (np.concatenate(part) for part in zip(*parts, strict=True))
         best = np.argsort(value)[::-1][:MOST_FRESH]
         z, k, group = z[best], self.lengths[group[best]], group[best]
         return float(value[best[0]]), Candidates(z, k, group, self.space.kernel.rows(z, k))
 
-    def _distinct(self, poses: Array, value: Array) -> Indices:
-        """The best of every neighbourhood, best first; none that cannot be reached."""
+    def spread(self, relaxed: Relaxed, columns: Candidates) -> tuple[float, Candidates]:
+        """The largest value found, and poses that tell much, by compass search: many stay on the way to a local maximum, which
+        leaves whole numbers of poses more to choose among."""
+        seen = sensitivity(relaxed.pull, self.whole[self.fits])
+        each = [np.flatnonzero(self.grid.group == g) for g in range(self.groups)]
+        first = np.concatenate([mine[np.argsort(seen[mine])[::-1][: FROM_GRID // self.groups]] for mine in each])
+        z, k, group = self.grid.z[first].copy(), self.grid.k[first], self.grid.group[first]
+        value = seen[first]
+        z, k = np.concatenate([z, columns.z]), np.concatenate([k, columns.k])
+        group = np.concatenate([group, columns.group])
+        value = np.concatenate([value, sensitivity(relaxed.pull, self.layout.embed(columns.rows, columns.group))])
+        poses = self.space.poses
+        low, high = self.space.lower[:poses], self.space.upper[:poses]
+        step = (high - low) * COARSE ** (-1.0 / poses)
+        generator = np.random.default_rng(0)
+        for halving in range(HALVINGS):
+            if halving in THINNED:
+                some = self._distinct(z[:, :poses], value, group, len(z))
+                z, k, group, value = z[some], k[some], group[some], value[some]
+            slanted = generator.uniform(-1.0, 1.0, (SLANTED * poses, poses))
+            for direction in np.concatenate([np.eye(poses), -np.eye(poses), slanted]):
+                trial = z.copy()
+                trial[:, :poses] = np.clip(trial[:, :poses] + direction * step, low, high)
+                there = self._told(relaxed.pull, trial, k, group)
+                better = there > value
+                z[better], value[better] = trial[better], there[better]
+            step = 0.5 * step
+        fresh = self._distinct(z[:, :poses], value, group)
+        z, k = z[fresh], k[fresh]
+        return float(value.max()), Candidates(z, k, group[fresh], self.space.kernel.rows(z, k))
+
+    def _told(self, pull: Array, z: Array, k: Array, group: Indices) -> Array:
+        """⟨G, F⟩ of poses, -inf of those that cannot be reached."""
+        rows = self.space.kernel.rows(z, k)
+        told = sensitivity(pull, self.layout.embed(rows, group))
+        return np.where(self.space.feasible(z, k, rows), told, -np.inf)
+
+    def _distinct(self, poses: Array, value: Array, group: Indices, most: int = MOST_FRESH) -> Indices:
+        """The best of every neighbourhood in a set-up, best first; none that cannot be reached."""
         place = poses / (self.space.upper - self.space.lower)[: self.space.poses]
+        place = np.concatenate([place, 1e3 * group[:, None]], axis=1)
         left = np.argsort(value)[::-1][: np.count_nonzero(np.isfinite(value))]
         found: list[int] = []
-        while len(left) and len(found) < MOST_FRESH:
+        while len(left) and len(found) < most:
             found.append(int(left[0]))
             left = left[np.abs(place[left] - place[left[0]]).max(axis=1) >= NEAR]
         return np.array(found, dtype=np.int64)

@@ -26,6 +26,8 @@ MET = 1e-3
 """rad."""
 FIRST_TRUST, LARGEST_TRUST = 0.1, 0.3
 """rad."""
+LEAST_BEND = 1e-3
+"""Curvature, of φ over its largest value per rad², that a step is reckoned with where there is less."""
 RESTORED = 8
 INSIDE = 1e-9
 """How far inside the limits (in 100 mm) the last step leads."""
@@ -92,11 +94,15 @@ def told_of(space: Space, layout: Layout, pull: Array, setup: Array, k: Array, g
 
 
 def climbed(told: Told, poses: Array, top: float) -> Array:
-    """Local maxima of φ, of which `top` is about the largest, above the poses (n, d); some may end outside the limits."""
-    for penalty, steps in STAGES:
-        poses = _ascended(told, poses, top, penalty, steps)
-        poses = poses[np.unique(np.round(poses / MET), axis=0, return_index=True)[1]]
-    return _restored(told, poses)
+    """Local maxima of φ, of which `top` is about the largest, above the poses (n, d); some may end outside the limits.
+
+    A pose near which the chain is singular, so that φ and the limits are not finite or their products are not, stays where it is.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        for penalty, steps in STAGES:
+            poses = _ascended(told, poses, top, penalty, steps)
+            poses = poses[np.unique(np.round(poses / MET), axis=0, return_index=True)[1]]
+        return _restored(told, poses)
 
 
 def _ascended(told: Told, poses: Array, top: float, penalty: float, steps: int) -> Array:
@@ -127,11 +133,13 @@ def _ascended(told: Told, poses: Array, top: float, penalty: float, steps: int) 
 
 def _step(slope: Array, bent: Array, free: NDArray[np.bool_], trust: Array) -> Array:
     """Newton's step uphill in the angles that are free, no longer than `trust`: curvatures count by their size."""
+    finite = np.isfinite(np.concatenate([slope[:, :, None], bent], axis=2)).all(axis=(1, 2), keepdims=True)
+    slope, bent = np.where(finite[:, :, 0], slope, 0.0), np.where(finite, bent, 0.0)
     values, vectors = np.linalg.eigh(bent * free[:, :, None] * free[:, None, :])
-    bend = np.maximum(np.abs(values), 1e-3)
+    bend = np.maximum(np.abs(values), LEAST_BEND)
     step = np.einsum("nki,ni->nk", vectors, np.einsum("nki,nk->ni", vectors, slope) / bend) * free
     length = np.linalg.norm(step, axis=1)
-    return np.asarray(step * np.minimum(1.0, trust / np.maximum(length, 1e-300))[:, None])
+    return np.asarray(step * np.minimum(1.0, trust / np.maximum(length, LEAST_BEND**2))[:, None])
 
 
 def _restored(told: Told, poses: Array) -> Array:
@@ -145,8 +153,11 @@ def _restored(told: Told, poses: Array) -> Array:
             break
         outside = limits[left] < INSIDE
         slopes = told.limit_slopes(poses[left]) * outside[:, None, :]
-        gram = slopes.transpose(0, 2, 1) @ slopes + 1e-9 * np.eye(limits.shape[1])
+        gram = slopes.transpose(0, 2, 1) @ slopes
+        gram += 1e-9 * (1.0 + np.einsum("nii->n", gram))[:, None, None] * np.eye(limits.shape[1])
         wanted = np.where(outside, 2.0 * INSIDE - limits[left], 0.0)
+        finite = np.isfinite(gram).all(axis=(1, 2)) & np.isfinite(wanted).all(axis=1)
+        left, slopes, gram, wanted = left[finite], slopes[finite], gram[finite], wanted[finite]
         step = np.einsum("nkg,ng->nk", slopes, np.linalg.solve(gram, wanted[..., None])[..., 0])
         poses[left] = np.clip(poses[left] + step, low, high)
     return poses
