@@ -2,9 +2,10 @@
 
 A cell is left out where one limit excludes all of it. The limits are sums of places (trigonometric of degree one in every angle,
 no longer than the levers), so a limit is nowhere in the cell above its value, its slopes and lever · (Σ h)²/2; the distance of
-tool and post, which has kinks, is nowhere above its value and lever · Σ h. The limit that cuts off most of a cell is taken to second
-order, with lever · (Σ h)³/6 for the rest, and helps to bound φ in the part that is left (`_cells`). The cell with the highest bound is halved, across the
-angle that contributes most to it, until the highest bound is low enough or the cells run out: the bound holds in either case.
+tool and post, which has kinks, is nowhere above its value and lever · Σ h. The limit that cuts off most of a cell is taken to
+second order, with lever · (Σ h)³/6 for the rest, and helps to bound φ in the part that is left (`_cells`). The cell with the
+highest bound is halved, across the angle that contributes most to it, until the highest bound is low enough or the cells run out:
+the bound holds in either case.
 """
 
 from __future__ import annotations
