@@ -120,11 +120,17 @@ class RunMotion:
 
     def series(self, signal: Signal) -> Series:
         """The values of a signal along the run. What has memory follows the motion through rows that the recorder lost too."""
+        if self.run.pieces:
+            return _joined([piece.series(signal) for piece in self._pieces], self.run)
         if self._whole is None:
             return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
         found, rows = self._whole.series(signal), self.run.steps
         tangents = {name: tangent[rows] for name, tangent in found.tangents.items()}
         return Series(found.value[rows], tangents, steps=found.steps)
+
+    @cached_property
+    def _pieces(self) -> list[RunMotion]:
+        return [RunMotion(piece.run, self.machine, self._freed, self.values) for piece in self.run.pieces]
 
     @cached_property
     def _whole(self) -> RunMotion | None:
@@ -138,6 +144,12 @@ class RunMotion:
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""
+        if self.run.pieces:
+            each = [piece.axis(name) for piece in self._pieces]
+            parts = [
+                _joined([getattr(m, part) for m in each], self.run) for part in ("position", "velocity", "acceleration")
+            ]
+            return AxisMotion(np.asarray(self.run.commands[name]) * self.machine.axes[name].to_internal, *parts)
         return self._kept(("axis", name), name, (), lambda: self._move(self.machine.axes[name]))
 
     def _move(self, axis: Axis) -> AxisMotion:
@@ -224,3 +236,16 @@ class RunMotion:
         else:
             series = Series(np.interp(fine, rows, motion.acceleration.value))
         return series, rows, self.run.interval / factor
+
+
+def _joined(parts: Sequence[Series], run: Run) -> Series:
+    """What holds along each piece of a run, one after the other, without the rows that lead to it."""
+    leads = [piece.lead for piece in run.pieces]
+
+    def join(each: Sequence[Array]) -> Array:
+        return np.concatenate([values[lead:] for values, lead in zip(each, leads, strict=True)])
+
+    names = dict.fromkeys(name for part in parts for name in part.tangents)
+    still = [np.zeros_like(part.value) for part in parts]
+    tangents = {n: join([p.tangents.get(n, s) for p, s in zip(parts, still, strict=True)]) for n in names}
+    return Series(join([part.value for part in parts]), tangents, steps=parts[0].steps)
