@@ -48,6 +48,7 @@ def long(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(_stretches, "LONG", 1000)
     monkeypatch.setattr(_stretches, "SEEN", 800)
     monkeypatch.setattr(_stretches, "STRETCH", 64)
+    monkeypatch.setattr(_stretches, "MOST_STEP", 3)
     yield
 
 
@@ -117,16 +118,17 @@ def test_a_long_recording_is_named_from_stretches_and_identified_whole(recording
     found = diagnose(recording)
     assert [(f.name, f.axis) for f in found.findings] == [("backlash", "X")]
     assert found.after.model.campaign is recording
-    assert found.hold_out is not None
-    unseen = found.hold_out.readings["held_out"]
-    assert found.hold_out.readings == {
+    assert found.searched is not None
+    unseen = found.searched.readings["held_out"]
+    assert found.searched.readings == {
         "all": 2 * recording.rows,
         "fitted": 2 * recording.rows - unseen,
         "held_out": unseen,
     }
-    assert found.hold_out.label == "the rows that the search did not see"
+    assert found.searched.label == "the rows that the search did not see"
     assert unseen > recording.rows
-    before, after = found.hold_out.rms["held_out"]
+    assert found.hold_out is None
+    before, after = found.searched.rms["held_out"]
     assert after < 1.1 * found.noise_um < 0.2 * before
     whole = identify(recording, effects=[make_effect("backlash", "X")])
     name = "backlash.X.width"

@@ -137,7 +137,7 @@ def _grams(fit: Identification) -> tuple[dict[str, _Gram], dict[str, Array]]:
     used: dict[str, set[int]] = {run.id: {size} for run in campaign.runs}
     parts: dict[tuple[str, str], list[Array]] = {}
     for key, block, white in problem.whitened_at(fit.values):
-        parts.setdefault(key, []).append(white[:, :, -1])
+        parts.setdefault(key, []).append(white[:, :, -1].copy())
         flat = white.reshape(-1, white.shape[2])
         where = np.append(block.columns, size)
         wholes[key[0]][np.ix_(where, where)] += flat.T @ flat

@@ -42,9 +42,9 @@ def diagnose(
     a clean campaign (names follow from probabilities and stated losses instead: `symfive.posterior.decide`); `exclude` takes
     effects (by id) out of the library, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) everything is
     learnt from the rest; a finding that makes the held-out part worse is withdrawn. Of recordings of more than 20,000 rows in all
-    names are searched for in some stretches, and then held out is what the search did not see; every value is identified from all
-    rows, window by window. Raises `InputError` for a campaign without
-    readings, for one that the instrument cannot have read, and where nothing is left to fit.
+    names are searched for in some rows (`stretches_of`); a finding that makes the others worse is withdrawn, and every value is
+    identified from all rows, window by window. Raises `InputError` for a campaign without readings, for one that the instrument
+    cannot have read, and where nothing is left to fit.
 
     The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened` and `decide` of
     `symfive.posterior`; `withdraw`, `findings_of`, `prove`, `held_out`.
@@ -65,18 +65,19 @@ def diagnose(
     before = baseline(seen)
     posterior, here = polish(before, stated, progress)
     verdicts = decide(posterior, coarsened(posterior))
+    searched: HoldOut | None = None
     proof: HoldOut | None = None
     if seen is not campaign:
         progress("predicting the rows that the search did not see")
-        here, proof = proved(before, here, campaign, Split(UNSEEN, lambda run: rows[run.id]))
-    searched = here.fit
+        here, searched = proved(before, here, campaign, Split(UNSEEN, lambda run: rows[run.id]))
+    first = here.fit
     if seen is not campaign:
         progress("identifying from all rows")
         before, here = baseline(campaign), over_all(here, campaign)
     if split is not None:
         progress("predicting the held-out part")
-        here, proof = proved(before, here, whole, split, () if proof is None else proof.withdrawn)
-    if proof is not None:
+        here, proof = proved(before, here, whole, split)
+    if searched is not None or proof is not None:
         kept = {form.effect.key for form in here.held}
         verdicts = tuple(v for v in verdicts if posterior.moments.terms[v.term].effect.key in kept)
     after = here.fit
@@ -97,9 +98,10 @@ def diagnose(
         location=location,
         remaining=remaining,
         before=before,
-        after=doubted(posterior, searched, after),
+        after=doubted(posterior, first, after),
         false_alarms=false_alarms,
         hold_out=proof,
+        searched=searched,
     )
 
 

@@ -172,12 +172,10 @@ def held_out(
     return HoldOut(split.label, {part: last[1] for part, (_, last) in squares.items()}, rms, withdrawn)
 
 
-def proved(
-    before: Identification, here: Expansion, campaign: Campaign, split: Split, gone: tuple[Withdrawn, ...] = ()
-) -> tuple[Expansion, HoldOut]:
-    """What stands the held-out part, beside what is `gone` already, and how the fits before and after it predict that part."""
+def proved(before: Identification, here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansion, HoldOut]:
+    """The fit of what stands the held-out part, and how it and the one before it predict that part."""
     here, withdrawn = withdraw(here, campaign, split)
-    return here, held_out(before, here.fit, campaign, split, (*gone, *withdrawn))
+    return here, held_out(before, here.fit, campaign, split, withdrawn)
 
 
 def _lacking(here: Expansion, effect: Effect) -> Expansion:

@@ -1,8 +1,8 @@
 """Stretches: of long recordings the rows that the search for names sees.
 
 What a search takes grows with the rows, what they tell of an effect's form soon does not: it is the same motion again. So of
-recordings that are long together it sees some stretches at the full rate, chosen so that every place of every axis, from either
-side, every speed and every part of the time comes up as evenly as can be. Drives, plays and friction follow the whole motion.
+recordings that are long together it sees some rows of some stretches, chosen so that every place of every axis, from either side,
+every speed and every part of the time comes up as evenly as can be. Drives, plays and friction follow the motion row by row.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from symfive.runs import Piece
 __all__ = ["LONG", "stretches_of"]
 
 Array = NDArray[np.float64]
-LONG, SEEN = 20_000, 10_000
-"""Rows of all recordings up to which the search sees every one, which takes 1 GB; and how many it sees of more."""
+LONG, SEEN = 20_000, 6_000
+"""Rows of all recordings up to which the search sees every one, which takes 1 GB; and about how many it sees of more."""
+MOST_STEP = 8
+"""It sees every second to every eighth row: so much more of the motion for the same rows."""
 STRETCH = 512
-"""Rows; the noise's correlation over the seams, a fiftieth of the rows at most ten apart, is lost."""
+"""Rows that are seen in a stretch; the noise's correlation over the seams is lost."""
 SETTLED_S, MOST_LEAD = 2.5, 8192
 """A stretch is led to from where every axis has last turned round, so that plays and friction know their side, and from fifty
 time constants of a slow position loop (20 1/s) before that; an axis that has not turned for so many rows keeps its side."""
@@ -43,38 +45,34 @@ def stretches_of(campaign: Campaign) -> tuple[Campaign, Mapping[str, NDArray[np.
     every = sum(run.rows for run in long)
     if every <= LONG:
         return campaign, seen
-    runs = {run.id: run for run in campaign.runs}
+    runs, step = {run.id: run for run in campaign.runs}, min(MOST_STEP, -(-every // SEEN))
     for run in long:
-        stretches, wanted = _stretches(run), max(2, round(SEEN * run.rows / every / STRETCH))
-        if wanted <= stretches[-1]:
-            seen[run.id] = np.isin(stretches, _chosen(_shares(run, stretches), wanted))
-            runs[run.id] = _cut(run, seen[run.id])
+        length, wanted = STRETCH * step, max(2, round(SEEN * run.rows / every / STRETCH))
+        stretches = np.minimum(
+            np.arange(run.rows) // length, max(run.rows // length, 1) - 1
+        )  # the last one takes what is left
+        chosen = _chosen(_shares(run, stretches), min(wanted, int(stretches[-1]) + 1))
+        runs[run.id], seen[run.id] = _cut(run, np.isin(stretches, chosen), step)
     return replace(campaign, runs=tuple(runs.values())), seen
 
 
-def _stretches(run: Run) -> NDArray[np.int64]:
-    """The number of the stretch of each row (N,); what is left over belongs to the last one."""
-    return np.minimum(np.arange(run.rows) // STRETCH, max(run.rows // STRETCH, 1) - 1)
-
-
-def _cut(run: Run, rows: NDArray[np.bool_]) -> Run:
-    """These rows of a run, in pieces each of which is led to."""
+def _cut(run: Run, rows: NDArray[np.bool_], step: int) -> tuple[Run, NDArray[np.bool_]]:
+    """Every `step`th of these rows of a run, in pieces each of which is led to; and which they are (N,)."""
+    turned, margin = _since_reversals(run), int(np.ceil(SETTLED_S / run.interval))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]])))
+    pieces, kept = list[Piece](), np.zeros(run.rows, dtype=bool)
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        begin = max(0, min(first, max(int(turned[first]), first - MOST_LEAD)) - margin)
+        pieces.append(Piece(run=run.part(begin, last).with_readings({}), lead=first - begin, step=step))
+        kept[first:last:step] = True
 
     def of(columns: Mapping[str, Array]) -> dict[str, Array]:
-        found = {name: np.asarray(column)[rows] for name, column in columns.items()}
+        found = {name: np.asarray(column)[kept] for name, column in columns.items()}
         release(*columns.values())
         return found
 
-    turned, margin = _since_reversals(run), int(np.ceil(SETTLED_S / run.interval))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]])))
-    pieces = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        begin = max(0, min(int(first), max(int(turned[first]), int(first) - MOST_LEAD)) - margin)
-        part = run.part(begin, int(last)).with_readings({})
-        pieces.append(Piece(run=part, lead=int(first) - begin))
-    return replace(
-        run, time=np.asarray(run.time)[rows], commands=of(run.commands), readings=of(run.readings), pieces=tuple(pieces)
-    )
+    time = np.asarray(run.time)[kept]
+    return replace(run, time=time, commands=of(run.commands), readings=of(run.readings), pieces=tuple(pieces)), kept
 
 
 def _since_reversals(run: Run) -> NDArray[np.int64]:
@@ -93,7 +91,7 @@ def _since_reversals(run: Run) -> NDArray[np.int64]:
 def _chosen(shares: Array, count: int) -> list[int]:
     """So many stretches, of which `shares` (stretches, cells) says how many rows they have in each cell: the first, the last, and
     each time that which adds most to Σ √rows over the cells."""
-    chosen = [0, len(shares) - 1]
+    chosen = sorted({0, len(shares) - 1})
     total = shares[chosen].sum(axis=0)
     while len(chosen) < count:
         gain = np.sum(np.sqrt(total + shares), axis=1)

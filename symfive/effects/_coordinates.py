@@ -46,7 +46,7 @@ def coordinate_values(name: str, run: Run, machine: Machine) -> Array:
     if name == "t":
         return run.start_s + np.asarray(run.time)
     if run.pieces:
-        return np.concatenate([coordinate_values(name, piece.run, machine)[piece.lead :] for piece in run.pieces])
+        return np.concatenate([coordinate_values(name, piece.run, machine)[piece.own] for piece in run.pieces])
     command = np.asarray(run.commands[owner(name)])
     if name.endswith(SINCE):
         return _since_reversal(command)

@@ -120,13 +120,17 @@ class RunMotion:
 
     def series(self, signal: Signal) -> Series:
         """The values of a signal along the run. What has memory follows the motion through rows that the recorder lost too."""
+        axis = getattr(signal, "axis", None)
         if self.run.pieces:
-            return _joined([piece.series(signal) for piece in self._pieces], self.run)
+            return self._kept(signal, axis, signal.parameters, lambda: self._in_pieces(signal))
         if self._whole is None:
-            return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
+            return self._kept(signal, axis, signal.parameters, lambda: signal.series(self))
         found, rows = self._whole.series(signal), self.run.steps
         tangents = {name: tangent[rows] for name, tangent in found.tangents.items()}
         return Series(found.value[rows], tangents, steps=found.steps)
+
+    def _in_pieces(self, signal: Signal) -> Series:
+        return _joined([signal.series(piece) for piece in self._pieces], self.run)
 
     @cached_property
     def _pieces(self) -> list[RunMotion]:
@@ -239,11 +243,11 @@ class RunMotion:
 
 
 def _joined(parts: Sequence[Series], run: Run) -> Series:
-    """What holds along each piece of a run, one after the other, without the rows that lead to it."""
-    leads = [piece.lead for piece in run.pieces]
+    """What holds along each piece of a run, one after the other, in the rows that are kept."""
+    own = [piece.own for piece in run.pieces]
 
     def join(each: Sequence[Array]) -> Array:
-        return np.concatenate([values[lead:] for values, lead in zip(each, leads, strict=True)])
+        return np.concatenate([values[rows] for values, rows in zip(each, own, strict=True)])
 
     names = dict.fromkeys(name for part in parts for name in part.tangents)
     still = [np.zeros_like(part.value) for part in parts]

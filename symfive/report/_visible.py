@@ -26,5 +26,5 @@ def visible_parts(before: Identification, contributions: Sequence[Mapping[str, A
     for contribution in contributions:
         information = problem.information_at(before.values, of=contribution)
         matrix = information.matrix + np.diag(problem.prior_precision)
-        taken.append(np.linalg.solve(matrix, information.gradient))
+        taken.append(np.asarray(np.linalg.solve(matrix, information.gradient)))
     return problem.less(contributions, before.values, taken)

@@ -233,7 +233,7 @@ class Run(OnScreen):
         if not self.has_clock:
             return 1.0
         if self.pieces:
-            return self.pieces[0].run.interval
+            return self.pieces[0].step * self.pieces[0].run.interval
         time = np.asarray(self.time[:LONG])
         if len(time) < 2:
             return 1.0

@@ -13,13 +13,19 @@ __all__ = ["Piece"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One stretch: `run` without readings, of which the first `lead` rows are not the stretch's own. In them
-    drives, plays and friction forget how it began."""
+    """One stretch: of `run`, which has no readings, row `lead` and every `step`th after it. In the rows before that drives, plays
+    and friction forget how it began."""
 
     run: Run
     lead: int
+    step: int = 1
+
+    @property
+    def own(self) -> slice:
+        """The rows that are kept."""
+        return slice(self.lead, None, self.step)
 
     @property
     def rows(self) -> int:
-        """Rows of the stretch."""
-        return self.run.rows - self.lead
+        """How many they are."""
+        return len(range(self.lead, self.run.rows, self.step))
