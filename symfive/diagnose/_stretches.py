@@ -21,7 +21,7 @@ from symfive.runs import Piece
 __all__ = ["LONG", "stretches_of"]
 
 Array = NDArray[np.float64]
-LONG, SEEN = 20_000, 6_000
+LONG, SEEN = 20_000, 8_000
 """Rows of all recordings up to which the search sees every one, which takes 1 GB; and about how many it sees of more."""
 MOST_STEP = 8
 """It sees every second to every eighth row: so much more of the motion for the same rows."""
