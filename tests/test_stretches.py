@@ -86,6 +86,17 @@ def test_a_stretch_moves_as_in_the_whole_recording() -> None:
         np.testing.assert_allclose(found.jacobian, wanted.jacobian[rows[run.id]], rtol=1e-7, atol=1e-9)
 
 
+def test_of_many_runs_each_shows_little() -> None:
+    machine = preset("three-axis")
+    (first, *_) = planar_circle(machine, feed=3000.0, rate_hz=50.0, instrument="grid_encoder")
+    runs = [replace(first, id=f"r{number}", file="") for number in range(40)]
+    campaign = campaign_of(machine, runs)
+    assert campaign.rows > _stretches.LONG
+    seen, rows = _stretches.stretches_of(campaign)
+    assert seen.rows == sum(int(kept.sum()) for kept in rows.values()) < 1.5 * _stretches.SEEN
+    assert {run.rows for run in seen.runs} == {seen.runs[0].rows}
+
+
 def test_rows_that_the_recorder_lost_stay_lost(monkeypatch: pytest.MonkeyPatch, long: None) -> None:
     campaign = circles(4, 25.0)
     kept = np.r_[0:700, 703 : campaign.runs[0].rows]

@@ -25,8 +25,9 @@ LONG, SEEN = 20_000, 8_000
 """Rows of all recordings up to which the search sees every one, which takes 1 GB; and about how many it sees of more."""
 MOST_STEP = 8
 """It sees every second to every eighth row: so much more of the motion for the same rows."""
-STRETCH = 512
-"""Rows that are seen in a stretch; the noise's correlation over the seams is lost."""
+STRETCH, SHORTEST = 512, 64
+"""Rows that are seen in a stretch, and in one of a campaign of so many runs that each has two short ones only; the noise's
+correlation over the seams is lost."""
 SETTLED_S, MOST_LEAD = 2.5, 8192
 """A stretch is led to from where every axis has last turned round, so that plays and friction know their side, and from fifty
 time constants of a slow position loop (20 1/s) before that; an axis that has not turned for so many rows keeps its side."""
@@ -47,11 +48,12 @@ def stretches_of(campaign: Campaign) -> tuple[Campaign, Mapping[str, NDArray[np.
         return campaign, seen
     runs, step = {run.id: run for run in campaign.runs}, min(MOST_STEP, -(-every // SEEN))
     for run in long:
-        length, wanted = STRETCH * step, max(2, round(SEEN * run.rows / every / STRETCH))
-        stretches = np.minimum(
-            np.arange(run.rows) // length, max(run.rows // length, 1) - 1
-        )  # the last one takes what is left
-        chosen = _chosen(_shares(run, stretches), min(wanted, int(stretches[-1]) + 1))
+        share = SEEN * run.rows / every
+        size = min(STRETCH, max(SHORTEST, round(0.5 * share)))
+        length, wanted = size * step, max(2, round(share / size))
+        last = max(run.rows // length, 1) - 1  # it takes what is left over
+        stretches = np.minimum(np.arange(run.rows) // length, last)
+        chosen = _chosen(_shares(run, stretches), min(wanted, last + 1))
         runs[run.id], seen[run.id] = _cut(run, np.isin(stretches, chosen), step)
     return replace(campaign, runs=tuple(runs.values())), seen
 
