@@ -17,10 +17,11 @@ from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Identification, fitted_model, identify, predict
-from symfive.inference import Noise, whiten
+from symfive.inference import Noise, Problem, whiten
 from symfive.inference import _windows as windows
 from symfive.inference._whitening import Whitening
 from symfive.machine import preset
+from symfive.model import Model
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.report import _spectrum, _traces, identification_report, residuals_over_time
 from symfive.report._tables import noise_table
@@ -283,6 +284,7 @@ from symfive.campaign import Campaign, Run
 from symfive.inference import Problem
 from symfive.machine import preset
 from symfive.model import Model
+from symfive.model import Model
 from symfive.procedures import planar_circle
 
 machine = preset("table-bc")
@@ -321,3 +323,21 @@ def test_memory_does_not_grow_with_the_rows(tmp_path):
     assert few > windows.LONG and many > 3 * few
     table = (many - few) * (1 + parameters) * 8 / 1024**2
     assert grown < 0.5 * table
+
+
+def test_a_search_begins_with_what_the_last_one_ended_with(circles):
+    """The same values under the same noise, outliers and freedom are evaluated once; each of these changes the sum."""
+    problem = Problem.of(Model(circles))
+    values = problem.model.start
+    first = problem.information_at(values)
+    assert problem.information_at(values.copy()) is first
+    run = circles.runs[0].id
+    problem.left_out[run][7, 0] = True
+    fewer = problem.information_at(values)
+    assert fewer.count == first.count - 1
+    key = next(iter(problem.noises))
+    problem.noises[key] = replace(problem.noises[key], white=2.0)
+    assert problem.information_at(values).square < fewer.square
+    problem.free[:] = False
+    assert not problem.information_at(values).matrix.any()
+    assert problem.information_at(values + 1.0).square != fewer.square

@@ -16,6 +16,7 @@ from symfive.diagnose._places import Interval, direction_of, intervals_of
 from symfive.diagnose._prove import prove
 from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, Fit, RivalName, wrapped
 from symfive.diagnose._split import Split, first_half, parted, runs_of
+from symfive.diagnose._stretches import stretches_of
 from symfive.diagnose._words import facts_of, named, place_words, sentence_of
 
 __all__ = [
@@ -23,5 +24,5 @@ __all__ = [
     "Observability", "RivalName", "Split", "Suspect", "Test", "Withdrawn", "amend", "detect", "diagnose", "direction_of",
     "doubted", "facts_of", "findings_of", "first_half", "held_out", "held_out_square", "intervals_of", "locate", "located",
     "log_tail", "moved", "named", "next_test", "parted", "partitions", "place_words", "possible_tests", "prove", "root",
-    "runs_of", "sentence_of", "withdraw", "wrapped",
+    "runs_of", "sentence_of", "stretches_of", "withdraw", "wrapped",
 ]  # fmt: skip

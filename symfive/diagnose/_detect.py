@@ -25,7 +25,6 @@ from scipy.stats import chi2, f
 from symfive.campaign import Campaign
 from symfive.diagnose._groups import partitions
 from symfive.identify import Identification, identify
-from symfive.inference import whiten
 from symfive.numbers import with_std
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
@@ -132,25 +131,23 @@ class _Gram:
 
 def _grams(fit: Identification) -> tuple[dict[str, _Gram], dict[str, Array]]:
     """Of every run, and its whitened residual (N, fitted columns), outliers at 0."""
-    problem = fit.problem()
-    blocks = problem.blocks(fit.values)
+    problem, campaign = fit.problem(), fit.model.campaign
     size = len(fit.parameters)
+    wholes = {run.id: np.zeros((size + 1, size + 1)) for run in campaign.runs}
+    used: dict[str, set[int]] = {run.id: {size} for run in campaign.runs}
+    parts: dict[tuple[str, str], list[Array]] = {}
+    for key, block, white in problem.whitened_at(fit.values):
+        parts.setdefault(key, []).append(white[:, :, -1].copy())
+        flat = white.reshape(-1, white.shape[2])
+        where = np.append(block.columns, size)
+        wholes[key[0]][np.ix_(where, where)] += flat.T @ flat
+        used[key[0]] |= set(where.tolist())
     grams, residuals = {}, {}
-    for run in fit.model.campaign.runs:
-        whole = np.zeros((size + 1, size + 1))
-        used: set[int] = {size}
-        parts = []
-        for name, _ in problem.parts(run):
-            block = blocks[run.id, name]
-            white, _ = whiten(block.stacked(), fit.noises[run.id, name], block.interval)
-            parts.append(white[:, :, -1])
-            flat = white.reshape(-1, white.shape[2])
-            where = np.append(block.columns, size)
-            whole[np.ix_(where, where)] += flat.T @ flat
-            used |= set(where.tolist())
-        kept = np.array(sorted(used), dtype=np.int64)
-        grams[run.id] = _Gram(kept, whole[np.ix_(kept, kept)])
-        residuals[run.id] = np.concatenate(parts, axis=1)
+    for run in campaign.runs:
+        kept = np.array(sorted(used[run.id]), dtype=np.int64)
+        grams[run.id] = _Gram(kept, wholes[run.id][np.ix_(kept, kept)])
+        columns = [np.concatenate(parts[run.id, name]) for name, _ in problem.parts(run)]
+        residuals[run.id] = np.concatenate(columns, axis=1)
     return grams, residuals
 
 

@@ -10,18 +10,21 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import detect
 from symfive.diagnose._findings import doubted, findings_of
-from symfive.diagnose._hold_out import Withdrawn, held_out, withdraw
+from symfive.diagnose._hold_out import HoldOut, proved
 from symfive.diagnose._locate import located
 from symfive.diagnose._prove import prove
 from symfive.diagnose._result import Diagnosis
 from symfive.diagnose._split import Split, parted
+from symfive.diagnose._stretches import stretches_of
 from symfive.errors import InputError
 from symfive.given import campaign_given
 from symfive.plausible import unreadable
-from symfive.posterior import EXPECTED, Posterior, baseline, candidates, coarsened, decide, fitted, polish
+from symfive.posterior import EXPECTED, Posterior, baseline, candidates, coarsened, decide, fitted, over_all, polish
 from symfive.threads import one_thread
 
 __all__ = ["diagnose"]
+
+UNSEEN = "the rows that the search did not see"
 
 
 @one_thread
@@ -38,8 +41,10 @@ def diagnose(
     `campaign` with readings, or the path of its folder; `false_alarms` is the rate at which the tests that need no name may fail
     a clean campaign (names follow from probabilities and stated losses instead: `symfive.posterior.decide`); `exclude` takes
     effects (by id) out of the library, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) everything is
-    learnt from the rest; a finding that makes the held-out part worse is withdrawn. Raises `InputError` for a campaign without
-    readings, for one that the instrument cannot have read, and where nothing is left to fit.
+    learnt from the rest; a finding that makes the held-out part worse is withdrawn. Of recordings of more than 20,000 rows in all
+    names are searched for in some rows (`stretches_of`); a finding that makes the others worse is withdrawn, and every value is
+    identified from all rows, window by window. Raises `InputError` for a campaign without readings, for one that the instrument
+    cannot have read, and where nothing is left to fit.
 
     The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened` and `decide` of
     `symfive.posterior`; `withdraw`, `findings_of`, `prove`, `held_out`.
@@ -54,15 +59,25 @@ def diagnose(
     if hold_out is not None:
         whole, split = parted(campaign, hold_out)
         campaign = split.fitted(whole)
-    stated = candidates(campaign, exclude)
+    seen, rows = stretches_of(campaign)
+    stated = candidates(seen, exclude)
     progress("fitting the baseline")
-    before = baseline(campaign)
+    before = baseline(seen)
     posterior, here = polish(before, stated, progress)
     verdicts = decide(posterior, coarsened(posterior))
-    withdrawn: tuple[Withdrawn, ...] = ()
+    searched: HoldOut | None = None
+    proof: HoldOut | None = None
+    if seen is not campaign:
+        progress("predicting the rows that the search did not see")
+        here, searched = proved(before, here, campaign, Split(UNSEEN, lambda run: rows[run.id]))
+    first = here.fit
+    if seen is not campaign:
+        progress("identifying from all rows")
+        before, here = baseline(campaign), over_all(here, campaign)
     if split is not None:
         progress("predicting the held-out part")
-        here, withdrawn = withdraw(here, whole, split)
+        here, proof = proved(before, here, whole, split)
+    if searched is not None or proof is not None:
         kept = {form.effect.key for form in here.held}
         verdicts = tuple(v for v in verdicts if posterior.moments.terms[v.term].effect.key in kept)
     after = here.fit
@@ -83,9 +98,10 @@ def diagnose(
         location=location,
         remaining=remaining,
         before=before,
-        after=doubted(posterior, after),
+        after=doubted(posterior, first, after),
         false_alarms=false_alarms,
-        hold_out=None if split is None else held_out(before, after, whole, split, withdrawn),
+        hold_out=proof,
+        searched=searched,
     )
 
 

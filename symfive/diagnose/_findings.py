@@ -67,15 +67,15 @@ def moved(before: Identification, after: Identification, most: int = 8) -> dict[
     return {name: (before[name], after[name]) for _, name in sorted(ranked, reverse=True)[:most]}
 
 
-def doubted(posterior: Posterior, after: Identification) -> Identification:
+def doubted(posterior: Posterior, here: Identification, after: Identification) -> Identification:
     """The final fit, its covariance with what is not known of the names: Σ w Δ Δᵀ over the other subsets, Δ what each does to
-    the other parameters, w its probability (J. A. Hoeting et al. 1999, (2))."""
+    the other parameters of `here`, the fit of what the search saw, w its probability (J. A. Hoeting et al. 1999, (2))."""
     held = frozenset(range(posterior.moments.held))
     others = {terms: weight for terms, weight in posterior.weights.items() if terms != held and weight > OPEN}
-    covariance = after.covariance.copy()
+    covariance, mine = after.covariance.copy(), here.named
     for terms in sorted(others, key=lambda terms: -others[terms])[:REFITS]:
         there = refitted(posterior.moments, _most_probable(posterior, terms)).fit.named
-        change = np.array([there.get(p.name, after[p.name]) - after[p.name] for p in after.parameters])
+        change = np.array([there.get(p.name, mine[p.name]) - mine[p.name] for p in after.parameters])
         covariance += others[terms] * np.outer(change, change)
     return replace(after, covariance=covariance)
 
@@ -133,7 +133,7 @@ def _finding(
 ) -> Finding:
     moments, after, campaign = posterior.moments, here.fit, here.fit.model.campaign
     terms, effect = moments.terms, moments.terms[verdict.term].effect
-    contribution = after.model.contribution(effect, after.values)
+    contribution = after.problem().contribution(effect, after.values)
     square = {run: float(np.mean((c - c.mean(axis=0)) ** 2)) for run, c in contribution.items()}
     first = verdict.names[0] if verdict.names else ("unknown", None)
     name, axis = first[0], effect.belongs_to if effect.nameless else first[1]

@@ -21,7 +21,7 @@ from symfive.numbers import change, unit_words
 from symfive.posterior import Expansion, fitted
 from symfive.threads import one_thread
 
-__all__ = ["WORSE", "HoldOut", "Withdrawn", "held_out", "held_out_square", "root", "withdraw"]
+__all__ = ["WORSE", "HoldOut", "Withdrawn", "held_out", "held_out_square", "proved", "root", "withdraw"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -105,12 +105,13 @@ def held_out_square(fit: Identification, campaign: Campaign, split: Split, unit:
 def _square(model: Model, values: Array, which: Mapping[str, Rows], unit: str) -> tuple[float, int]:
     """Sum of squares of the residuals of some rows of each run, in a unit, and how many there are."""
     problem, square, count = Problem.of(model), 0.0, 0
+    residuals = problem.residuals_at(values)
     for run in model.campaign.runs:
         columns = model.columns(run)
         sensed = (k for _, part in problem.parts(run) for k in range(*part.indices(len(columns))))
         shown = [k for k in sensed if columns[k].unit == unit]
         if which[run.id].any() and shown:
-            residual = (model.readings(run) - model.predict_run(run, values))[which[run.id]][:, shown]
+            residual = residuals[run.id][which[run.id]][:, shown]
             square, count = square + float(np.sum(residual**2)), count + residual.size
     return square, count
 
@@ -169,6 +170,12 @@ def held_out(
     squares = dict(zip(PARTS, (every, learnt, held), strict=True))
     rms = {part: (root(*first), root(*last)) for part, (first, last) in squares.items()}
     return HoldOut(split.label, {part: last[1] for part, (_, last) in squares.items()}, rms, withdrawn)
+
+
+def proved(before: Identification, here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansion, HoldOut]:
+    """The fit of what stands the held-out part, and how it and the one before it predict that part."""
+    here, withdrawn = withdraw(here, campaign, split)
+    return here, held_out(before, here.fit, campaign, split, withdrawn)
 
 
 def _lacking(here: Expansion, effect: Effect) -> Expansion:

@@ -18,7 +18,6 @@ from symfive.diagnose._detect import Detection, detect
 from symfive.diagnose._places import Interval, direction_of, intervals_of
 from symfive.effects import Effect, Form
 from symfive.identify import Identification
-from symfive.inference import whiten
 from symfive.model import Model
 from symfive.posterior import (
     WIDTHS,
@@ -237,14 +236,13 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
 
 def _columns(fit: Identification) -> dict[str, float]:
     problem = fit.problem()
+    sums: dict[tuple[str, str], Array] = {}
+    for key, _, white in problem.whitened_at(fit.values):
+        sums[key] = sums.get(key, np.zeros(white.shape[1])) + np.sum(white[:, :, -1] ** 2, axis=0)
     squares: dict[str, list[float]] = {}
-    blocks = problem.blocks(fit.values)
     for run in fit.model.campaign.runs:
         for instrument, part in problem.parts(run):
-            block = blocks[run.id, instrument]
-            kept = np.where(block.left_out, 0.0, block.residual)
-            white, _ = whiten(kept, fit.noises[run.id, instrument], block.interval)
-            for column, power in zip(fit.model.columns(run)[part], np.mean(white**2, axis=0), strict=True):
+            for column, power in zip(fit.model.columns(run)[part], sums[run.id, instrument] / run.rows, strict=True):
                 squares.setdefault(f"{instrument}: {column.name}", []).append(float(power))
     return {name: float(np.mean(powers)) for name, powers in squares.items()}
 

@@ -69,7 +69,7 @@ def _held_out_rows(result: Identification) -> float:
         problem = result.problem()
         problem.left_out[run.id][rows] = True
         values, _ = gauss_newton(problem, result.values, 1e-2)
-        residual = problem.model.readings(run) - problem.model.predict_run(run, values)
+        residual = problem.residuals_at(values)[run.id]
         for part in (part for _, part in problem.parts(run) if problem.unit_of(run, part) == unit):
             squares += float(np.sum(residual[rows][:, part] ** 2))
             count += residual[rows][:, part].size
@@ -89,7 +89,10 @@ def _part(
     problem.free = np.array([p.name not in known for p in model.parameters])
     start = result.named | dict(known)
     values, _ = gauss_newton(problem, model.vector({n: v for n, v in start.items() if n in model.index}), 1e-2)
-    blocks = problem.blocks(values)
-    named = model.named(values)
-    units = {(run.id, name): problem.unit_of(run, columns) for run in part.runs for name, columns in problem.parts(run)}
-    return named, [block.residual for key, block in blocks.items() if units[key] == result.file_unit]
+    residuals, unit = problem.residuals_at(values), result.file_unit
+    return model.named(values), [
+        residuals[run.id][:, columns]
+        for run in part.runs
+        for _, columns in problem.parts(run)
+        if problem.unit_of(run, columns) == unit
+    ]

@@ -206,7 +206,8 @@ class Fit:
 class Diagnosis(OnScreen):
     """Result of `diagnose`. `p_value` bounds how often a clean campaign looks as far from clean; `before` and `after` are the
     identifications without and with the findings, `detection` and `location` what was seen before any name, `remaining` the
-    same tests on what is left; `hold_out` what the findings are worth on readings that were held out of all of these."""
+    same tests on what is left; `hold_out` what the findings are worth on readings that were held out of all of these, `searched`
+    on the rows of long recordings that the search for names did not see, before all rows were fitted."""
 
     p_value: float
     noise_um: float
@@ -219,6 +220,7 @@ class Diagnosis(OnScreen):
     after: Identification
     false_alarms: float = 0.01
     hold_out: HoldOut | None = None
+    searched: HoldOut | None = None
 
     @property
     def unnamed(self) -> tuple[str, ...]:
@@ -259,6 +261,7 @@ class Diagnosis(OnScreen):
                 },
             },
             "hold_out": None if self.hold_out is None else self.hold_out.to_data(self.after.unit),
+            "searched": None if self.searched is None else self.searched.to_data(self.after.unit),
             "outliers": {"before": _excluded(self.before), "after": _excluded(self.after)},
             "tests": [
                 {"test": t.name, "statistic": t.statistic, "dof": t.dof, "p_value": t.p_value, "says": t.says}
@@ -331,8 +334,9 @@ class Diagnosis(OnScreen):
 
     @property
     def proof(self) -> tuple[str, ...]:
-        """What was withdrawn, and before → after of all readings, the fitted and the held-out ones; none without a hold-out."""
-        return () if self.hold_out is None else self.hold_out.sentences(self.after.unit)
+        """What was withdrawn, and before → after of all readings, the fitted and the held-out ones; none where none were."""
+        parts = (part for part in (self.searched, self.hold_out) if part is not None)
+        return tuple(said for part in parts for said in part.sentences(self.after.unit))
 
     @property
     def verdict(self) -> str:

@@ -45,6 +45,8 @@ def coordinate_values(name: str, run: Run, machine: Machine) -> Array:
     """A coordinate along the commands of a run, in file units (mm, degree, s)."""
     if name == "t":
         return run.start_s + np.asarray(run.time)
+    if run.pieces:
+        return np.concatenate([coordinate_values(name, piece.run, machine)[piece.own] for piece in run.pieces])
     command = np.asarray(run.commands[owner(name)])
     if name.endswith(SINCE):
         return _since_reversal(command)

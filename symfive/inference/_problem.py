@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.disk import new_table, release
+from symfive.effects import Effect
 from symfive.inference._information import Information, NormalEquations
 from symfive.inference._noise import Block, estimate_noise, long_run_variance, plain_noise
 from symfive.inference._outliers import Outlier, isolated_outliers, leverage_of, one_by_one, outlier_limit
 from symfive.inference._repeats import alike, repeats_say_so
 from symfive.inference._whitening import TRANSIENT, Noise, Whitening, whiten
-from symfive.inference._windows import spans_of, windows_of
+from symfive.inference._windows import predicted, spans_of, windows_of
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.model import Model
 from symfive.runs import Run
@@ -43,6 +44,7 @@ class Problem:
     outliers: list[Outlier] = field(default_factory=list)
     repeats: tuple[tuple[str, ...], ...] = ()
     _margins: dict[str, int] = field(default_factory=dict, repr=False)
+    _last: tuple[tuple[object, ...], Information] | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -115,27 +117,50 @@ class Problem:
             for name, part in self.parts(run)
         }
 
-    def whitened_at(self, values: Array, only: Container[Key] | None = None) -> Iterator[tuple[Key, Block, Array]]:
-        """Every recording (or `only` some) by blocks of rows, each with its whitened table (n, ny, k + 1)."""
+    def whitened_at(
+        self, values: Array, only: Container[Key] | None = None, of: Mapping[str, Array] | None = None
+    ) -> Iterator[tuple[Key, Block, Array]]:
+        """Every recording (or `only` some) by blocks of rows, each with its whitened table (n, ny, k + 1). `of`: run → (N, ny),
+        what stands in the place of the residuals."""
         for run in self.model.campaign.runs:
             wanted = [name for name, _ in self.parts(run) if only is None or (run.id, name) in only]
             whitenings: dict[str, Whitening] = {}
             for window in windows_of(self.model, run, values, self._margins) if wanted else ():
                 assert window.jacobian is not None
-                residual = self.model.readings(window.run) - window.prediction
                 inside = window.inside
-                cut = self._cut(run, window.rows, residual[inside], window.jacobian[inside], window.columns)
+                if of is None:
+                    residual = (self.model.readings(window.run) - window.prediction)[inside]
+                else:
+                    residual = np.array(of[run.id][window.rows])
+                cut = self._cut(run, window.rows, residual, window.jacobian[inside], window.columns)
                 for name in wanted:
                     key, block = (run.id, name), cut[run.id, name]
                     whitening = whitenings.setdefault(name, Whitening(self.noises[key], block.interval))
                     yield key, block, whitening(block.stacked())
 
-    def information_at(self, values: Array, only: Container[Key] | None = None) -> Information:
-        """Sum over all recordings (or `only` some), each whitened by its own noise."""
+    def information_at(
+        self, values: Array, only: Container[Key] | None = None, of: Mapping[str, Array] | None = None
+    ) -> Information:
+        """Sum over all recordings (or `only` some), each whitened by its own noise; of the residuals or of what `of` holds.
+
+        The last sum over all residuals is kept: where one search ends, the next begins.
+        """
+        whole = only is None and of is None
+        asked = self._state(values) if whole else None
+        if asked is not None and self._last is not None and self._last[0] == asked:
+            return self._last[1]
         total = NormalEquations(len(self.model.parameters))
-        for _, block, white in self.whitened_at(values, only):
+        for _, block, white in self.whitened_at(values, only, of):
             total.add(block, white)
-        return total.information
+        found = total.information
+        if asked is not None:
+            self._last = asked, found
+        return found
+
+    def _state(self, values: Array) -> tuple[object, ...]:
+        """All that the sum at `values` depends on."""
+        left_out = (np.packbits(mask).tobytes() if mask.any() else b"" for mask in self.left_out.values())
+        return values.tobytes(), self.free.tobytes(), tuple(self.noises.items()), tuple(left_out)
 
     def information(self, blocks: Mapping[Key, Block]) -> Information:
         """Sum over the blocks, each whitened by its own noise."""
@@ -143,6 +168,33 @@ class Problem:
         for key, block in blocks.items():
             total.add(block, whiten(block.stacked(), self.noises[key], block.interval)[0])
         return total.information
+
+    def contribution(self, effect: Effect, values: Array) -> dict[str, Array]:
+        """Readings with an effect of the model less those without it (its parameters at their means): run → (N, ny)."""
+        without = values.copy()
+        for p in effect.parameters(self.model.campaign):
+            without[self.model.index[p.name]] = p.mean
+        found = {run.id: predicted(self.model, run, values, self._margins) for run in self.model.campaign.runs}
+        for run in self.model.campaign.runs:
+            for window in windows_of(self.model, run, without, self._margins, slopes=0):
+                found[run.id][window.rows] -= window.prediction[window.inside]
+                release(found[run.id])
+        return found
+
+    def less(
+        self, tables: Sequence[Mapping[str, Array]], values: Array, steps: Sequence[Array]
+    ) -> list[dict[str, Array]]:
+        """Each of some tables (run → (N, ny)) less what its own step (k,) of the parameters from `values` does to the readings,
+        linearised."""
+        found = [{run: new_table(*table.shape) for run, table in each.items()} for each in tables]
+        for run in self.model.campaign.runs:
+            for window in windows_of(self.model, run, values, self._margins):
+                assert window.jacobian is not None
+                slopes, rows = window.jacobian[window.inside], window.rows
+                for left, table, step in zip(found, tables, steps, strict=True):
+                    left[run.id][rows] = table[run.id][rows] - slopes @ step[window.columns]
+                    release(left[run.id])
+        return found
 
     def residuals_at(self, values: Array) -> dict[str, Array]:
         """Readings less predictions: run → (N, ny), all columns, on disk where they are long."""

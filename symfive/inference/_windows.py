@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.disk import new_table, release
 from symfive.model import Model
 from symfive.runs import Run
 
-__all__ = ["Window", "spans_of", "windows_of"]
+__all__ = ["Window", "predicted", "spans_of", "windows_of"]
 
 Array = NDArray[np.float64]
 LONG = 50_000
@@ -85,6 +86,15 @@ def windows_of(
         yield former
         former = fresh
     yield former
+
+
+def predicted(model: Model, run: Run, values: Array, margins: dict[str, int]) -> Array:
+    """The readings that a model predicts (N, ny), on disk where they are long."""
+    found = new_table(run.rows, len(model.columns(run)))
+    for window in windows_of(model, run, values, margins, slopes=0):
+        found[window.rows] = window.prediction[window.inside]
+        release(found)
+    return found
 
 
 def _margin(run: Run) -> int:

@@ -140,11 +140,22 @@ class RunMotion:
 
     def series(self, signal: Signal) -> Series:
         """The values of a signal along the run. What has memory follows the motion through rows that the recorder lost too."""
+        axis = getattr(signal, "axis", None)
+        if self.run.pieces:
+            return self._kept(signal, axis, signal.parameters, lambda: self._in_pieces(signal))
         if self._whole is None:
-            return self._kept(signal, getattr(signal, "axis", None), signal.parameters, lambda: signal.series(self))
+            return self._kept(signal, axis, signal.parameters, lambda: signal.series(self))
         found, rows = self._whole.series(signal), self.run.steps
         tangents = {name: tangent[rows] for name, tangent in found.tangents.items()}
         return Series(found.value[rows], tangents, steps=found.steps)
+
+    def _in_pieces(self, signal: Signal) -> Series:
+        return _joined([signal.series(piece) for piece in self._pieces], self.run)
+
+    @cached_property
+    def _pieces(self) -> list[RunMotion]:
+        late = self._late, self.delay
+        return [RunMotion(piece.run, self.machine, self._freed, self.values, late) for piece in self.run.pieces]
 
     @cached_property
     def _whole(self) -> RunMotion | None:
@@ -162,6 +173,12 @@ class RunMotion:
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""
+        if self.run.pieces:
+            each = [piece.axis(name) for piece in self._pieces]
+            parts = [
+                _joined([getattr(m, part) for m in each], self.run) for part in ("position", "velocity", "acceleration")
+            ]
+            return AxisMotion(np.asarray(self.run.commands[name]) * self.machine.axes[name].to_internal, *parts)
         return self._kept(("axis", name), name, (), lambda: self._move(self.machine.axes[name]))
 
     def _move(self, axis: Axis) -> AxisMotion:
@@ -269,3 +286,16 @@ class RunMotion:
         else:
             series = Series(np.interp(fine, rows, motion.acceleration.value))
         return series, rows, self.run.interval / factor
+
+
+def _joined(parts: Sequence[Series], run: Run) -> Series:
+    """What holds along each piece of a run, one after the other, in the rows that are kept."""
+    own = [piece.own for piece in run.pieces]
+
+    def join(each: Sequence[Array]) -> Array:
+        return np.concatenate([values[rows] for values, rows in zip(each, own, strict=True)])
+
+    names = dict.fromkeys(name for part in parts for name in part.tangents)
+    still = [np.zeros_like(part.value) for part in parts]
+    tangents = {n: join([p.tangents.get(n, s) for p, s in zip(parts, still, strict=True)]) for n in names}
+    return Series(join([part.value for part in parts]), tangents, steps=parts[0].steps)

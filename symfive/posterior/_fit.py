@@ -19,7 +19,7 @@ from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
 from symfive.threads import one_thread
 
-__all__ = ["WHITE", "Expansion", "baseline", "expansion", "fitted", "foretold", "refitted", "settled"]
+__all__ = ["WHITE", "Expansion", "baseline", "expansion", "fitted", "foretold", "over_all", "refitted", "settled"]
 
 Array = NDArray[np.float64]
 STEPS, TOLERANCE = 15, 1e-2
@@ -108,6 +108,13 @@ def settled(here: Expansion) -> Expansion:
     """The same with the outliers that it leaves by itself, and the noise found anew."""
     fit = fitted(here.fit.model, [here.fit.named], here.node, here.kappa2)
     return replace(here, fit=fit)
+
+
+def over_all(here: Expansion, campaign: Campaign) -> Expansion:
+    """The same effects identified from a campaign of which the fit's is some rows, under the same noise."""
+    model = Model(campaign, [form.effect for form in here.held])
+    fit = fitted(model, [here.fit.named], here.node, here.kappa2)
+    return expansion(fit, here.held, here.node, here.kappa2)
 
 
 def expansion(fit: Identification, forms: Sequence[Form], node: Node, kappa2: float) -> Expansion:

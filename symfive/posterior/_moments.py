@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.campaign import Run
 from symfive.effects import Form
 from symfive.identify import Identification
 from symfive.posterior._noise import Node, grams, nodes_of
@@ -70,7 +71,7 @@ class Moments:
 def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form]) -> Moments:
     """The moments of a fit: `held` the forms of its effects beyond the machine file's, in order, `fresh` those that may join."""
     campaign = fit.model.campaign
-    nodes = nodes_of(max(run.duration for run in campaign.runs))
+    nodes = nodes_of(max(_recorded(run) for run in campaign.runs))
     tables = Tables(fit, [form.effect for form in held], fresh)
     total = np.zeros((len(nodes), tables.size, tables.size))
     raw = np.zeros((tables.size, tables.size))
@@ -91,6 +92,11 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     raw = raw[tables.geometry :, tables.geometry :]
     blocks = _blocks(terms, columns)
     return Moments(fit, terms, columns, len(held), nodes, reduced, const + logs, prior, count, blocks, raw)
+
+
+def _recorded(run: Run) -> float:
+    """How long it took to record a run's rows, s, as the whitening counts: gaps between them are none."""
+    return run.rows * run.interval if run.pieces else run.duration
 
 
 def _blocks(terms: Sequence[Term], columns: Sequence[Columns]) -> tuple[int, ...]:

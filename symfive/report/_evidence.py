@@ -30,7 +30,8 @@ def fit_table(diagnosis: Diagnosis) -> str:
          aim),
         *((f"residual RMS, each {what} held out in turn", b, a, unit, aim)
           for what, (b, a) in fit.heldout_by.items()),
-        *([] if held is None else [(f"residual RMS of what no fit has seen ({held.label})", *held.rms["held_out"], unit, aim)]),
+        *((f"residual RMS of what no fit had seen ({part.label})", *part.rms["held_out"], unit, aim)
+          for part in (diagnosis.searched, held) if part is not None),
         ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", band),
         ("χ²/dof against the estimated noise", before.chi2_dof_whitened, after.chi2_dof_whitened, "", band),
         ("parameters", len(before.parameters), len(after.parameters), "", ""),

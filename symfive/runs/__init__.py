@@ -3,5 +3,6 @@
 from symfive.runs._column import Column
 from symfive.runs._data import FIRST_LINE, Campaign, Run, SetupSigma, Vector
 from symfive.runs._options import OPTIONS
+from symfive.runs._piece import Piece
 
-__all__ = ["FIRST_LINE", "OPTIONS", "Campaign", "Column", "Run", "SetupSigma", "Vector"]
+__all__ = ["FIRST_LINE", "OPTIONS", "Campaign", "Column", "Piece", "Run", "SetupSigma", "Vector"]

@@ -18,6 +18,7 @@ from symfive.files import shown
 from symfive.machine import Machine
 from symfive.numbers import plain_number
 from symfive.runs._options import check_options
+from symfive.runs._piece import Piece
 from symfive.screen import OnScreen, listed, plural
 from symfive.validation import finite, freeze, is_number, numbers, one_of
 
@@ -102,8 +103,9 @@ class Run(OnScreen):
     was not: then `time` only orders the rows of a static run, and nothing is said over time. `table_ball` and `tool_ball` mm in
     the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one
     reading, one number or one per instrument; `spindle` (N,) degree by which the spindle was turned at each row of a static run,
-    the tool ball's error with it (None: it stays as it is). `clock_sigma_ms`: prior 1σ of the instrument's clock against the
-    control's in this recording, ms; 0, they are one.
+    the tool ball's error with it (None: it stays as it is); `pieces` the stretches of a longer recording that its rows are, in
+    order (none: the rows follow each other, but for some that the recorder lost). `clock_sigma_ms`: prior 1σ of the instrument's
+    clock against the control's in this recording, ms; 0, they are one.
     """
 
     id: str
@@ -125,6 +127,7 @@ class Run(OnScreen):
     setup_sigma_um: SetupSigma = field(default_factory=SetupSigma)
     spindle: Array | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    pieces: tuple[Piece, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -164,6 +167,8 @@ class Run(OnScreen):
             if values.shape != self.time.shape:
                 problem = f"{owner}: {name} has {values.size} rows, t_s has {self.time.size}"
                 raise InputError(problem, remedy="give every column the same number of rows")
+        if self.pieces and sum(piece.rows for piece in self.pieces) != self.rows:
+            raise ValueError(f"{owner}: its pieces have other rows")
         self._check_geometry(owner)
 
     def _check_geometry(self, owner: str) -> None:
@@ -235,6 +240,8 @@ class Run(OnScreen):
         off; of a long run, over its first rows. Without a clock it is 1 row."""
         if not self.has_clock:
             return 1.0
+        if self.pieces:
+            return self.pieces[0].step * self.pieces[0].run.interval
         time = np.asarray(self.time[:LONG])
         if len(time) < 2:
             return 1.0
@@ -277,7 +284,9 @@ class Run(OnScreen):
         )
 
     def part(self, first: int, last: int) -> Run:
-        """Its rows `first` … `last` - 1 in memory, as a run of the same name."""
+        """Its rows `first` … `last` - 1 in memory, as a run of the same name. Raises `ValueError` for a run of pieces."""
+        if self.pieces:
+            raise ValueError(f"run {self.id} consists of pieces and is not cut again")
 
         def cut(column: Array) -> Array:
             rows = np.array(column[first:last])

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from symfive.campaign import Run
+from symfive.disk import release
 from symfive.machine import Machine
 from symfive.numbers import plain_number
 
@@ -17,8 +18,13 @@ STILL = 1e-6
 
 
 def moved(run: Run) -> set[str]:
-    """The axes that a run moves."""
-    return {name for name, way in run.commands.items() if float(np.ptp(way)) > STILL}
+    """The axes that a run moves; a column that lies on disk is in memory by itself."""
+    found = set[str]()
+    for name, way in run.commands.items():
+        if float(np.ptp(way)) > STILL:
+            found.add(name)
+        release(way)
+    return found
 
 
 def rotary_axes(machine: Machine) -> list[str]:
