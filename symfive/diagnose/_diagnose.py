@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,12 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import detect
 from symfive.diagnose._findings import doubted, findings_of
-from symfive.diagnose._hold_out import Withdrawn, held_out, withdraw
+from symfive.diagnose._hold_out import Withdrawn, held_out, variations_withdrawn, withdraw, worse_held_out
 from symfive.diagnose._locate import located
 from symfive.diagnose._prove import prove
 from symfive.diagnose._result import Diagnosis
 from symfive.diagnose._split import Split, parted
+from symfive.effects import Varying
 from symfive.errors import InputError
 from symfive.given import campaign_given
 from symfive.plausible import unreadable
@@ -58,11 +60,18 @@ def diagnose(
     progress("fitting the baseline")
     before = baseline(campaign)
     posterior, here = polish(before, stated, progress)
-    verdicts = decide(posterior, coarsened(posterior))
     withdrawn: tuple[Withdrawn, ...] = ()
     if split is not None:
         progress("predicting the held-out part")
-        here, withdrawn = withdraw(here, whole, split)
+        full, (here, withdrawn) = here, withdraw(here, before, whole, split)
+        if any(isinstance(form.effect, Varying) for form in full.held):
+            same = polish(before, replace(stated, vary=False), progress)
+            plain, gone = withdraw(same[1], before, whole, split)
+            if worse_held_out(here, plain, whole, split):
+                varied = variations_withdrawn(full, same[1], whole, split)
+                posterior, here, withdrawn = same[0], plain, (*varied, *gone)
+    verdicts = decide(posterior, coarsened(posterior))
+    if split is not None:
         kept = {form.effect.key for form in here.held}
         verdicts = tuple(v for v in verdicts if posterior.moments.terms[v.term].effect.key in kept)
     after = here.fit
