@@ -3,9 +3,9 @@
     .venv/bin/python benchmarks/codegen.py [--quick] [--peers PYTHON] [--march SET ...]
 
 Chain of five axes with six exact errors each: the point (3) and its Jacobian by 30 parameters, 10⁵ poses. `--peers` names a
-Python with pinocchio (`pip install pin`), JAX and SymForce; what is not installed there is skipped and said. `--march x86-64-v3
-x86-64-v4` measures kernel, limits and CasADi's C by each of these instruction sets in one run. Least processor time of
-several repetitions; ratios travel between machines, nanoseconds do not.
+Python with pinocchio (`pip install pin`), JAX, SymForce, CppADCodeGen (`cmeel-cppadcodegen`), Drake and frax; what is not
+there is skipped and said. `--march x86-64-v3 x86-64-v4` measures kernel, limits and CasADi's C by each of these instruction
+sets in one run. Least processor time of several repetitions; ratios travel between machines, nanoseconds do not.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 import casadi as ca
 import numpy as np
+from robots import CPPADCODEGEN, DRAKE, FRAX, PINOCCHIO, PINOCCHIO_JOINTS
 
 from symfive.codegen import codegen
 from symfive.codegen._batch import Batch
@@ -239,22 +240,6 @@ for _ in range(5):
     s = time.process_time(); loop(ctypes.c_size_t(n), *(ctypes.c_void_p(x.ctypes.data) for x in (q, p, d, j)))
     best = min(best, time.process_time() - s)
 numpy.save(sys.argv[4], j[:50].reshape(50, 30, 3).transpose(0, 2, 1)); print(best / n)
-"""
-PINOCCHIO = """
-import sys, time, numpy, pinocchio as pin
-n = int(sys.argv[1]); q = numpy.load(sys.argv[2])[:n]
-model, parent = pin.Model(), 0
-for i, joint in enumerate((pin.JointModelPY(), pin.JointModelPX(), pin.JointModelRY(), pin.JointModelRZ(), pin.JointModelPZ())):
-    parent = model.addJoint(parent, joint, pin.SE3.Identity(), str(i))
-data, best = model.createData(), 1e9
-tool = pin.SE3(numpy.eye(3), numpy.array([0.0, 0.0, -150.0]))
-for _ in range(3):
-    s = time.process_time()
-    for row in q:
-        pin.forwardKinematics(model, data, row)
-        pin.computeJointKinematicRegressor(model, data, 5, pin.ReferenceFrame.LOCAL, tool)
-    best = min(best, time.process_time() - s)
-print(best / n)
 """
 
 
@@ -474,7 +459,11 @@ def peers(
     told["CasADi map"] = value
     scripts = (("pinocchio: forward kinematics and joint regressor, Python loop", PINOCCHIO, 20_000, " (target 25)"),
                ("SymForce: generated C++, tight loop, -O3", SYMFORCE, POSES, ""),
-               ("JAX: jit(vmap(jacrev))", JAX, 20_000, ""), ("numpy, complex step, batched", COMPLEX, 5000, ""))  # fmt: skip
+               ("CppADCodeGen: generated C, tight loop, -O3", CPPADCODEGEN, POSES, ""),
+               ("JAX: jit(vmap(jacrev))", JAX, 20_000, ""), ("numpy, complex step, batched", COMPLEX, 5000, ""),
+               ("by 5 joints only: pinocchio, Python loop", PINOCCHIO_JOINTS, 20_000, ""),
+               ("by 5 joints only: Drake, Python loop", DRAKE, 20_000, ""),
+               ("by 5 joints only: frax, jit(vmap)", FRAX, 20_000, ""))  # fmt: skip
     wanted = by_p[:50].reshape(50, 30, 3).transpose(0, 2, 1)
     for text, script, count, target in scripts:
         (folder / "peer.py").write_text(script)

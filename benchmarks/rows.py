@@ -134,7 +134,13 @@ def jacobian_rows(found: Mapping[str, Any]) -> list[Row]:
         faster(what, ours, "CasADi's C, compiled", compiled, ns, 7.0, writes),
         faster(what, ours, "CasADi `.map`", found["CasADi map"], ns, 80.0),
     ]
-    for name, at_least in (("pinocchio", 25.0), ("SymForce", None), ("JAX", None), ("numpy", None)):
+    for name, at_least in (
+        ("pinocchio", 25.0),
+        ("SymForce", None),
+        ("CppADCodeGen", None),
+        ("JAX", None),
+        ("numpy", None),
+    ):
         key = next(k for k in found if k.startswith(name))
         theirs, why = found[key], UNEXPLAINED
         if name == "pinocchio" and not isinstance(theirs, str):

@@ -16,7 +16,7 @@ import rows  # noqa: E402
 JACOBIAN = {
     "ours": 100.0, "used": 25.0, "used limit": 12.5, "sums": 100.0, "sums limit": 50.0, "past": 115.0, "past limit": 110.0,
     "kept": 100.0, "kept limit": 70.0, "Gflop/s": 70.0, "CasADi compiled": 650.0, "CasADi pairs": 6.6, "CasADi map": 12_000.0,
-    "cached": 60.0, "pinocchio: loop": 2400.0, "SymForce: loop": 250.0, "numpy, batched": 1.5e5,
+    "cached": 60.0, "pinocchio: loop": 2400.0, "SymForce: loop": 250.0, "CppADCodeGen: loop": 90.0, "numpy, batched": 1.5e5,
     "JAX: jit": "skipped: ModuleNotFoundError: No module named 'jax'",
 }  # fmt: skip
 DESIGN = {
@@ -28,7 +28,7 @@ DESIGN = {
 
 def test_jacobian_rows_compare_with_limits_and_peers() -> None:
     made = rows.jacobian_rows(JACOBIAN)
-    assert [row.ahead for row in made] == [True, False, True, True, False, True, False, True, None, True]
+    assert [row.ahead for row in made] == [True, False, True, True, False, True, False, True, False, None, True]
     assert made[0].ratio == "1.05 ×" and made[4].ratio == "6.5 ×" and made[5].ratio == "120 ×"
     assert "median of pairs timed side by side 6.6 ×" in made[4].why and "96 ×" in made[6].why
 
@@ -62,9 +62,9 @@ def test_table_is_markdown_and_tells_what_is_behind() -> None:
     lines = text.splitlines()
     assert lines[0] == "a machine" and lines[3] == "| what | symfive | peer or limit | ratio | target |"
     table = [line for line in lines if line.startswith("|")]
-    assert len(table) == 2 + 19 and {line.count("|") for line in table} == {6}
+    assert len(table) == 2 + 20 and {line.count("|") for line in table} == {6}
     assert "JAX, jit: skipped: ModuleNotFoundError" in text
-    assert len([line for line in lines if line.startswith("- ✗")]) == sum(line.endswith("✗ |") for line in table) == 6
+    assert len([line for line in lines if line.startswith("- ✗")]) == sum(line.endswith("✗ |") for line in table) == 7
 
 
 @pytest.mark.slow

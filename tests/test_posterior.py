@@ -237,6 +237,16 @@ def test_search_finds_what_all_pairs_hold(moments: Moments) -> None:
     assert found.names()["backlash", "X"] > 0.99
 
 
+def test_what_a_refit_says_of_a_subset_is_no_claim_for_others_of_its_names(moments: Moments) -> None:
+    """One that the moments think little of may have been refitted to what it is: its rivals of the same names gain nothing."""
+    found = explore(moments)
+    names = found.named(found.best)
+    poorest = min((s for s in found.mass if found.named(s) == names), key=lambda s: found.mass[s])
+    count = sum(found.named(s) == names for s in found.mass)
+    assert count > 1 and found.mass[poorest] < found.mass[found.best] - 3.0
+    assert 0.0 <= found.worth(poorest, 0.0) <= np.log(count) + 1e-9
+
+
 def test_a_circle_without_play_is_clean() -> None:
     result = diagnose(bars({}))
     assert not result.findings

@@ -181,6 +181,8 @@ def _run_table(run: Run) -> dict[str, Any]:
         table["start_s"] = run.start_s
     if not run.has_clock:
         table["clock"] = run.clock
+    if run.clock_sigma_ms:
+        table["clock_sigma_ms"] = run.clock_sigma_ms
     table["table_ball"] = list(run.table_ball)
     table["tool_ball"] = list(run.tool_ball)
     for key in ("length", "u", "v"):

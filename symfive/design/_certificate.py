@@ -23,7 +23,7 @@ from symfive.design._information import Task
 from symfive.design._proof import largest_told
 from symfive.design._refine import Rows
 from symfive.design._relaxed import Relaxed, best_told, relax
-from symfive.design._search import COARSE, Search
+from symfive.design._search import COARSE, FEW, MANY, Search
 from symfive.design._space import Space
 
 __all__ = ["Certificate", "certify", "generate"]
@@ -37,8 +37,8 @@ PROOF = 0.5
 LEAST_WEIGHT = 0.01
 WEAK = 0.9
 """Efficiency below which a plan says why."""
-COARSE_TO_FINE = (3.0, 1.0, 1.0)
-"""How sharp the proofs are one after the other. Each may find poses that the search has missed; they join the relaxed design."""
+PROOFS = 3
+"""How often at most a bound is proved. Each proof may meet poses that the search has missed; they join the relaxed design."""
 SEARCHED = (
     f"a search from {COARSE} quasi-random poses, edges and corners, refined from the best and from the relaxed design's own: "
     "numerically global, not proved"
@@ -102,7 +102,8 @@ def _down(share: float) -> str:
 @dataclass(frozen=True)
 class Generated:
     """The relaxed design of some set-ups by column generation: `columns` with the weights `relaxed`, the lowest ψ `bound`
-    that any design in them has, `reached` the lowest ψ of a relaxed design, after so many `rounds`."""
+    that any design in them has, `reached` the lowest ψ of a relaxed design, after so many `rounds`; `top` is the most that a pose
+    was found to tell at `relaxed`, `best` are the poses that tell most."""
 
     search: Search
     columns: Candidates
@@ -110,6 +111,8 @@ class Generated:
     reached: float
     bound: float
     rounds: int
+    top: float
+    best: Candidates
 
     @property
     def support(self) -> Candidates:
@@ -126,9 +129,9 @@ def certify(
         value = task.value(task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups))
     found = generate(space, task, rows, gap, value=value)
     bound, rigour = (-math.inf, PROVED) if prove else (found.bound, SEARCHED)
-    for times in COARSE_TO_FINE if prove else ():
+    for _ in range(PROOFS if prove else 0):
         slack = max(PROOF * gap, SHARP * (value - found.reached))
-        proved = _proved(space, task, rows, found, times * slack)
+        proved = _proved(space, task, rows, found, slack)
         if proved is None:
             bound, rigour = found.bound, SEARCHED
             break
@@ -145,12 +148,11 @@ def _proved(
 ) -> tuple[float, Candidates, bool] | None:
     """What no pose of the set-ups tells more than, no sharper than `slack`, poses that tell more than all that were found, and
     whether cells ran out, so that nothing sharper can be had; None where nothing can be proved."""
-    top, climbed = found.search.largest(found.relaxed, found.columns)
-    layout, highest, better, exhausted = task.layout(rows.groups), 0.0, climbed, False
+    layout, highest, better, exhausted = task.layout(rows.groups), 0.0, found.best, False
     for g in range(rows.groups):
         first = int(np.flatnonzero(rows.group == g)[0])
         z, k = rows.z[first], rows.k[first]
-        told = largest_told(space, layout, found.relaxed.pull, z, k, g, top, slack)
+        told = largest_told(space, layout, found.relaxed.pull, z, k, g, found.top, slack)
         if told is None:
             return None
         highest, n = max(highest, told.bound), len(told.better)
@@ -158,7 +160,7 @@ def _proved(
         some = np.concatenate([told.better, np.tile(z[rows.poses :], (n, 1))], axis=1)
         lengths = np.tile(k, (n, 1))
         better = _joined(better, Candidates(some, lengths, np.full(n, g), space.kernel.rows(some, lengths)))
-    return highest, better.take(np.arange(len(climbed), len(better))), exhausted
+    return highest, better.take(np.arange(len(found.best), len(better))), exhausted
 
 
 def generate(
@@ -166,7 +168,8 @@ def generate(
     points: int | None = None, more: Candidates | None = None,
 ) -> Generated:  # fmt: skip
     """Column generation for `points` readings (as many as `rows`, if None) in the set-ups of `rows`, until bound and relaxed
-    design meet to `gap`, or to a small share of the distance to ψ = `value` of a plan; `more` poses to begin with."""
+    design meet to `gap`; `more` poses to begin with. With ψ = `value` of a plan, for its certificate: until they meet to a small
+    share of the distance to that, by searches that climb to the maxima and in the end begin at more poses."""
     points = points or len(rows.z)
     setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
     lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
@@ -174,11 +177,11 @@ def generate(
     own = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
     columns = _joined(own, search.grid.take(np.arange(0, len(search.grid), max(1, len(search.grid) // FIRST))))
     columns = columns if more is None else _joined(columns, more)
-    given = len(own)
+    given, certain = len(own), math.isfinite(value)
     weights = np.concatenate(
         [np.full(given, points / given), np.full(len(columns) - given, 0.1 * points / len(columns))]
     )
-    bound, rounds, reached = -math.inf, 0, math.inf
+    bound, rounds, reached, starts = -math.inf, 0, math.inf, FEW
     history: list[float] = []
     for rounds in range(1, most + 1):
         tolerance = max(
@@ -188,16 +191,20 @@ def generate(
         reached = min(reached, relaxed.value)
         relaxed = replace(relaxed, pull=_extended(task, relaxed, columns, search.grid, rows.groups, points))
         kept = np.flatnonzero(relaxed.weights > KEPT * points)
-        top, fresh = search.largest(relaxed, columns.take(kept))
+        weighed = columns.take(kept)
+        top, fresh = search.largest(relaxed, weighed, starts) if certain else search.spread(relaxed, weighed)
         bound = max(bound, _bound(task, relaxed, rows.groups, points, top))
         history.append(bound)
-        sharp = max(gap, SHARP * (value - reached)) if math.isfinite(value) else gap
+        sharp = max(gap, SHARP * (value - reached)) if certain else gap
         stalled = len(history) > PATIENCE and bound - history[-1 - PATIENCE] < 0.2 * gap
-        if relaxed.value - bound < sharp or stalled or rounds == most:
+        done = relaxed.value - bound < sharp or stalled
+        if rounds == most or (done and (starts == MANY or not certain)):
             break
+        if done:  # what few starts have missed would be in the bound
+            bound, starts, history = -math.inf, MANY, []
         columns = _joined(columns.take(kept), fresh)
         weights = np.concatenate([relaxed.weights[kept], np.full(len(fresh), 0.02 * points / len(fresh))])
-    return Generated(search, columns, relaxed, reached, bound, rounds)
+    return Generated(search, columns, relaxed, reached, bound, rounds, top, fresh)
 
 
 def _extended(task: Task, relaxed: Relaxed, columns: Candidates, grid: Candidates, groups: int, points: int) -> Array:

@@ -143,8 +143,8 @@ def plan(
     the table, `machine` or `tool` of a head in the spindle; `index`: the first pose of every run is read with the spindle at 0°
     and 180°, which tells the tool ball's run-out; `survive` prefers a plan that stays good if any one pose is lost; `robust`
     `nominal`, or the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
-    certificate also compares with all other set-ups (a few seconds); `prove`: whether its bound is proved (up to two minutes for
-    a ball bar on five axes); `pool` any executor (`symfive.executors`), whose workers share the starts.
+    certificate also compares with all other set-ups (a few seconds); `prove`: whether its bound is proved (seconds, for some
+    ball bars a quarter of a minute); `pool` any executor (`symfive.executors`), whose workers share the starts.
 
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
     """

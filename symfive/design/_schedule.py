@@ -69,14 +69,15 @@ def scheduled(
     groups = [np.flatnonzero(rows.group == g) for g in range(rows.groups)]
     seated = [Seated(space, rows.z[mine], rows.k[mine]) for mine in groups]
     orders = (lambda order: order, there_and_back)
-    plans = [_laid_out(space, rows, seated, order, returns, repeats, noise_um, index) for order in orders]
+    known: list[dict[tuple[float, ...], bool]] = [{} for _ in seated]
+    plans = [_laid_out(space, rows, seated, known, order, returns, repeats, noise_um, index) for order in orders]
     # ψ of D per parameter falls by log(time) when twice the time is spent on readings, so time and efficiency compare
     return max(plans, key=lambda p: math.log(max(p.drift, 1e-9)) - math.log(p.seconds))
 
 
 def _laid_out(
-    space: Space, rows: Rows, seated: Sequence[Seated], ordering: Callable[[Indices], Indices], returns: int, repeats: int,
-    noise_um: float, index: bool,
+    space: Space, rows: Rows, seated: Sequence[Seated], known: Sequence[dict[tuple[float, ...], bool]],
+    ordering: Callable[[Indices], Indices], returns: int, repeats: int, noise_um: float, index: bool,
 ) -> Schedule:  # fmt: skip
     runs: list[Run] = []
     unsafe: dict[str, tuple[int, ...]] = {}
@@ -100,7 +101,7 @@ def _laid_out(
             noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None, options=space.options,
         )  # fmt: skip
         moves[name] = RunMoves(own, order, _sides(space.machine, run))
-        follows = _followed(space.machine, run)
+        follows = _followed(space.machine, run, own.straight_moves(order), known[g])
         ways = {i: moves[name].via(i, follows) for i in range(1, len(order)) if order[i] != order[i - 1]}
         unsafe |= {name: around} if (around := tuple(i for i, way in ways.items() if way is None)) else {}
         via |= {name: bent} if (bent := {i: way for i, way in ways.items() if way}) else {}
@@ -114,15 +115,23 @@ def _laid_out(
     return Schedule(campaign, clock, unsafe, via, moves, drift, rows)
 
 
-def _followed(machine: Machine, run: Run) -> Clear:
-    """Whether the linear axes can follow the ball all along a straight seated move of a run."""
-    seat, known = Seat(machine, run, Nominal(machine)), dict[tuple[float, ...], bool]()
+def _followed(
+    machine: Machine, run: Run, likely: Sequence[tuple[Positions, Positions]], known: dict[tuple[float, ...], bool]
+) -> Clear:
+    """Whether the linear axes can follow the ball all along a straight seated move of a run; `likely` moves are answered at once,
+    `known` ones not again."""
+    seat = Seat(machine, run, Nominal(machine))
+
+    def key(before: Positions, after: Positions) -> tuple[float, ...]:
+        return (*before.values(), *after.values())
+
+    fresh = [move for move in likely if key(*move) not in known]
+    known |= {key(*move): path is not None for move, path in zip(fresh, seat.paths(fresh), strict=True)}
 
     def follows(before: Positions, after: Positions) -> bool:
-        key = (*before.values(), *after.values())
-        if key not in known:
-            known[key] = seat.path(before, after) is not None
-        return known[key]
+        if key(before, after) not in known:
+            known[key(before, after)] = seat.path(before, after) is not None
+        return known[key(before, after)]
 
     return follows
 

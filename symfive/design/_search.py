@@ -1,7 +1,8 @@
 """The largest ⟨G, F(pose)⟩ over all poses of some set-ups, searched: `_proof` bounds it.
 
-The search starts from quasi-random poses (Halton's), some of them on the edges and corners of the travels, and from the poses of
-the relaxed design, and climbs by steps along the angles and in slanted directions.
+The search starts from quasi-random poses (Halton's), some of them on the edges and corners of the travels and some beyond the
+limits, and from the poses of the relaxed design, and climbs from the best of them (`_told`). For the poses of a plan themselves a
+compass search is enough.
 """
 
 from __future__ import annotations
@@ -15,17 +16,23 @@ from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._relaxed import Relaxed, sensitivity
 from symfive.design._space import Space
+from symfive.design._told import PENALTY, climbed, told_of
 
-__all__ = ["COARSE", "Search"]
+__all__ = ["COARSE", "FEW", "MANY", "Search"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 COARSE = 4096
-FROM_GRID, MOST_FRESH, NEAR = 192, 200, 3e-3
+FEW, MANY = 25, 125
+"""Poses of the grid in a set-up from which a search climbs, by the square of how many angles a pose has: while poses are
+collected, and before nothing more is sought."""
+MOST_FRESH, NEAR = 200, 3e-3
+"""Poses that a search returns, and how far apart these are, of the ranges."""
+FROM_GRID, HALVINGS, THINNED, SLANTED = 192, 14, (3, 6), 4
+"""Of the compass search: where it begins, how often its step is halved and after which halvings near poses become one. Steps lead
+along the angles and in slanted directions, so many per angle: where two limits meet no single angle can move."""
 STRETCHED = 1.5
 """Half of the poses again are spread over a box as much wider and put back onto its limits: a third of their coordinates."""
-HALVINGS, THINNED, SLANTED = 14, (3, 6), 4
-"""Steps lead along the angles and in slanted directions, so many per angle: where two limits meet no single angle can move."""
 PRIMES = (2, 3, 5, 7, 11, 13)
 
 
@@ -41,44 +48,63 @@ class Search:
         corners = np.array(list(itertools.product((0.0, 1.0), repeat=space.poses)))
         low, high = space.lower[: space.poses], space.upper[: space.poses]
         poses = low + (high - low) * np.concatenate([inside, outer, corners])
-        self.grid = self._candidates(*self._rows(poses))
-        self.whole = self.layout.embed(self.grid.rows, self.grid.group)
+        z, k, group = self._rows(poses)
+        self.all = Candidates(z, k, group, space.kernel.rows(z, k))
+        self.fits = space.feasible(z, k, self.all.rows)
+        self.violated = np.sum(np.minimum(space.kernel.limits(z, k), 0.0) ** 2, axis=1)
+        self.grid = self.all.take(np.flatnonzero(self.fits))
+        self.whole = self.layout.embed(self.all.rows, group)
 
     def _rows(self, poses: Array) -> tuple[Array, Array, Indices]:
         n = len(poses)
         z = np.concatenate([np.tile(poses, (self.groups, 1)), np.repeat(self.setups, n, axis=0)], axis=1)
         return z, np.repeat(self.lengths, n, axis=0), np.repeat(np.arange(self.groups), n)
 
-    def _candidates(self, z: Array, k: Array, group: Indices) -> Candidates:
-        rows = self.space.kernel.rows(z, k)
-        fits = self.space.feasible(z, k, rows)
-        return Candidates(z[fits], k[fits], group[fits], rows[fits])
+    def largest(self, relaxed: Relaxed, columns: Candidates, starts: int = FEW) -> tuple[float, Candidates]:
+        """The largest value found and poses at local maxima, from the best of the grid, `starts` (see `FEW`) in every set-up,
+        and from `columns`, those that the relaxed design already weighs."""
+        pull = relaxed.pull
+        seen = sensitivity(pull, self.whole)
+        known = sensitivity(pull, self.layout.embed(columns.rows, columns.group))
+        top = max(float(seen[self.fits].max(initial=0.0)), float(known.max(initial=0.0)))
+        merit = seen / top - PENALTY * self.violated
+        poses = self.space.poses
+        parts = []
+        for g in range(self.groups):
+            mine, own = np.flatnonzero(self.all.group == g), columns.group == g
+            mine = mine[np.argsort(merit[mine])[::-1][: starts * poses**2]]
+            start = np.concatenate([self.all.z[mine], columns.z[own]])[:, :poses]
+            told = told_of(self.space, self.layout, pull, self.setups[g], self.lengths[g], g)
+            higher = climbed(told, start, top)
+            there = np.where(self.space.feasible(*told.decided(higher)), told.values(higher), -np.inf)
+            before = np.concatenate([np.where(self.fits[mine], seen[mine], -np.inf), known[own]])
+            value = np.concatenate([there, before])
+            z = told.decided(np.concatenate([higher, start]))[0]
+            some = self._distinct(z[:, :poses], value, np.zeros(len(z), dtype=np.int64))
+            parts.append((z[some], value[some], np.full(len(some), g)))
+        z, value, group = (np.concatenate(part) for part in zip(*parts, strict=True))
+        best = np.argsort(value)[::-1][:MOST_FRESH]
+        z, k, group = z[best], self.lengths[group[best]], group[best]
+        return float(value[best[0]]), Candidates(z, k, group, self.space.kernel.rows(z, k))
 
-    def _told(self, pull: Array, z: Array, k: Array, group: Indices) -> Array:
-        """⟨G, F⟩ of poses, -inf of those that cannot be reached."""
-        rows = self.space.kernel.rows(z, k)
-        told = sensitivity(pull, self.layout.embed(rows, group))
-        return np.where(self.space.feasible(z, k, rows), told, -np.inf)
-
-    def largest(self, relaxed: Relaxed, columns: Candidates | None = None) -> tuple[float, Candidates]:
-        """The largest value found and poses at local maxima, by compass search from the best of the grid in every set-up and
-        from `columns`, those that the relaxed design already weighs."""
-        seen = sensitivity(relaxed.pull, self.whole)
+    def spread(self, relaxed: Relaxed, columns: Candidates) -> tuple[float, Candidates]:
+        """The largest value found, and poses that tell much, by compass search: many stay on the way to a local maximum, which
+        leaves whole numbers of poses more to choose among."""
+        seen = sensitivity(relaxed.pull, self.whole[self.fits])
         each = [np.flatnonzero(self.grid.group == g) for g in range(self.groups)]
         first = np.concatenate([mine[np.argsort(seen[mine])[::-1][: FROM_GRID // self.groups]] for mine in each])
         z, k, group = self.grid.z[first].copy(), self.grid.k[first], self.grid.group[first]
         value = seen[first]
-        if columns is not None:
-            z, k = np.concatenate([z, columns.z]), np.concatenate([k, columns.k])
-            group = np.concatenate([group, columns.group])
-            value = np.concatenate([value, sensitivity(relaxed.pull, self.layout.embed(columns.rows, columns.group))])
+        z, k = np.concatenate([z, columns.z]), np.concatenate([k, columns.k])
+        group = np.concatenate([group, columns.group])
+        value = np.concatenate([value, sensitivity(relaxed.pull, self.layout.embed(columns.rows, columns.group))])
         poses = self.space.poses
         low, high = self.space.lower[:poses], self.space.upper[:poses]
         step = (high - low) * COARSE ** (-1.0 / poses)
         generator = np.random.default_rng(0)
         for halving in range(HALVINGS):
             if halving in THINNED:
-                some = self._distinct(z, group, value, len(z))
+                some = self._distinct(z[:, :poses], value, group, len(z))
                 z, k, group, value = z[some], k[some], group[some], value[some]
             slanted = generator.uniform(-1.0, 1.0, (SLANTED * poses, poses))
             for direction in np.concatenate([np.eye(poses), -np.eye(poses), slanted]):
@@ -88,18 +114,21 @@ class Search:
                 better = there > value
                 z[better], value[better] = trial[better], there[better]
             step = 0.5 * step
-        fresh = self._distinct(z, group, value, MOST_FRESH)
-        return float(value.max()), Candidates(
-            z[fresh], k[fresh], group[fresh], self.space.kernel.rows(z[fresh], k[fresh])
-        )
+        fresh = self._distinct(z[:, :poses], value, group)
+        z, k = z[fresh], k[fresh]
+        return float(value.max()), Candidates(z, k, group[fresh], self.space.kernel.rows(z, k))
 
-    def _distinct(self, z: Array, group: Indices, value: Array, most: int) -> Indices:
-        """The best of every neighbourhood, best first."""
-        poses = self.space.poses
-        place = np.concatenate(
-            [z[:, :poses] / (self.space.upper - self.space.lower)[:poses], 1e3 * group[:, None]], axis=1
-        )
-        left = np.argsort(value)[::-1]
+    def _told(self, pull: Array, z: Array, k: Array, group: Indices) -> Array:
+        """⟨G, F⟩ of poses, -inf of those that cannot be reached."""
+        rows = self.space.kernel.rows(z, k)
+        told = sensitivity(pull, self.layout.embed(rows, group))
+        return np.where(self.space.feasible(z, k, rows), told, -np.inf)
+
+    def _distinct(self, poses: Array, value: Array, group: Indices, most: int = MOST_FRESH) -> Indices:
+        """The best of every neighbourhood in a set-up, best first; none that cannot be reached."""
+        place = poses / (self.space.upper - self.space.lower)[: self.space.poses]
+        place = np.concatenate([place, 1e3 * group[:, None]], axis=1)
+        left = np.argsort(value)[::-1][: np.count_nonzero(np.isfinite(value))]
         found: list[int] = []
         while len(left) and len(found) < most:
             found.append(int(left[0]))

@@ -87,6 +87,11 @@ class Seated:
             self._blocked |= {*bad, *((b, a) for a, b in bad)}
         return None
 
+    def straight_moves(self, order: Indices) -> list[tuple[Positions, Positions]]:
+        """Beginnings and ends of the moves between the poses of an order that may be straight."""
+        pairs = [(a, b) for a, b in itertools.pairwise(order.tolist()) if a != b and self.direct[a, b]]
+        return [(self._position(a), self._position(b)) for a, b in dict.fromkeys(pairs)]
+
     def reached_from(self, pose: int, z: Array) -> NDArray[np.bool_]:
         """Whether the straight moves from a pose to other rows (m, nz) of the set-up keep all limits (m,)."""
         both, k = np.concatenate([self.z[pose : pose + 1], z]), np.repeat(self.k[:1], len(z) + 1, axis=0)

@@ -12,9 +12,8 @@ Chebyshev points). Derivatives have no higher degrees, so the same holds for the
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 __all__ = ["Spectrum", "spectrum_of"]
 
 Array = NDArray[np.float64]
+Order = tuple[int, ...]
 ValuesAt = Callable[[Array], Array]
 """φ (n,) at poses (n, d)."""
 TURN = 2.0 * math.pi
@@ -32,7 +32,7 @@ VANISHES = 1e-12
 """Share of the largest coefficient of a line from which on all are rounding."""
 AGREES, PROBES = 1e-6, 200
 """How well the polynomial has to agree with φ, as a share of its largest value, at so many random poses."""
-MOST_COEFFICIENTS, MOST_GRID = 1_500_000, 10_000_000
+MOST_COEFFICIENTS, MOST_GRID = 1_500_000, 1_000_000
 FINENESS = (8.0, 6.0, 5.0, 4.0, 3.0)
 """Points of the bounding grid per degree: the first of them whose grid is small enough."""
 
@@ -96,20 +96,34 @@ class Spectrum:
             found = np.einsum("nk...,nk->n...", found, basis)
         return np.asarray(found)
 
-    def largest(self, order: tuple[int, ...]) -> float:
-        """A bound of the absolute derivative of those orders everywhere in the ranges."""
+    def bases(self, grids: Sequence[Array], most: int) -> list[list[Array]]:
+        """Of every angle and every order up to `most` the derivatives of its basis functions on its grid."""
+        return [[a.matrix(q, m) for m in range(most + 1)] for a, q in zip(self.angles, grids, strict=True)]
+
+    def derivatives(self, bases: Sequence[Sequence[Array]], least: int, most: int) -> Iterator[tuple[Order, Array]]:
+        """All derivatives of the total orders `least` to `most` on a grid: their orders in each angle, and values, one axis per
+        angle."""
+
+        def deeper(found: Array, order: Order) -> Iterator[tuple[Order, Array]]:
+            if len(order) == len(bases):
+                yield order, found
+                return
+            left, last = most - sum(order), len(order) + 1 == len(bases)
+            for m in range(max(0, left - most + least) if last else 0, left + 1):
+                yield from deeper(np.tensordot(found, bases[len(order)][m], axes=([0], [1])), (*order, m))
+
+        yield from deeper(self.coefficients, ())
+
+    def bounds(self, total: int) -> dict[Order, float]:
+        """Bounds of all absolute derivatives of one total order everywhere in the ranges, by their orders."""
         sizes = [[angle.points(fine) for angle in self.angles] for fine in FINENESS]
         counts = next((size for size in sizes if math.prod(size) <= MOST_GRID), sizes[-1])
-        found, enlarged = self.coefficients, 1.0
-        for angle, count, m in zip(self.angles, counts, order, strict=True):
-            enlarged *= angle.enlarged(count)
-            found = np.tensordot(found, angle.matrix(angle.grid(count), m), axes=([0], [1]))
-        return float(np.abs(found).max()) * enlarged
-
-    def third(self) -> dict[tuple[int, ...], float]:
-        """Bounds of all third derivatives, by their orders."""
-        orders = (order for order in itertools.product(range(4), repeat=len(self.angles)) if sum(order) == 3)
-        return {order: self.largest(order) for order in orders}
+        enlarged = math.prod(angle.enlarged(count) for angle, count in zip(self.angles, counts, strict=True))
+        bases = self.bases([angle.grid(count) for angle, count in zip(self.angles, counts, strict=True)], total)
+        return {
+            order: max(float(found.max()), -float(found.min())) * enlarged
+            for order, found in self.derivatives(bases, total, total)
+        }
 
 
 def spectrum_of(values_at: ValuesAt, low: Array, high: Array) -> Spectrum | None:

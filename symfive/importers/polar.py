@@ -207,6 +207,7 @@ def polar_run(
         commands=nominal.follow(target, ball, hold or {}, f"circle {id}"), readings={"dL_um": deviation}, table_ball=(x, y, z),
         tool_ball=ball, length=radius, noise_um=noise_um, options={"start": "moving"},
         setup_sigma_um=setup_sigma_um or SetupSigma(table_ball=20.0, tool_ball=20.0, length=0.5),
+        clock_sigma_ms=1e3 * 0.5 * float(np.radians(angle_error)) * radius / (feed / 60.0),
     )  # fmt: skip
     run = within_travel(machine, run, place="the centre, the radius or the tool's length in the machine file")
     return _timed(run, phi, ahead, np.radians(angle_error))

@@ -147,7 +147,7 @@ def assemble(
             *(p[i] for i, name in enumerate(shared) if name in {q.name for q in machine_parameters(machine)})
         )
         readings = first_order(readings, errors)
-    moving = _moving(signals, effects)
+    moving = _moving(signals, effects, late="setup.clock" in own)
     arguments = [z, p, s, k]
     value = ca.Function("row", arguments, [readings])
     slopes = [ca.densify(ca.jacobian(readings, x)) for x in (p, s)]
@@ -182,10 +182,10 @@ def apply_errors(row: Row, effects: Sequence[Effect]) -> None:
             effect.apply(row)
 
 
-def _moving(signals: Sequence[Signal], effects: Sequence[Effect]) -> tuple[int, ...]:
+def _moving(signals: Sequence[Signal], effects: Sequence[Effect], *, late: bool) -> tuple[int, ...]:
     """Inputs that depend on parameters: positions of axes with freed drives, signals with parameters, all if the clock is."""
     freed = {axis for effect in effects for axis, _ in effect.frees()}
-    if "" in freed:
+    if late or "" in freed:
         return tuple(range(2, 2 + len(signals)))
     return tuple(
         2 + i for i, signal in enumerate(signals) if signal.parameters or getattr(signal, "axis", None) in freed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from symfive.effects import Effect, baseline_effects
 from symfive.errors import EvaluationError, InputError
-from symfive.instruments import Column, instruments_of
+from symfive.instruments import Column, has_clock_of_its_own, instruments_of, setup_parameter
 from symfive.model._assembly import RowFunction, assembled, machine_parameters, sensed_columns
-from symfive.motion import GAINS, RunMotion, Series
+from symfive.motion import GAINS, RunMotion, Series, Signal
 from symfive.parameters import Parameter
 from symfive.runs import Campaign, Run
 from symfive.screen import OnScreen, plural
@@ -22,6 +22,11 @@ from symfive.screen import OnScreen, plural
 __all__ = ["Linearisation", "Model"]
 
 Array = NDArray[np.float64]
+CLOCK = "clock"
+"""How late the instrument of a run is: its name among the run's own unknowns."""
+CLOCK_STEP = 5e-4
+"""Of the row interval: the step of the central difference that is a signal's slope in its delay. What it leaves is of the order
+of its square, 1e-7; rounding is 1e-9."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,9 @@ class Model(OnScreen):
             for instrument in instruments_of(run):
                 instrument.check(run, self.machine)
                 found |= {p.name: p for p in instrument.parameters(run, self.machine) if p.name not in found}
+            if run.clock_sigma_ms and has_clock_of_its_own(run):
+                clock = setup_parameter(run, CLOCK, "ms", run.clock_sigma_ms)
+                found[clock.name] = clock
         return tuple(found.values())
 
     def _collect_freed(self) -> dict[tuple[str, str], str]:
@@ -260,6 +268,7 @@ class Model(OnScreen):
     def _clocks(self, run: Run, function: RowFunction, vector: Array) -> list[_Clock]:
         """What the columns of a run see; kept until a parameter that moves it changes."""
         wanted = {*self._freed.values(), *(name for signal in function.inputs for name in signal.parameters)}
+        wanted.add(f"setup.{CLOCK}")
         active = {
             name: self.index[full] for name in sorted(wanted) if (full := self.full_name(run, name)) in self.index
         }
@@ -268,17 +277,15 @@ class Model(OnScreen):
         if cached is not None and cached[0] == stamp and len(cached[1][0].series) == len(function.inputs):
             return cached[1]
         values = {name: float(vector[i]) * self.parameters[i].scale for name, i in active.items()}
-        motion = RunMotion(run, self.machine, self._freed, values)
-        series = []
-        for signal in function.inputs:  # positions first: what is made of them gets finite ones
-            series.append(motion.series(signal))
-            _require_finite(run, "motion", series[-1].value, *series[-1].tangents.values())
-        clocks = [_Clock.of(motion, slice(None), series)]
-        delay, sensed = self._freed.get(("", "delay")), sensed_columns(run, self.machine)
-        if delay is not None and run.dynamic and sensed:
-            late = [_delayed(run.time, s, values[delay], delay) for s in series]
-            control = clocks if len(sensed) < len(function.columns) else []
-            clocks = [*control, _Clock.of(motion, sensed, late)]
+        motion, sensed = RunMotion(run, self.machine, self._freed, values), sensed_columns(run, self.machine)
+        delays = [name for name in (self._freed.get(("", "delay")), f"setup.{CLOCK}") if name in active]
+        late = bool(delays and run.dynamic and sensed)
+        clocks = []
+        if not late or len(sensed) < len(function.columns):
+            clocks.append(_Clock.of(motion, slice(None), _series(motion, function.inputs)))
+        if late:
+            seen = _delayed(motion, function.inputs, sum(values[name] for name in delays), delays)
+            clocks.append(_Clock.of(motion, sensed if clocks else slice(None), seen))
         self._inputs[run] = (stamp, clocks)
         return clocks
 
@@ -305,19 +312,27 @@ def _require_finite(run: Run, what: str, *tables: Array) -> None:
         )
 
 
-def _delayed(time: Array, series: Series, delay: float, name: str) -> Series:
-    """The series as it was `delay` seconds earlier; before the first row and after the last one it stood still.
+def _series(motion: RunMotion, signals: Sequence[Signal]) -> list[Series]:
+    """Signals along a run, positions first: what is made of them gets finite ones."""
+    found = []
+    for signal in signals:
+        found.append(motion.series(signal))
+        _require_finite(motion.run, "motion", found[-1].value, *found[-1].tangents.values())
+    return found
+
+
+def _delayed(motion: RunMotion, signals: Sequence[Signal], delay: float, names: Sequence[str]) -> list[Series]:
+    """Signals as they were `delay` s earlier, their slopes in it by the parameters that make it up.
 
     An instrument sees everything late. What the control records itself sees nothing so: that is a matter of a reading's
     column and not of a signal, which both may look at.
     """
-    earlier = np.clip(time - delay, time[0], time[-1])
-    if series.steps or len(time) < 4:
-        shifted = {n: np.interp(earlier, time, t) for n, t in series.tangents.items()}
-        return Series(np.interp(earlier, time, series.value), shifted, steps=True)
-    from scipy.interpolate import CubicSpline
-
-    spline = CubicSpline(time, series.value)
-    shifted = {n: CubicSpline(time, t)(earlier) for n, t in series.tangents.items()}
-    shifted[name] = np.where(earlier == time - delay, -spline(earlier, 1), 0.0)
-    return Series(spline(earlier), shifted)
+    step = CLOCK_STEP * motion.run.interval
+    before, now, after = (
+        _series(motion.late(delay + by, place), signals) for place, by in enumerate((-step, 0.0, step), start=1)
+    )
+    found = []
+    for earlier, value, later in zip(before, now, after, strict=True):
+        slope = (later.value - earlier.value) / (2.0 * step)
+        found.append(replace(value, tangents={**value.tangents, **dict.fromkeys(names, slope)}))
+    return found

@@ -24,6 +24,8 @@ __all__ = ["AxisMotion", "RunMotion", "Series", "Signal"]
 T = TypeVar("T")
 Array = NDArray[np.float64]
 SMOOTHING_S = 0.03
+LATE_S = 5e-3
+"""Instants between which a drive's motion is a cubic of position and velocity: a fourth of a fast loop's time constant."""
 LEAD_S, LEAD_ROWS = 0.5, 5
 """Ten time constants of a slow position loop (20 1/s); rows that say how the motion goes on backwards."""
 
@@ -81,6 +83,20 @@ def _whole(steps: bytes, command: bytes) -> Array:
     return full
 
 
+def _between(response: Array, place: Array, interval: float) -> Array:
+    """A drive's motion (N, 3, m) between its instants, `interval` s apart, at the `place` (n,) of each: (n, 3, m). Position and
+    velocity are cubic, by their own slopes; beyond the ends the axis stands."""
+    place = np.clip(place, 0.0, len(response) - 1.0)
+    row = np.minimum(place.astype(np.int64), len(response) - 2)
+    s = (place - row)[:, None, None]
+    before, after = response[row], response[row + 1]
+    motion = (1.0 - s) * before + s * after
+    step = after[:, :2] - before[:, :2]
+    left, right = interval * before[:, 1:] - step, step - interval * after[:, 1:]
+    motion[:, :2] += s * (1.0 - s) * ((1.0 - s) * left + s * right)
+    return np.asarray(motion)
+
+
 _PROGRAMMES: WeakKeyDictionary[Run, Run] = WeakKeyDictionary()
 """Of every run that lost rows: the motion as it was commanded."""
 _KEPT: WeakKeyDictionary[Run, dict[object, tuple[Machine, tuple[float | None, ...], Any]]] = WeakKeyDictionary()
@@ -91,25 +107,29 @@ class RunMotion:
     """The motion of every axis in a run, given the parameters (internal units, by name).
 
     `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place. Nothing is computed again
-    until a parameter that moves it changes.
+    until a parameter that moves it changes. `late`: a place under which it is kept, and
+    the seconds by which the motion is that of earlier, row by row.
     """
 
     def __init__(
-        self, run: Run, machine: Machine, freed: Mapping[tuple[str, str], str], values: Mapping[str, float]
-    ) -> None:
+        self, run: Run, machine: Machine, freed: Mapping[tuple[str, str], str], values: Mapping[str, float],
+        late: tuple[int, float] = (0, 0.0),
+    ) -> None:  # fmt: skip
         self.run = run
         self.machine = machine
         self._freed = freed
         self.values = values
+        self._late, self.delay = late
 
     def _kept(self, what: object, axis: str | None, parameters: Sequence[str], make: Callable[[], T]) -> T:
         """The result of `make`, which depends on `parameters` and the freed gains of an axis (None: of all axes)."""
         gains = tuple((place, name) for place, name in self._freed.items() if axis in (None, place[0]))
-        stamp = tuple(self.values.get(name) for name in (*(name for _, name in gains), *parameters))
+        stamp = (self.delay, *(self.values.get(name) for name in (*(name for _, name in gains), *parameters)))
         kept = _KEPT.setdefault(self.run, {})
-        found = kept.get((what, gains))
+        key = what, gains, self._late
+        found = kept.get(key)
         if found is None or found[0] is not self.machine or found[1] != stamp:
-            found = kept[what, gains] = self.machine, stamp, make()
+            found = kept[key] = self.machine, stamp, make()
         result: T = found[2]
         return result
 
@@ -134,7 +154,11 @@ class RunMotion:
             return None
         if run not in _PROGRAMMES:
             _PROGRAMMES[run] = programme_of(run)
-        return RunMotion(_PROGRAMMES[run], self.machine, self._freed, self.values)
+        return RunMotion(_PROGRAMMES[run], self.machine, self._freed, self.values, (self._late, self.delay))
+
+    def late(self, delay: float, place: int = 1) -> RunMotion:
+        """The motion as it was `delay` s earlier; what is computed of it is kept at a `place`, each for one delay."""
+        return RunMotion(self.run, self.machine, self._freed, self.values, (place, delay))
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""
@@ -147,8 +171,10 @@ class RunMotion:
             return AxisMotion(command, Series(command), rest, rest)
         measured = self.recorded(axis.name)
         if measured is not None:
-            return self._smoothed(command, measured)
+            return self._smoothed(command, self._earlier(self.run.time, measured) if self.delay else measured)
         constant = bool(np.all(command == command[0]))
+        if self.delay and not constant and axis.drive is None:
+            command = self._earlier(self.run.time, command)
         if axis.drive is None or constant:
             velocity = np.zeros_like(command) if constant else np.gradient(command, self.run.time)
             acceleration = np.zeros_like(command) if constant else np.gradient(velocity, self.run.time)
@@ -176,14 +202,32 @@ class RunMotion:
             derivatives = [savgol_filter(measured, window, 3, deriv=k, delta=self.run.interval) for k in range(3)]
         return AxisMotion(command, *(Series(values) for values in derivatives))
 
+    def _earlier(self, time: Array, column: Array) -> Array:
+        """A column as it was `delay` earlier, along Akima's curve, which does not overshoot at corners (H. Akima 1970): beyond
+        the ends the axis stands; where the recording begins in motion it goes on as it went."""
+        at = self.run.time - self.delay
+        if self.run.options.get("start") != "moving":
+            at = np.clip(at, time[0], time[-1])
+        if len(time) < 3:
+            return np.interp(at, time, column)
+        from scipy.interpolate import Akima1DInterpolator
+
+        return np.asarray(Akima1DInterpolator(time, column, extrapolate=True)(at))
+
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
-        motion, names = self._response(axis, command, 1)
-        motion = motion[self.run.steps]
+        factor = max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9))) if self.delay else 1
+        response, names, first = self._response(axis, command, factor)
+        if self.delay:
+            place = np.asarray(first + factor * (self.run.steps - self.delay / self.run.interval))
+            motion = _between(response, place, self.run.interval / factor)
+        else:
+            motion = response[first + self.run.steps]
         parts = [Series(motion[:, k, 0], {n: motion[:, k, 1 + i] for i, n in enumerate(names)}) for k in range(3)]
         return AxisMotion(command, *parts)
 
-    def _response(self, axis: Axis, command: Array, factor: int) -> tuple[Array, tuple[str, ...]]:
-        """The drive's motion at `factor` instants per interval, without gaps, and the parameters of its derivatives."""
+    def _response(self, axis: Axis, command: Array, factor: int) -> tuple[Array, tuple[str, ...], int]:
+        """The drive's motion at `factor` instants per interval, without gaps and with its lead, the parameters of its
+        derivatives, and the place of the first row."""
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
@@ -196,7 +240,7 @@ class RunMotion:
             finer = np.interp(np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command)), command)
         interval, order = self.run.interval / factor, tuple(sorted(gains.items()))
         response = _remembered(np.ascontiguousarray(finer).tobytes(), interval, order, tuple(wanted))
-        return response[first * factor :], tuple(wanted.values())
+        return response, tuple(wanted.values()), first * factor
 
     def _lead(self, command: Array) -> Array:
         """What a programme commanded before the first row where the recording begins in motion (`start = "moving"`): its
@@ -219,7 +263,8 @@ class RunMotion:
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
         driven = axis.drive is not None and self.recorded(name) is None
         if driven and np.any(motion.command != motion.command[0]):
-            response, names = self._response(axis, motion.command, factor)
+            whole, names, first = self._response(axis, motion.command, factor)
+            response = whole[first:]
             series = Series(response[:, 2, 0], {n: response[:, 2, 1 + i] for i, n in enumerate(names)})
         else:
             series = Series(np.interp(fine, rows, motion.acceleration.value))

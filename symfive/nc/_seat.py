@@ -81,11 +81,14 @@ class Seat:
 
     def path(self, before: Mapping[str, float], after: Mapping[str, float]) -> Array | None:
         """The path of the axes (m, axes) on a straight move with the ball seated; None where they cannot follow the ball."""
+        return self.paths([(before, after)])[0]
+
+    def paths(self, moves: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> list[Array | None]:
+        """The same of several moves, all at once as long as the axes can follow the ball on all of them."""
         try:
-            ((_, _, path),) = self.blocks([(before, after, 0)], centred=False)
+            return [path for *_, path in self.blocks([(*move, 0) for move in moves], centred=False)]
         except InputError:
-            return None
-        return path
+            return [None] if len(moves) == 1 else [self.path(*move) for move in moves]
 
     def _between(self, ways: _Ways, legs: Indices, share: Array) -> tuple[Array, Array]:
         """Commands (legs, n, axes) and places (legs, n, 3) at n shares of the legs: rotary axes straight, the bar on the shorter

@@ -77,11 +77,13 @@ class Posterior:
         return frozenset(self.moments.terms[t].name for t, _ in subset)
 
     def worth(self, subset: Subset, mass: float | None = None) -> float:
-        """Log mass of the names of a subset, whose own is `mass` if that is known better."""
-        there = self.mass.get(subset)
-        if there is None:
-            return -np.inf if mass is None else mass
-        return self.sets[self.named(subset)] + (0.0 if mass is None else mass - there)
+        """Log mass of the names of a subset; where a refit says that its own is `mass`, what else has these names counts in its
+        ratio to it, and at most as much: it was not refitted."""
+        if mass is None:
+            return self.sets[self.named(subset)]
+        there, names = self.mass.get(subset, np.inf), self.named(subset)
+        others = [min(m - there, 0.0) for s, m in self.mass.items() if s != subset and self.named(s) == names]
+        return mass + float(logsumexp([0.0, *others]))
 
     def in_place_of(self, member: int) -> Iterator[tuple[Subset, int]]:
         """Subsets with another term, and its number, in the place of one that the fit holds (-1: beside all of those), the most

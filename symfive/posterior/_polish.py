@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.special import logsumexp
 
 from symfive.effects import Effect, Form, Varying
 from symfive.errors import InputError
@@ -27,7 +29,7 @@ three; one more for each member that a rival replaces."""
 TRIES = 3
 """Subsets that are refitted in one round, until one holds what the moments promise."""
 DECISIVE = 3.0
-"""Nats by which another shape has to be better (H. Jeffreys 1961: strong evidence)."""
+"""Nats by which another shape, or another subset for the fit to hold, has to be better (H. Jeffreys 1961: strong evidence)."""
 CLEAR = 10.0
 """Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that. By so
 many something has to be better before settled laws are given up for it."""
@@ -36,15 +38,19 @@ Keys = frozenset[tuple[str, str]]
 """What a fit holds: `Expansion.keys`."""
 
 
-def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) -> tuple[Expansion, float]:
-    """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy."""
+def expanded(
+    fit: Identification, held: Sequence[Form], candidates: Candidates, shaped: Mapping[str, float] | None = None
+) -> tuple[Expansion, float]:
+    """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy and, where it was
+    `shaped`, as the mean over its shapes."""
+    shaped = shaped or {}
     covers = {form.effect.answers for form in held if not form.effect.nameless}
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
     moments = moments_of(fit, held, blocks)
     members = held_by(moments)
     evidence, blocks_used = weighed(moments, members)
     best = log_evidence(moments, members, blocks_used)
-    return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2), evidence
+    return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2, shaped), evidence + sum(shaped.values())
 
 
 def polish(
@@ -58,24 +64,33 @@ def polish(
     now = _settled(_first(before, replace(candidates, vary=False), progress))
     if candidates.vary:
         now = _settled(_Round.at(now.here, candidates, progress), now)
-    return now.posterior.corrected(now.exactly), settled(now.here)
+    held = held_by(now.posterior.moments)
+    return now.posterior.corrected(now.exactly | {held: now.mass}), settled(now.here)
 
 
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
     """The expansion about the baseline, without the readings that stand alone or, where something that the library has explains
     these better than chance, with them."""
-    first = _Round.at(Expansion(before, (), WHITE, 1.0), candidates, progress)
+    first = _Round.at(_at_ease(before, candidates), candidates, progress)
     if not before.outliers:
         return first
     whole = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=()))
     progress(f"with the {len(before.outliers)} readings that stand alone")
-    return max((first, _Round.at(Expansion(whole, (), WHITE, 1.0), candidates, progress)), key=_Round.promise)
+    return max((first, _Round.at(_at_ease(whole, candidates), candidates, progress)), key=_Round.promise)
+
+
+def _at_ease(before: Identification, candidates: Candidates) -> Expansion:
+    """The baseline under the noise that it leaves itself: under the declared one, what is missing drives the set-up to where
+    nothing is linear."""
+    here, _ = expanded(before, (), candidates)
+    fit = fitted(before.model, [{}], here.node, here.kappa2, before)
+    return replace(here, fit=fit)
 
 
 def _settled(now: _Round, before: _Round | None = None) -> _Round:
     """The expansion at which nothing moves any more, from `now` on; there the rivals were asked `before`, and what was settled
     then is given up for a clear gain only."""
-    been, least = dict[Keys, _Round](), 0.0 if before is None else CLEAR
+    been, least = dict[Keys, _Round](), DECISIVE if before is None else CLEAR
     for number in range(ROUNDS):
         been[now.here.keys] = now
         better = (now.exact(subset) for subset in _ahead(now.posterior))
@@ -89,23 +104,17 @@ def _settled(now: _Round, before: _Round | None = None) -> _Round:
         if ahead is None or number == ROUNDS - 1:
             break
         now = _Round.at(settled(ahead), now.candidates, now.progress)
-    return _agreed(now, been)
+    return _best(now, been)
 
 
-def _agreed(now: _Round, been: Mapping[Keys, _Round]) -> _Round:
-    """The last expansion, or an earlier one that it prefers by more than that one preferred it: each finds the other better, as
-    each leaves its own outliers out, and the mean of both counts."""
-    back = {keys: lead for keys, lead in now.leads.items() if keys in been and now.here.keys in been[keys].leads}
-    keys = max(back, key=lambda k: back[k][0], default=None)
-    if keys is None:
-        return now
-    other, (gain, subset) = been[keys], back[keys]
-    forth, there = other.leads[now.here.keys]
-    if gain <= forth:
-        now.exactly[subset] -= 0.5 * (gain + forth)
-        return now
-    other.exactly[there] -= 0.5 * (gain + forth)
-    return other
+def _best(now: _Round, been: Mapping[Keys, _Round]) -> _Round:
+    """The most probable of the expansions, each with the readings that it excludes itself; what it says of the others is what
+    these say of themselves."""
+    best = max((now, *been.values()), key=lambda each: each.whole)
+    for keys, (_, subset) in best.leads.items():
+        if keys in been:
+            best.exactly[subset] = been[keys].whole - log_chance(best.here.fit)
+    return best
 
 
 @dataclass(frozen=True)
@@ -124,11 +133,16 @@ class _Round:
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
         progress(f"expansion about {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
-        here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates)
+        here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates, here.shaped)
         moments = moments_about(here, candidates)
         held = held_by(moments)
         posterior = explore(moments, range(moments.held))
         return cls(here, posterior, evidence + log_prior(moments, held), candidates, progress)
+
+    @cached_property
+    def whole(self) -> float:
+        """Log mass of what it holds and of the readings that the fit excludes."""
+        return self.mass + log_chance(self.here.fit)
 
     def promise(self) -> float:
         """Log mass of the most probable subset and of the readings that the fit excludes."""
@@ -137,8 +151,8 @@ class _Round:
     def exact(self, subset: Subset) -> tuple[float, Expansion]:
         """By how many nats an exact refit of a subset, in its best shapes, is better than what the expansion holds, and that
         fit: all subsets of its names together; of the same names, forms of them, that subset alone."""
-        known = {form.effect.key for form in self.here.held}
-        there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
+        there = refitted(self.posterior.moments, subset)
+        there, evidence = _shaped(there, self.candidates, self.progress, self.here.shaped)
         mass = self.exactly[subset] = evidence + log_prior(self.posterior.moments, subset)
         held = held_by(self.posterior.moments)
         gain = mass - self.mass
@@ -163,19 +177,25 @@ def _ahead(posterior: Posterior) -> Iterator[Subset]:
 
 
 def _shaped(
-    here: Expansion, candidates: Candidates, progress: Progress, known: Collection[str]
+    here: Expansion, candidates: Candidates, progress: Progress, known: Mapping[str, float]
 ) -> tuple[Expansion, float]:
-    """The fit, and its evidence, with each of its effects, but for those `known` (keys), in the best of its shapes."""
-    here, mass = expanded(here.fit, here.held, candidates)
+    """The fit with each of its effects, but for those `known` (by key), in the best of its shapes, and its evidence: of an
+    effect the mean over its shapes, which are as probable as each other."""
+    shaped = {form.effect.key: known[form.effect.key] for form in here.held if form.effect.key in known}
+    here, mass = expanded(here.fit, here.held, candidates, shaped)
     for number in (k for k, form in enumerate(here.held) if form.effect.key not in known):
+        key, masses = here.held[number].effect.key, [mass]
         for shape in here.held[number].shapes:
             trial = _reshaped(here, number, shape)
             if trial is None:
                 continue
-            other, evidence = expanded(trial.fit, trial.held, candidates)
+            other, evidence = expanded(trial.fit, trial.held, candidates, shaped)
             progress(f"{shape.key} in another shape: {evidence - mass:+.1f} nats")
+            masses.append(evidence)
             if evidence > mass + DECISIVE:
                 here, mass = other, evidence
+        shaped[key] = float(logsumexp(masses) - np.log(len(masses)) - mass)
+        here, mass = replace(here, shaped=dict(shaped)), mass + shaped[key]
     return here, mass
 
 

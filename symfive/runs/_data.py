@@ -102,7 +102,8 @@ class Run(OnScreen):
     was not: then `time` only orders the rows of a static run, and nothing is said over time. `table_ball` and `tool_ball` mm in
     the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one
     reading, one number or one per instrument; `spindle` (N,) degree by which the spindle was turned at each row of a static run,
-    the tool ball's error with it (None: it stays as it is).
+    the tool ball's error with it (None: it stays as it is). `clock_sigma_ms`: prior 1σ of the instrument's clock against the
+    control's in this recording, ms; 0, they are one.
     """
 
     id: str
@@ -119,6 +120,7 @@ class Run(OnScreen):
     v: Vector | None = None
     start_s: float = 0.0
     clock: str = "recorded"
+    clock_sigma_ms: float = 0.0
     noise_um: float | Mapping[str, float] = 0.3
     setup_sigma_um: SetupSigma = field(default_factory=SetupSigma)
     spindle: Array | None = None
@@ -141,6 +143,12 @@ class Run(OnScreen):
         if self.dynamic and not self.has_clock:
             problem = f'{owner}: clock = "none" in a recording at a constant rate'
             raise InputError(problem, remedy='remove it, or write sampling = "static" where the axes rest at each row')
+        if not is_number(self.clock_sigma_ms) or not 0.0 <= self.clock_sigma_ms < 1e6:
+            problem = f"{owner}: clock_sigma_ms = {shown(self.clock_sigma_ms)} is not a standard deviation"
+            raise InputError(problem, remedy="write ms (1σ), at least 0", keys=("clock_sigma_ms",))
+        if self.clock_sigma_ms and not self.dynamic:
+            problem = f"{owner}: clock_sigma_ms in a run whose axes rest at each row"
+            raise InputError(problem, remedy="remove it", keys=("clock_sigma_ms",))
         names = [name for name in self.instrument if isinstance(name, str)]
         if not names or len(set(names)) != len(self.instrument):
             problem = f"{owner}: instrument {shown(list(self.instrument))} is not a list of different names"

@@ -123,8 +123,9 @@ def _nearest(path: Path, row: np.ndarray) -> str:
     return f"nearest position: {path.machine.names[i]} off by {off[k, i]:.6f} {'degree' if path.machine.rotary[i] else 'mm'}"
 
 
-CHORD = 0.005
-"""mm or degree that a recording's chords may stand off its rows."""
+CHORD_MM, CHORD_DEG = 0.005, 0.002
+"""How far a recording's chords may take the tool ball off its place in the workpiece frame, and a rotary axis off its row. A
+linear axis that follows a turning table is off by as much as its lever makes of this, and the ball is not."""
 CLOCK_S, LATE_S = 1e-3, 0.01
 """What feeds that are written with three decimals may add up to, and by how much a first block that creeps may delay all."""
 
@@ -158,12 +159,17 @@ def _recorded(path: Path) -> Iterator[Finding]:
     with np.errstate(divide="ignore", invalid="ignore"):
         late = float(np.nanmedian(((path.run.rows - there)[quick] / rate[quick])[rate[quick] != 0.0]))
     there = np.stack([np.interp(wanted + np.clip(late, -LATE_S, LATE_S), at, own) for own in q.T], axis=1)
-    off = np.abs(there - path.run.rows) - CLOCK_S * np.abs(rate)
-    k, i = np.unravel_index(np.argmax(off), off.shape)
-    if off[k, i] > CHORD:
-        unit = "degree" if path.machine.rotary[i] else "mm"
-        says = f"line {k + 2} of {path.run.file.name}: {path.machine.names[i]} is {off[k, i]:.4f} {unit} from its row"
-        yield path.fault("poses", known[0].line, says)
+    balls, own = (path.machine.points(p, path.run.tool_ball[None])[:, 0] for p in (there, path.run.rows))
+    turning, names = path.machine.rotary, np.array(path.machine.names)
+    for what, found, rows, most, unit in (
+        (np.array(["the ball"]), balls, own, CHORD_MM, "mm"),
+        (names[turning], there[:, turning], path.run.rows[:, turning], CHORD_DEG, "degree"),
+    ):
+        off = np.abs(found - rows) - CLOCK_S * np.abs(np.gradient(rows, wanted, axis=0))
+        if off.size and off.max() > most:
+            k, i = np.unravel_index(np.argmax(off), off.shape)
+            says = f"line {k + 2} of {path.run.file.name}: {what[min(i, len(what) - 1)]} is {off[k, i]:.4f} {unit} from its row"
+            yield path.fault("poses", known[0].line, says)
 
 
 OUT_MM = (1.0, 1.75)

@@ -1,0 +1,203 @@
+"""Bounds of φ in cells: boxes of the angles about their centres.
+
+In a cell of half widths h about a pose φ is its Taylor polynomial of second order and a remainder below Σ sup|∂ᵅφ| hᵅ/α! over all
+third derivatives. With slope g and second derivatives H, and since |H_ij δ_i δ_j| ≤ |H_ij| (δ_i² h_j/h_i + δ_j² h_i/h_j)/2,
+
+    φ ≤ φ(centre) + Σ_i max over 0 ≤ t ≤ h_i of (|g_i| t + D_i t²/2) + remainder,    D_i = H_ii + Σ_j |H_ij| h_j/h_i.
+
+The first cells are those of a regular grid, on which the polynomial φ and all its derivatives of the first four orders cost a few
+matrix products; the fifth is bounded everywhere (`_spectrum`). In a first cell, and so in every part of it,
+
+    sup|∂ᵅφ| ≤ |∂ᵅφ| + Σ_i |∂_i ∂ᵅφ| h_i + Σ_ij sup|∂_i ∂_j ∂ᵅφ| h_i h_j/2,
+
+which is a tenth of the bound that holds everywhere. Most first cells are settled by their own Taylor polynomial of fourth order.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.design._spectrum import Spectrum
+
+__all__ = ["TINY", "Cells", "Cut", "FirstCells", "first_cells"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Order = tuple[int, ...]
+NEGLECTED, WIDEST, MOST_FIRST = 5e-6, math.radians(20.0), 1_500_000
+TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Boxes: `centres` and half widths `halves` (n, d), and `third` (n,), the first cell that each is part of."""
+
+    centres: Array
+    halves: Array
+    third: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.centres)
+
+    def take(self, chosen: NDArray[np.int64] | NDArray[np.bool_]) -> Cells:
+        """Some of them."""
+        return Cells(self.centres[chosen], self.halves[chosen], self.third[chosen])
+
+    def joined(self, other: Cells) -> Cells:
+        """These and others."""
+        return Cells(
+            np.concatenate([self.centres, other.centres]),
+            np.concatenate([self.halves, other.halves]),
+            np.concatenate([self.third, other.third]),
+        )
+
+    def halved(self, across: NDArray[np.int64]) -> Cells:
+        """Both halves of every cell."""
+        row = np.arange(len(self))
+        halves = self.halves.copy()
+        halves[row, across] *= 0.5
+        shift = np.zeros_like(halves)
+        shift[row, across] = halves[row, across]
+        centres = np.concatenate([self.centres - shift, self.centres + shift])
+        return Cells(centres, np.tile(halves, (2, 1)), np.tile(self.third, 2))
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A limit for each of some cells, what must be ≥ 0, as its Taylor polynomial: `value` (n,), `slope` (n, d), `bent` (n, d, d)
+    and the most that its third order adds, shared out among the angles, `third` (n, d)."""
+
+    value: Array
+    slope: Array
+    bent: Array
+    third: Array
+
+    def take(self, chosen: NDArray[np.bool_]) -> Cut:
+        """Of some of the cells."""
+        return Cut(self.value[chosen], self.slope[chosen], self.bent[chosen], self.third[chosen])
+
+    def most(self, half: Array) -> Array:
+        """The most that the limit may be in each cell (n,)."""
+        steepest = _steepest(self.slope, _diagonal(self.bent, half), half)
+        return np.asarray(self.value + steepest.sum(axis=1) + self.third.sum(axis=1))
+
+
+@dataclass(frozen=True)
+class FirstCells:
+    """The cells of a regular grid in which φ may exceed a limit; `settled`, the highest bound of all others; `looked_at`, how
+    many there are; `thirds` (n, orders), bounds of the third derivatives over α! in each of `cells`, by `orders` (orders, d)."""
+
+    cells: Cells
+    settled: float
+    looked_at: int
+    thirds: Array
+    orders: NDArray[np.int64]
+
+    def bounded(self, cells: Cells, value: Array, slope: Array, bent: Array, cut: Cut) -> tuple[Array, Indices]:
+        """The bound in the reachable parts of these cells, and the angle across which to halve.
+
+        From φ and its derivatives at the centres. Where a limit is ≥ 0, φ is not above φ plus any positive multiple of it: of the
+        multiples that balance φ's slope in one angle the best counts (weak duality).
+        """
+        half = cells.halves
+        own = _steepest(slope, _diagonal(bent, half), half)
+        bound = own.sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            multiples = np.where(slope * cut.slope < 0.0, -slope / cut.slope, 0.0)
+        for multiple in multiples.T[:, :, None]:
+            each = _steepest(slope + multiple * cut.slope, _diagonal(bent + multiple[:, None] * cut.bent, half), half)
+            each += multiple * cut.third
+            less = multiple[:, 0] * cut.value + each.sum(axis=1)
+            better = less < bound
+            bound, own = np.where(better, less, bound), np.where(better[:, None], each, own)
+        beyond = self.thirds[cells.third] * np.prod(half[:, None, :] ** self.orders, axis=2)
+        return value + bound + beyond.sum(axis=1), np.argmax(own + beyond @ (self.orders / 3.0), axis=1)
+
+
+def first_cells(spectrum: Spectrum, low: Array, high: Array, limit: float) -> FirstCells:
+    """The cells of the box between `low` and `high` in which φ may exceed `limit`."""
+    fifth = spectrum.bounds(5)
+    counts = _counts(low, high, fifth, limit)
+    half = (high - low) / counts / 2.0
+    axes = [a + h * (2.0 * np.arange(n) + 1.0) for a, h, n in zip(low, half, counts, strict=True)]
+    orders = [order for order in itertools.product(range(4), repeat=len(half)) if sum(order) == 3]
+    shares = {
+        order: _share(order, half) for order in itertools.product(range(5), repeat=len(half)) if 2 < sum(order) < 5
+    }
+    beyond = sum(most * _share(order, half) for order, most in fifth.items())
+    settled, centres, thirds = 0.0, [np.empty((0, len(half)))], [np.empty((0, len(orders)))]
+    first, *others = spectrum.bases(axes, 4)
+    for i, place in enumerate(axes[0]):
+        slab = [[basis[i : i + 1] for basis in first], *others]
+        found = {order: values.ravel() for order, values in spectrum.derivatives(slab, 0, 4)}
+        bound = _by_fourth_order(found, shares, half) + beyond
+        opened = np.flatnonzero(bound > limit)
+        settled = max(settled, float(np.delete(bound, opened).max(initial=0.0)))
+        centres.append(np.stack(np.meshgrid(place, *axes[1:], indexing="ij"), axis=-1).reshape(-1, len(half))[opened])
+        left = {order: values[opened] for order, values in found.items()}
+        thirds.append(np.stack([_third(order, left, fifth, half) for order in orders], axis=1))
+    poses = np.concatenate(centres)
+    cells = Cells(poses, np.tile(half, (len(poses), 1)), np.arange(len(poses)))
+    return FirstCells(cells, settled, int(counts.prod()), np.concatenate(thirds), np.array(orders))
+
+
+def _counts(low: Array, high: Array, fifth: Mapping[Order, float], limit: float) -> Indices:
+    """How many first cells along every angle: so many that its fifth derivative adds no more than `NEGLECTED` of the limit."""
+    d = len(low)
+    own = np.array([fifth[tuple(5 * int(i == j) for j in range(d))] for i in range(d)])
+    half = (math.factorial(5) * NEGLECTED * limit / np.maximum(own, TINY)) ** 0.2
+    counts = np.maximum(1.0, (high - low) / np.minimum(2.0 * half, WIDEST))
+    counts *= min(1.0, (MOST_FIRST / float(counts.prod())) ** (1.0 / d))
+    return np.asarray(np.ceil(counts), dtype=np.int64)
+
+
+def _diagonal(bent: Array, half: Array) -> Array:
+    """D (n, d)."""
+    coupled = np.abs(bent)
+    np.einsum("nii->ni", coupled)[:] = 0.0
+    return np.asarray(np.einsum("nii->ni", bent) + np.einsum("nij,nj->ni", coupled, half) / half)
+
+
+def _steepest(slope: Array, diagonal: Array, half: Array) -> Array:
+    """The most that each angle adds to φ by the first two orders (n, d)."""
+    slope = np.abs(slope)
+    turned = np.where(diagonal < 0.0, np.minimum(half, slope / np.maximum(-diagonal, TINY)), half)
+    return np.asarray(slope * turned + 0.5 * diagonal * turned**2)
+
+
+def _by_fourth_order(found: Mapping[Order, Array], shares: Mapping[Order, float], half: Array) -> Array:
+    """The bound of the first four orders in first cells, from all their derivatives at the centres; `shares` hᵅ/α! of the third
+    and fourth ones."""
+    d = len(half)
+    unit = np.eye(d, dtype=int)
+    value = found[(0,) * d]
+    slope = np.stack([found[tuple(row)] for row in unit.tolist()], axis=1)
+    bent = np.stack([found[tuple((a + b).tolist())] for a in unit for b in unit], axis=1).reshape(-1, d, d)
+    bound = value + _steepest(slope, _diagonal(bent, half[None]), half[None]).sum(axis=1)
+    for order, share in shares.items():
+        bound += np.abs(found[order]) * share
+    return np.asarray(bound)
+
+
+def _share(order: Order, half: Array) -> float:
+    """hᵅ/α!."""
+    return math.prod(float(h) ** m / math.factorial(m) for h, m in zip(half, order, strict=True))
+
+
+def _third(order: Order, found: Mapping[Order, Array], fifth: Mapping[Order, float], half: Array) -> Array:
+    """A bound of one third derivative in first cells, over α!."""
+
+    def beyond(*angles: int) -> Order:
+        return tuple(m + angles.count(i) for i, m in enumerate(order))
+
+    bound = np.abs(found[order])
+    for i, h in enumerate(half.tolist()):
+        bound = bound + np.abs(found[beyond(i)]) * h
+        bound += sum(fifth[beyond(i, j)] * h * other / 2.0 for j, other in enumerate(half.tolist()))
+    return np.asarray(bound / math.prod(map(math.factorial, order)))

@@ -1,0 +1,163 @@
+"""What the poses of one set-up tell, φ = ⟨G, F(pose)⟩, with its derivatives and the limits of the poses.
+
+`climbed` leads poses to the local maxima of φ among those that can be reached. Most of these lie on limits, often where two of
+them meet, and a limit is curved: no step along an angle stays on it. So the climb is Newton's on φ less a growing penalty of the
+limits' violation (J. Nocedal & S. J. Wright 2006, 17.1), in a trust region, and a last step back to where the limits end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symfive.design._information import Layout
+from symfive.design._space import Space
+
+__all__ = ["PENALTY", "Told", "climbed", "told_of"]
+
+Array = NDArray[np.float64]
+PENALTY = 10.0
+"""Weight of the squared violation (in 100 mm) against φ over its largest value."""
+STAGES = ((PENALTY, 6), (PENALTY, 8), (30.0 * PENALTY, 6))
+"""Weights and steps of the climb, one after the other; after each stage poses that have met are one."""
+MET = 1e-3
+"""rad."""
+FIRST_TRUST, LARGEST_TRUST = 0.1, 0.3
+"""rad."""
+LEAST_BEND = 1e-3
+"""Curvature, of φ over its largest value per rad², that a step is reckoned with where there is less."""
+RESTORED = 8
+INSIDE = 1e-9
+"""How far inside the limits (in 100 mm) the last step leads."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """φ = |half · J|² of the poses of one set-up: `setup` its variables, `k` its constants."""
+
+    space: Space
+    half: Array
+    setup: Array
+    k: Array
+
+    def decided(self, poses: Array) -> tuple[Array, Array]:
+        """All that is decided for each pose, and the constants: (n, nz), (n, nk)."""
+        n = len(poses)
+        return np.concatenate([poses, np.tile(self.setup, (n, 1))], axis=1), np.tile(self.k, (n, 1))
+
+    def _seen(self, rows: Array) -> Array:
+        """half · J (…, ny, size) of sensitivities (…, width, ny), as one product of two matrices."""
+        flat = np.ascontiguousarray(rows.swapaxes(-1, -2))
+        return np.asarray((flat.reshape(-1, flat.shape[-1]) @ self.half.T).reshape(*flat.shape[:-1], -1))
+
+    def values(self, poses: Array) -> Array:
+        """φ (n,)."""
+        seen = self._seen(self.space.kernel.rows(*self.decided(poses)))
+        return np.asarray(np.einsum("nyr,nyr->n", seen, seen))
+
+    def taylor(self, poses: Array) -> tuple[Array, Array, Array]:
+        """φ (n,), its slopes (n, d) and second derivatives (n, d, d)."""
+        z, k = self.decided(poses)
+        d = self.space.poses
+        rows, slopes = self.space.kernel.slopes(z, k)
+        seen = self._seen(rows).reshape(len(z), -1)
+        moved = self._seen(slopes[:, :d]).reshape(len(z), d, -1)
+        value = np.einsum("nr,nr->n", seen, seen)
+        slope = 2.0 * (moved @ seen[:, :, None])[..., 0]
+        own = (seen.reshape(-1, len(self.half)) @ self.half).reshape(len(z), -1, self.half.shape[1])
+        bent = moved @ moved.swapaxes(-1, -2) + self.space.kernel.curvature(z, k, own.swapaxes(1, 2))[:, :d, :d]
+        return value, slope, 2.0 * bent
+
+    def limits(self, poses: Array) -> Array:
+        """What must be ≥ 0 (n, ng), in 100 mm."""
+        return self.space.kernel.limits(*self.decided(poses))
+
+    def limit_slopes(self, poses: Array) -> Array:
+        """Their derivatives (n, d, ng)."""
+        return self.space.kernel.limit_slopes(*self.decided(poses))[:, : self.space.poses]
+
+    def limit_curvature(self, poses: Array, multipliers: Array) -> Array:
+        """Second derivatives (n, d, d) of ⟨multipliers, limits⟩."""
+        d = self.space.poses
+        return self.space.kernel.limit_curvature(*self.decided(poses), multipliers)[:, :d, :d]
+
+
+def told_of(space: Space, layout: Layout, pull: Array, setup: Array, k: Array, g: int) -> Told:
+    """φ in the set-up of run `g` for G = `pull`."""
+    values, vectors = np.linalg.eigh(pull)
+    half = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    first = layout.shared + g * layout.own
+    columns = np.concatenate([np.arange(layout.shared), np.arange(first, first + layout.own)])
+    return Told(space, half[:, columns], setup, k)
+
+
+def climbed(told: Told, poses: Array, top: float) -> Array:
+    """Local maxima of φ, of which `top` is about the largest, above the poses (n, d); some may end outside the limits.
+
+    A pose near which the chain is singular, so that φ and the limits are not finite or their products are not, stays where it is.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        for penalty, steps in STAGES:
+            poses = _ascended(told, poses, top, penalty, steps)
+            poses = poses[np.unique(np.round(poses / MET), axis=0, return_index=True)[1]]
+        return _restored(told, poses)
+
+
+def _ascended(told: Told, poses: Array, top: float, penalty: float, steps: int) -> Array:
+    """Newton's steps on φ/top less the penalty of the limits."""
+    d = poses.shape[1]
+    low, high = told.space.lower[:d], told.space.upper[:d]
+
+    def less_penalty(poses: Array) -> tuple[Array, Array]:
+        violated = np.minimum(told.limits(poses), 0.0)
+        return told.values(poses) / top - penalty * np.sum(violated**2, axis=1), violated
+
+    trust = np.full(len(poses), FIRST_TRUST)
+    merit, violated = less_penalty(poses)
+    for _ in range(steps):
+        _, slope, bent = told.taylor(poses)
+        active = told.limit_slopes(poses) * (violated < 0.0)[:, None, :]
+        slope = slope / top - 2.0 * penalty * np.einsum("nkg,ng->nk", active, violated)
+        bent = bent / top - 2.0 * penalty * (active @ active.transpose(0, 2, 1))
+        held = ((poses <= low) & (slope < 0.0)) | ((poses >= high) & (slope > 0.0))
+        trial = np.clip(poses + _step(np.where(held, 0.0, slope), bent, ~held, trust), low, high)
+        there, then = less_penalty(trial)
+        better = there > merit
+        poses, violated = np.where(better[:, None], trial, poses), np.where(better[:, None], then, violated)
+        merit = np.where(better, there, merit)
+        trust = np.where(better, np.minimum(2.0 * trust, LARGEST_TRUST), 0.25 * trust)
+    return poses
+
+
+def _step(slope: Array, bent: Array, free: NDArray[np.bool_], trust: Array) -> Array:
+    """Newton's step uphill in the angles that are free, no longer than `trust`: curvatures count by their size."""
+    finite = np.isfinite(np.concatenate([slope[:, :, None], bent], axis=2)).all(axis=(1, 2), keepdims=True)
+    slope, bent = np.where(finite[:, :, 0], slope, 0.0), np.where(finite, bent, 0.0)
+    values, vectors = np.linalg.eigh(bent * free[:, :, None] * free[:, None, :])
+    bend = np.maximum(np.abs(values), LEAST_BEND)
+    step = np.einsum("nki,ni->nk", vectors, np.einsum("nki,nk->ni", vectors, slope) / bend) * free
+    length = np.linalg.norm(step, axis=1)
+    return np.asarray(step * np.minimum(1.0, trust / np.maximum(length, LEAST_BEND**2))[:, None])
+
+
+def _restored(told: Told, poses: Array) -> Array:
+    """Poses just outside a limit put back onto it, by Newton's shortest steps."""
+    poses, d = poses.copy(), poses.shape[1]
+    low, high = told.space.lower[:d], told.space.upper[:d]
+    for _ in range(RESTORED):
+        limits = told.limits(poses)
+        left = np.flatnonzero((limits < INSIDE).any(axis=1))
+        if not left.size:
+            break
+        outside = limits[left] < INSIDE
+        slopes = told.limit_slopes(poses[left]) * outside[:, None, :]
+        gram = slopes.transpose(0, 2, 1) @ slopes
+        gram += 1e-9 * (1.0 + np.einsum("nii->n", gram))[:, None, None] * np.eye(limits.shape[1])
+        wanted = np.where(outside, 2.0 * INSIDE - limits[left], 0.0)
+        finite = np.isfinite(gram).all(axis=(1, 2)) & np.isfinite(wanted).all(axis=1)
+        left, slopes, gram, wanted = left[finite], slopes[finite], gram[finite], wanted[finite]
+        step = np.einsum("nkg,ng->nk", slopes, np.linalg.solve(gram, wanted[..., None])[..., 0])
+        poses[left] = np.clip(poses[left] + step, low, high)
+    return poses
