@@ -33,6 +33,11 @@ OPTIONS: dict[str, tuple[str | None, dict[str, object]]] = {
     "table_step": ("X", {"at": 20.0, "ramp": 10.0}),
     "counterbalance": ("X", {}),
     "eccentric_mass": ("C", {}),
+    "force_delay": ("X", {}),
+    "force_friction": ("X", {}),
+    "force_ripple": ("X", {"period": 10.0}),
+    "gravity_torque": ("B", {}),
+    "load_moment": ("Y", {}),
     "varying": (None, {"of": make_effect("backlash", "C"), "over": "B"}),
 }
 """Axis and options with which each effect is drawn; those not listed need none."""

@@ -9,8 +9,8 @@ __all__ = ["LEARNT", "UNIT_SCALE", "Parameter"]
 
 UNIT_SCALE = {
     "um": 1e-3, "urad": 1e-6, "mm": 1.0, "deg": math.pi / 180.0, "rad": 1.0, "s": 1.0, "ms": 1e-3, "ppm": 1e-6,
-    "um/mm": 1e-3, "urad/deg": 1e-6 * 180.0 / math.pi, "um/h": 1e-3 / 3600.0,
-    "um/(m/s^2)": 1e-6, "um/(rad/s^2)": 1e-3,
+    "deg/s": math.pi / 180.0, "um/mm": 1e-3, "urad/deg": 1e-6 * 180.0 / math.pi, "um/h": 1e-3 / 3600.0,
+    "urad/m": 1e-9, "urad/m^2": 1e-12, "um/(m/s^2)": 1e-6, "um/(rad/s^2)": 1e-3,
 }  # fmt: skip
 """Internal value (mm, rad, s) = scale × value in the file unit; units not listed are the same inside."""
 

@@ -6,6 +6,7 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,19 +17,22 @@ sys.path.insert(0, str(ROOT))
 from examples.real_recordings import figures, story, words  # noqa: E402
 from examples.real_recordings.recordings import (  # noqa: E402
     RECORDINGS,
+    Part,
     Recording,
     halves,
     runs_with,
 )
-from examples.real_recordings.study import Study, held_out_rms, lacking, rms_of, study  # noqa: E402
+from examples.real_recordings.rivals import RIVALS, best_rival, boosted, harmonic, table  # noqa: E402
+from examples.real_recordings.study import Study, rms_of, study  # noqa: E402
 from symfive.campaign import Campaign, Run  # noqa: E402
 from symfive.convert import CONVERTERS, convert, data_folder  # noqa: E402
-from symfive.diagnose import amend  # noqa: E402
-from symfive.effects import make_effect  # noqa: E402
+from symfive.diagnose import Split, amend, held_out_square, root  # noqa: E402
+from symfive.effects import Effect, make_effect  # noqa: E402
 from symfive.errors import InputError  # noqa: E402
 from symfive.identify import identify  # noqa: E402
 from symfive.importers import cycles_of, rows_of, turns_of  # noqa: E402
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis  # noqa: E402
+from symfive.posterior import baseline  # noqa: E402
 from symfive.simulate import simulate  # noqa: E402
 
 PLACES = np.array([0.0, 40.0, 80.0, 120.0, 160.0, 200.0])
@@ -92,6 +96,17 @@ def sized(found: Study) -> bool:
     return all(finding.sigmas >= 2.0 for finding in found.found.findings)
 
 
+def held_out_with(campaign: Campaign, part: Part, effect: Effect, unit: str) -> tuple[float, float]:
+    """rms of what a part predicts, by the plain model and with an effect that is named."""
+    whole = part.cut(campaign)
+    split = Split(part.label, lambda run: np.full(run.rows, part.learn(run)))
+    learnt = split.fitted(whole)
+    plain = identify(learnt, noise="repeats")
+    fits = plain, amend(plain, effect.prepare(learnt))
+    before, after = (root(*held_out_square(fit, whole, split, unit)) for fit in fits)
+    return before, after
+
+
 # --- without the recordings ----------------------------------------------------------------------------------
 
 
@@ -128,8 +143,10 @@ def test_whole_turns_repeat_each_other() -> None:
 def test_halves_are_each_others_rest() -> None:
     run = axis_under_test().runs[0]
     first, second = halves()
-    assert np.array_equal(first.learn(run), ~second.learn(run))
-    assert first.learn(run).sum() == run.rows // 2
+    cut = first.cut(axis_under_test())
+    assert [first.learn(r) for r in cut.runs] == [not second.learn(r) for r in cut.runs] == [True, False]
+    assert np.array_equal(np.concatenate([r.commands["X"] for r in cut.runs]), run.commands["X"])
+    assert cut.runs[1].start_s == run.time[run.rows // 2] and cut.runs[1].time[0] == 0.0
 
 
 def test_a_simulated_backlash_is_placed_named_and_proven(simulated: Study) -> None:
@@ -145,33 +162,49 @@ def test_a_simulated_backlash_is_placed_named_and_proven(simulated: Study) -> No
 def test_held_out_parts_get_better_and_say_by_what(simulated: Study) -> None:
     assert [part.label for part in simulated.held_out][-1] == "all → the other file"
     for part in simulated.held_out:
-        assert part.after < 0.45 < 3.0 < part.before
-        assert part.without["backlash.X"] == pytest.approx(part.before, rel=0.05)
-    assert simulated.unsupported == simulated.idle == ()
+        assert part.after < 0.45 < 3.0 < part.before and not part.worse
+        assert [(f.name, f.axis) for f in part.findings] == [("backlash", "X")] and not part.withdrawn
+        assert part.after == part.unfiltered < 1.1 * part.rival < part.before
+    (finding,) = simulated.found.findings
+    assert simulated.judged(finding).startswith("Right as far as this recording goes, because width 12")
 
 
-def test_what_was_held_out_is_not_learnt_from(simulated: Study) -> None:
-    """Readings spoilt in the held-out cycle alone do not change what is learnt, and show in full."""
-    before = simulated.found.before
-    last = simulated.campaign.runs[-1]
-    spoilt = last.with_readings(
-        {"X_dev_um": last.readings["X_dev_um"] + np.where(np.arange(last.rows) % 2, 50.0, -50.0)}
-    )
-    campaign = replace(simulated.campaign, runs=(*simulated.campaign.runs[:-1], spoilt))
-    fit = replace(before, model=type(before.model)(campaign, before.model.added), outliers=())
-    part = runs_with("others → last", "cycle-1", "cycle-2", "cycle-3")
-    plain = held_out_rms(replace(before, outliers=()), part, "um")
-    assert held_out_rms(fit, part, "um") == pytest.approx(np.hypot(plain, 50.0), rel=0.1)
+def test_a_finding_that_is_not_sure_is_not_called_right(simulated: Study) -> None:
+    (finding,) = simulated.found.findings
+    assert "60 % probable" in simulated.judged(replace(finding, confidence=0.6))
+    assert "1.0 σ from nothing" in simulated.judged(replace(finding, sigmas=1.0))
+    assert "curve that predicts" in simulated.judged(replace(finding, name="unknown"))
+    nowhere = replace(simulated, held_out=tuple(replace(p, findings=()) for p in simulated.held_out))
+    assert "not found again where less is fitted (1, 2 → 3, 4)" in nowhere.judged(finding)
+
+
+@pytest.mark.parametrize("regression", [table, harmonic, boosted])
+def test_rivals_learn_a_position_error_with_a_reversal(regression: Any) -> None:
+    rng = np.random.default_rng(2)
+
+    def rows(n: int) -> tuple[np.ndarray, np.ndarray]:
+        place, side = rng.uniform(0.0, 200.0, n), rng.choice([-1.0, 1.0], n)
+        reading = 8.0 * np.sin(place / 40.0) + 5.0 * side + 3.0 * side * place / 200.0
+        return np.column_stack([place, side, np.zeros(n), np.zeros(n)]), reading
+
+    (known, left), (asked, truth) = rows(400), rows(200)
+    noisy = left + rng.normal(0.0, 0.3, len(left))
+    assert np.std(regression(known, noisy, asked) - truth) < 0.25 * np.std(truth)
+    assert not np.any(regression(known, np.zeros(400), asked))
+
+
+def test_the_rival_is_measured_on_what_it_has_not_seen(simulated: Study) -> None:
+    campaign = simulated.campaign
+    split = Split("last", lambda run: np.full(run.rows, run.id != campaign.runs[-1].id))
+    before = baseline(split.fitted(campaign))
+    name, rms = best_rival(before, campaign, split, "um")
+    plain = root(*held_out_square(before, campaign, split, "um"))
+    assert name in RIVALS and 0.2 < rms < 0.3 * plain
 
 
 def test_rms_is_told_by_unit(simulated: Study) -> None:
     assert rms_of(simulated.found.before, "um") == pytest.approx(simulated.found.before.rms["um"])
     assert np.isnan(rms_of(simulated.found.before, "N"))
-
-
-def test_lacking_takes_the_whole_family_out(simulated: Study) -> None:
-    fit = simulated.found.after
-    assert not lacking(fit, simulated.found.findings[0].effect).model.added
 
 
 def test_page_data_and_figure_are_written(simulated: Study, tmp_path: Path) -> None:
@@ -204,31 +237,43 @@ def test_recordings_that_are_not_there_are_left_out(
 # --- on the recordings ---------------------------------------------------------------------------------------
 
 
-def test_emps_friction_comes_back_with_the_published_values(tmp_path: Path) -> None:
-    """Coulomb friction 20.39 N and offset -3.16 N (A. Janot, M. Gautier & M. Brunot 2019)."""
-    recording, campaign = real("emps")
-    found = study(recording, campaign)
-    finding, *beyond = found.found.findings
-    assert (finding.name, finding.axis) == ("friction", "X") and sized(found)
-    assert {f.name for f in beyond} <= {"unknown", "latency"}  # what lies beyond the published model
-    assert found.found.location.significant[0].link == "drive"
-    for name, published in (recording.published or {}).items():
-        q = finding.parameters[name]
-        assert isinstance(q.value, float) and isinstance(q.std, float)
-        assert abs(q.value - published) < 3.0 * q.std
-    assert found.unsupported == () and all(part.after < 0.21 * part.before for part in found.held_out)
+def test_emps_halves_give_the_same_friction_and_predict_each_other(tmp_path: Path) -> None:
+    """Force, mass and friction: A. Janot, M. Gautier & M. Brunot 2019; their model leaves 2.2 N."""
+    found = study(*real("emps"))
+    first, second = found.held_out
+    assert first.after < 1.0 and second.after < 1.25 and not first.withdrawn and not second.withdrawn
+    assert ("friction", "X") in {(f.name, f.axis) for f in first.findings if f.confidence > 0.99}
+    for part in found.held_out:
+        assert any(f.effect.key.startswith("force_friction.X") for f in part.findings)
+        delay = next(f for f in part.findings if f.effect.key == "force_delay.X")
+        assert delay.parameters["delay_ms"].value == pytest.approx(-0.9, abs=0.06)  # a sample of the control is 1 ms
     story.write([found], [], tmp_path)
     assert "µm" not in (tmp_path / "recordings.md").read_text()  # its readings are forces
 
 
-@pytest.mark.xfail(strict=True, reason="issue 30: one unidentified effect instead of a step and a play")
+@pytest.mark.slow
+@pytest.mark.parametrize(("joint", "most"), [("J2", 0.17), ("J4", 0.0115)])
+def test_the_last_third_of_an_arms_motion_is_predicted_from_the_first_two(joint: str, most: float) -> None:
+    (part,) = study(*real(f"tx40 ({joint})")).held_out
+    assert part.after < most < part.before and part.won
+    assert joint != "J2" or [f.effect.key for f in part.findings] == ["gravity_torque.J2"]
+
+
+@pytest.mark.slow
+def test_the_column_bends_under_the_reach_of_its_arm() -> None:
+    recording, campaign = real("hilti-column")
+    for part in recording.parts:
+        before, after = held_out_with(campaign, part, make_effect("load_moment", "L", spread=10.0), "mm")
+        assert after < 1.3 and after < 0.8 * before
+
+
+@pytest.mark.xfail(strict=True, reason="two cycles of ten readings decide nothing")
 def test_ecmc_cycles_are_predicted_from_others() -> None:
     found = study(*real("ecmc-iso230"))
     assert found.found.mismatch and {f.axis for f in found.found.findings} == {"X"} and sized(found)
     from_the_first, from_the_last = found.held_out
     assert from_the_first.after < 0.4 * from_the_first.before
     assert from_the_last.after < 0.85 * from_the_last.before  # the first reading of all, 110 µm off, counts in either
-    assert found.unsupported == ()
 
 
 @pytest.mark.slow
@@ -250,4 +295,5 @@ def test_a_sag_of_the_arm_predicts_other_poses_and_another_reflector() -> None:
     sag = amend(plain, make_effect("gravity_sag", "J2", component="EBJ2").prepare(campaign))
     assert sag["gravity_sag.J2.EBJ2.sin"] > 5.0 * sag.uncertainty("gravity_sag.J2.EBJ2.sin")
     for part in recording.parts:
-        assert held_out_rms(sag, part, "mm") < 0.99 * held_out_rms(plain, part, "mm")
+        before, after = held_out_with(campaign, part, make_effect("gravity_sag", "J2", component="EBJ2"), "mm")
+        assert after < 0.99 * before

@@ -9,16 +9,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.diagnose import Split, first_half
-from symfive.importers import every, split
+from symfive.importers import every, rows_of, split
 
-__all__ = ["RECORDINGS", "Recording", "halves", "runs_with"]
+__all__ = ["RECORDINGS", "Part", "Recording", "halves", "runs_with"]
 
-Rows = NDArray[np.bool_]
 STEP_DEG = 4.0
+
+
+@dataclass(frozen=True)
+class Part:
+    """A way to part a recording: `learn` says of a run whether it is fitted (the others are predicted), once `cut` has made
+    runs of what is to be parted."""
+
+    label: str
+    learn: Callable[[Run], bool]
+    cut: Callable[[Campaign], Campaign] = lambda campaign: campaign
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ class Recording:
     unit: str
     over: str
     column: str
-    parts: tuple[Split, ...]
+    parts: tuple[Part, ...]
     prepare: Callable[[Campaign], Campaign] = lambda campaign: campaign
     draw: Callable[[Run], bool] = lambda run: True
     bins: int = 0
@@ -52,16 +59,44 @@ class Recording:
         return self.name.split(" ")[0]
 
 
-def halves() -> tuple[Split, Split]:
+def halves() -> tuple[Part, Part]:
     """The first half of every run, and the second."""
-    return Split("first half → second half", first_half), Split(
-        "second half → first half", lambda run: ~first_half(run)
+    return (
+        Part("first half → second half", lambda run: run.id.endswith("-1of2"), _cut_at(0.5)),
+        Part("second half → first half", lambda run: run.id.endswith("-2of2"), _cut_at(0.5)),
     )
 
 
-def runs_with(label: str, *marks: str) -> Split:
+def _cut_at(share: float) -> Callable[[Campaign], Campaign]:
+    """Every run cut in two, each with zeros of its own."""
+
+    def cut(campaign: Campaign) -> Campaign:
+        found = []
+        for run in campaign.runs:
+            at = int(share * run.rows)
+            for number, rows in enumerate((slice(0, at), slice(at, None)), start=1):
+                found.append(_named(rows_of(run, rows), f"{run.id}-{number}of2"))
+        return replace(campaign, runs=tuple(found))
+
+    return cut
+
+
+def _alternating(campaign: Campaign) -> Campaign:
+    """Every other row of each run as a run of its own."""
+    each = [(run, number) for run in campaign.runs for number in (1, 2)]
+    rows = [_named(rows_of(run, slice(number - 1, None, 2)), f"{run.id}-{number}of2") for run, number in each]
+    return replace(campaign, runs=tuple(rows))
+
+
+def _named(run: Run, name: str) -> Run:
+    """Rows as a run of their own name, that begins at 0 s of its own."""
+    begin = float(run.time[0])
+    return replace(run, id=name, file=f"{name}.csv", time=run.time - begin, start_s=run.start_s + begin)
+
+
+def runs_with(label: str, *marks: str) -> Part:
     """Runs whose id holds one of the marks are fitted, the others predicted."""
-    return Split(label, lambda run: np.full(run.rows, any(mark in run.id for mark in marks)))
+    return Part(label, lambda run: any(mark in run.id for mark in marks))
 
 
 def _without_friction(campaign: Campaign) -> Campaign:
@@ -81,6 +116,17 @@ def _iso230(campaign: Campaign) -> Campaign:
     """The static tests, their cycles as runs (`--split cycles`)."""
     tests = replace(campaign, runs=tuple(run for run in campaign.runs if not run.dynamic))
     return split(tests, "cycles", only=[run.id for run in tests.runs if "encoder" not in run.instrument])
+
+
+def _of_axis(
+    axis: str, then: Callable[[Campaign], Campaign] = lambda campaign: campaign
+) -> Callable[[Campaign], Campaign]:
+    """The runs that are about one axis."""
+
+    def prepare(campaign: Campaign) -> Campaign:
+        return then(replace(campaign, runs=tuple(run for run in campaign.runs if run.options.get("axis") == axis)))
+
+    return prepare
 
 
 def _scans(step: int) -> Callable[[Campaign], Campaign]:
@@ -118,16 +164,13 @@ def _seen_from_outside(campaign: Campaign) -> Campaign:
     return replace(campaign, runs=tuple(runs))
 
 
-def _every(step: int) -> Split:
-    def learn(run: Run) -> Rows:
-        return np.asarray(np.arange(run.rows) % step == 0)
-
-    return Split("every other pose → those between", learn)
-
-
 ESS = "A. Sandström, anderssandstrom/ecmc_target_muts_logger"
 MUKCA = "G. Franzese, M. Spahn & M. Ramirez, platonics-delft/kinematics_calibration"
-ARM = "seven rotary axes, a ball at the flange set into sockets (same physics as an R-test)"
+CYCLES = (
+    runs_with("cycles 1, 2 → 3 to 5", "cycle-1", "cycle-2"),
+    runs_with("cycles 4, 5 → 1 to 3", "cycle-4", "cycle-5"),
+)
+ARM = "rotary axes in series, a ball at the flange set into sockets (same physics as an R-test)"
 AS_CONVERTED = "as converted"
 SEATED = (
     "as converted, without sensor errors in the catalogue: the ball stays in its socket and every reading is zero by "
@@ -135,7 +178,7 @@ SEATED = (
 )
 
 
-def _panda(name: str, places: Split) -> Recording:
+def _arm(name: str, places: Part) -> Recording:
     """One of the arms; their sockets in turn, and `places`."""
     return Recording(
         name=f"mukca/{name}",
@@ -172,7 +215,7 @@ RECORDINGS: tuple[Recording, ...] = (
         unit="um",
         over="X",
         column="X_dev_um",
-        parts=(runs_with("cycles 1, 2 → 3 to 5", "cycle-1", "cycle-2"), runs_with("cycles 4, 5 → 1 to 3", "cycle-4", "cycle-5")),
+        parts=CYCLES,
         prepare=_iso230,
     ),
     Recording(
@@ -258,10 +301,54 @@ RECORDINGS: tuple[Recording, ...] = (
         over="J2",
         column="",
         bins=16,
-        parts=(_every(2), runs_with("reflectors 1, 2 → 3", "-1", "-2", "read-back")),
+        parts=(
+            Part("every other pose → those between", lambda run: run.id.endswith("-1of2"), _alternating),
+            runs_with("reflectors 1, 2 → 3", "-1", "-2", "read-back"),
+        ),
         prepare=_thinned(12),
         draw=lambda run: "tool" in run.id,
     ),
-    _panda("panda_1", runs_with("two places → back-high", "front", "right")),
-    _panda("panda_3", runs_with("back → front", "back")),
+    *(
+        Recording(
+            name=f"ess-xyz/week42 ({axis})",
+            machine=f"axis {axis} of the same unit, another laser, five weeks earlier, ISO 230-2",
+            source=ESS,
+            prepared="each of the five cycles is a run of its own",
+            unit="um",
+            over=axis,
+            column=f"{axis}_dev_um",
+            parts=CYCLES,
+            prepare=_of_axis(axis, _iso230),
+        )
+        for axis in ("X", "Y")
+    ),
+    Recording(
+        name="hilti-column",
+        machine="vertical lifting column with an arm of six rotary axes, prism seen by a total station",
+        source="Hilti, CC BY-NC-SA 3.0",
+        prepared="as converted: each column height and solution space places the instrument anew",
+        unit="mm",
+        over="J1",
+        column="",
+        bins=12,
+        parts=(runs_with("flat → outdoor", "flat"), runs_with("outdoor → flat", "outdoor")),
+    ),
+    *(
+        Recording(
+            name=f"tx40 (J{k})",
+            machine=f"servo axis J{k} of a small arm, motor current, per unit of torque constant, all six joints moving",
+            source="FIGAROH project (Apache-2.0)",
+            prepared="one joint, whose drive has noise of its own; the baseline knows inertia, viscous and Coulomb friction and "
+            "an offset",
+            unit="Nm",
+            over=f"J{k}",
+            column=f"J{k}_torque_Nm",
+            parts=(Part("first two thirds → last third", lambda run: run.id.endswith("-1of2"), _cut_at(2.0 / 3.0)),),
+            prepare=_of_axis(f"J{k}"),
+        )
+        for k in range(1, 7)
+    ),
+    _arm("dinova_2", runs_with("left, right → front", "left", "right")),
+    _arm("panda_1", runs_with("two places → back-high", "front", "right")),
+    _arm("panda_3", runs_with("back → front", "back")),
 )  # fmt: skip

@@ -67,6 +67,6 @@ def _say(recording: Recording, done: Study) -> None:
     unit = shown_unit(recording.unit)
     print(f"{recording.name}: the baseline leaves {left_by(done.found.before)}; found: {named(done.found.findings)}")
     for part in done.held_out:
-        print(f"  {part.label}: {part.before:.3g} → {part.after:.3g} {unit}")
-    if done.unsupported:
-        print(f"  make every held-out part worse: {', '.join(done.unsupported)}")
+        gone = f"; withdrawn: {', '.join(w.words for w in part.withdrawn)}" if part.withdrawn else ""
+        sizes = f"{part.before:.3g} → {part.after:.3g} {unit}, {part.rival_name} {part.rival:.3g} {unit}"
+        print(f"  {part.label}: {sizes}; {named(part.findings)}{gone} ({part.seconds:.0f} s)")

@@ -1,4 +1,4 @@
-"""What the diagnosis does with one recording, and what every finding is worth on readings that were not fitted."""
+"""What the diagnosis does with one recording, and what it is worth on readings that no fit has seen, beside a fair rival."""
 
 from __future__ import annotations
 
@@ -10,52 +10,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
-from symfive.diagnose import Diagnosis, Finding, Location, Split, diagnose, held_out_square, locate, root
-from symfive.effects import Effect
-from symfive.identify import Identification, fitted_model, predict
-from symfive.inference import gauss_newton
-from symfive.model import Model
+from symfive.diagnose import (
+    WORSE,
+    Diagnosis,
+    Finding,
+    Location,
+    Split,
+    Withdrawn,
+    diagnose,
+    held_out_square,
+    locate,
+    root,
+)
+from symfive.effects import Varying
+from symfive.identify import Identification
 
-from .recordings import Recording
+from .recordings import Part, Recording
+from .rivals import best_rival
 
-__all__ = [
-    "HeldOut",
-    "Study",
-    "coordinate",
-    "held_out_rms",
-    "lacking",
-    "named",
-    "rms_of",
-    "study",
-    "telling_column",
-]
+__all__ = ["HeldOut", "Study", "coordinate", "named", "rms_of", "study", "telling_column"]
 
 Array = NDArray[np.float64]
-TOLERANCE = 1e-2
-"""σ: a refit whose steps are smaller than this has settled."""
-WORSE = 1.005
-"""A held-out part counts as worse from half a per cent on."""
+TOO_SMALL = 2.0
+"""σ below which a size says nothing."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """rms of the readings that were not fitted, in the recording's unit: of the baseline, with all findings, and `without`
-    each finding in turn (form → rms)."""
+    """What was learnt from one part of a recording alone, and rms of the readings of the other part, in the recording's unit.
+
+    `before` by the plain model, `after` with the `findings` that stood it, `rival` by the regression `rival_name` on top of the
+    plain model. `withdrawn` are the findings of the fitted part that made the held-out part worse; `seconds` it took to find
+    them.
+    """
 
     label: str
     before: float
     after: float
-    without: dict[str, float]
+    rival: float
+    rival_name: str
+    findings: tuple[Finding, ...]
+    withdrawn: tuple[Withdrawn, ...]
+    seconds: float
 
     @property
-    def worse(self) -> tuple[str, ...]:
-        """Findings without which the held-out part would be predicted better."""
-        return tuple(form for form, rms in self.without.items() if self.after > WORSE * rms)
+    def unfiltered(self) -> float:
+        """With all that the fitted part shows, before anything was withdrawn."""
+        return self.withdrawn[0].rms_with_um if self.withdrawn else self.after
+
+    @property
+    def worse(self) -> bool:
+        """Whether the held-out part is predicted worse than by the plain model."""
+        return self.after > (1.0 + WORSE) * self.before
+
+    @property
+    def won(self) -> bool:
+        """Whether it is predicted at least as well as by the rival."""
+        return self.after <= (1.0 + WORSE) * self.rival
 
 
 @dataclass(frozen=True)
 class Study:
-    """A recording as handed over, its diagnosis, the places of what is `left`, the held-out parts, and the time it took (s)."""
+    """A recording as handed over, the diagnosis of all of it, the places of what is `left`, the held-out parts, and the time
+    that the diagnosis of all of it took (s, of the processor)."""
 
     recording: Recording
     campaign: Campaign
@@ -64,17 +81,48 @@ class Study:
     held_out: tuple[HeldOut, ...]
     seconds: float
 
-    @property
-    def idle(self) -> tuple[str, ...]:
-        """Findings without which no held-out part is predicted any worse."""
-        forms = [f.effect.key for f in self.found.findings]
-        return tuple(f for f in forms if all(p.without[f] <= WORSE * p.after for p in self.held_out))
+    def judged(self, finding: Finding) -> str:
+        """Whether a finding is right, as far as the recording decides it, and why: one sentence."""
+        doubt = self._doubt(finding)
+        if doubt:
+            return f"Not decided, because {doubt}."
+        parts = "; ".join(f"{p.label}: {p.before:.3g} → {p.after:.3g}" for p in self.held_out)
+        reasons = [f"each part names it by itself and predicts the other better ({parts})"]
+        return f"Right as far as this recording goes, because {' and '.join([*self._confirmed(finding), *reasons])}."
 
-    @property
-    def unsupported(self) -> tuple[str, ...]:
-        """Findings that make every held-out part worse."""
-        parts = [set(part.worse) for part in self.held_out]
-        return tuple(sorted(set.intersection(*parts))) if parts else ()
+    def _doubt(self, finding: Finding) -> str:
+        what = (finding.name, finding.axis)
+        for part in self.held_out:
+            for gone in part.withdrawn:
+                if gone.effect.key == finding.effect.key and type(gone.effect) is type(finding.effect):
+                    sizes = f"{gone.rms_without_um:.3g} → {gone.rms_with_um:.3g}"
+                    changes = " as it changes here" if isinstance(gone.effect, Varying) else ""
+                    return f"with it{changes} {part.label} is predicted worse ({sizes})"
+        if finding.nameless:
+            return "no law of the library has its shape: it is a curve that predicts, not a cause"
+        if finding.sigmas < TOO_SMALL:
+            return f"its size is {finding.sigmas:.1f} σ from nothing"
+        if finding.alias:
+            return f"these readings do not tell it from {', '.join(finding.alias[:2])}"
+        if finding.confidence < 0.9:
+            other = next((r.words for r in finding.rivals), "another cause")
+            return f"it is {100.0 * finding.confidence:.0f} % probable only, beside {other}"
+        lacking = [p.label for p in self.held_out if what not in {(f.name, f.axis) for f in p.findings}]
+        if lacking:
+            return f"it is not found again where less is fitted ({lacking[0]})"
+        useless = [p.label for p in self.held_out if not p.after < p.before]
+        return f"{useless[0]} is not predicted better" if useless else ""
+
+    def _confirmed(self, finding: Finding) -> list[str]:
+        """Published values that it gives back within 3σ."""
+        found = []
+        for name, value in (self.recording.published or {}).items():
+            q = finding.parameters.get(name)
+            if q is None or not isinstance(q.value, float) or not isinstance(q.std, float):
+                continue
+            if abs(q.value - value) < 3.0 * q.std:
+                found.append(f"{name} {q.value:.4g} ± {q.std:.2g} is what others published ({value:g})")
+        return found
 
 
 def study(
@@ -83,56 +131,31 @@ def study(
     unseen: Campaign | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Study:
-    """Diagnose a recording that was prepared already, and predict what each part does not hold and what is `unseen`."""
-    begin = time.perf_counter()
+    """Diagnose a recording that was prepared already; then each part alone, to predict what it does not hold; and all of it, to
+    predict what is `unseen`."""
+    begin = time.process_time()
     found = diagnose(campaign, exclude=recording.exclude, progress=progress)
-    progress("predicting held-out parts")
-    parts = [_held_out(found, part, recording.unit) for part in recording.parts]
+    seconds = time.process_time() - begin
+    parts = [_held_out(recording, part.cut(campaign), part, progress) for part in recording.parts]
     if unseen is not None:
-        parts.append(_other(found, unseen))
+        known = {run.id for run in campaign.runs}
+        other = Part("all → the other file", lambda run: run.id in known)
+        parts.append(_held_out(recording, replace(campaign, runs=(*campaign.runs, *unseen.runs)), other, progress))
     left = locate(found.remaining, exclude=recording.exclude)
-    return Study(recording, campaign, found, left, tuple(parts), time.perf_counter() - begin)
+    return Study(recording, campaign, found, left, tuple(parts), seconds)
 
 
-def _held_out(found: Diagnosis, part: Split, unit: str) -> HeldOut:
-    without = {f.effect.key: held_out_rms(lacking(found.after, f.effect), part, unit) for f in found.findings}
-    before, after = (held_out_rms(fit, part, unit) for fit in (found.before, found.after))
-    return HeldOut(part.label, before, after, without)
-
-
-def _other(found: Diagnosis, unseen: Campaign) -> HeldOut:
-    """The same for runs that no fit has seen: their own zeros are fitted, nothing else."""
-
-    def rms(fit: Identification) -> float:
-        each = predict(fitted_model(fit), unseen).rms
-        rows = np.array([unseen.run(id).rows for id in each])
-        return float(np.sqrt(np.sum(rows * np.array(list(each.values())) ** 2) / rows.sum()))
-
-    without = {f.effect.key: rms(_settled(lacking(found.after, f.effect))) for f in found.findings}
-    return HeldOut("all → the other file", rms(found.before), rms(found.after), without)
-
-
-def _settled(fit: Identification) -> Identification:
-    return replace(fit, values=gauss_newton(fit.problem(), fit.values, TOLERANCE)[0])
-
-
-def lacking(fit: Identification, effect: Effect) -> Identification:
-    """The same fit without an effect; its values are a start only."""
-    kept = tuple(e for e in fit.model.added if e.key != effect.key)
-    model = Model(fit.model.campaign, kept)
-    start = {n: v for n, v in fit.named.items() if n in model.index}
-    return replace(fit, model=model, values=model.vector(start))
-
-
-def held_out_rms(fit: Identification, part: Split, unit: str) -> float:
-    """Root mean square, in `unit`, of the readings that `part` does not learn from, with the parameters of those it does.
-
-    The noise of those is that of the whole fit.
-    """
-    problem, campaign = fit.problem(), fit.model.campaign
-    problem.left_out = {run.id: problem.left_out[run.id] | ~part.learn(run)[:, None] for run in campaign.runs}
-    values, _ = gauss_newton(problem, fit.values, TOLERANCE)
-    return root(*held_out_square(replace(fit, values=values), campaign, part, unit))
+def _held_out(recording: Recording, campaign: Campaign, part: Part, progress: Callable[[str], None]) -> HeldOut:
+    split = Split(part.label, lambda run: np.full(run.rows, part.learn(run)))
+    begin = time.process_time()
+    found = diagnose(campaign, exclude=recording.exclude, hold_out=split, progress=progress)
+    seconds = time.process_time() - begin
+    before, after = (
+        root(*held_out_square(fit, campaign, split, recording.unit)) for fit in (found.before, found.after)
+    )
+    name, rival = best_rival(found.before, campaign, split, recording.unit)
+    gone = found.hold_out.withdrawn if found.hold_out else ()
+    return HeldOut(part.label, before, after, min(rival, before), name, found.findings, gone, seconds)
 
 
 def rms_of(fit: Identification, unit: str) -> float:

@@ -22,9 +22,11 @@ from symfive.convert.emps import emps
 from symfive.convert.ess_radial_load import ess_radial_load
 from symfive.convert.ess_wobbling import ess_wobbling
 from symfive.convert.ess_xyz import ess_xyz
+from symfive.convert.hilti_column import hilti_column
 from symfive.convert.irb120_tracker import irb120_tracker
 from symfive.convert.jjxray_slit import jjxray_slit
 from symfive.convert.mukca import mukca
+from symfive.convert.tx40 import tx40
 from symfive.errors import InputError
 from symfive.separated import LARGEST
 
@@ -38,10 +40,14 @@ CONVERTERS: dict[str, Callable[[Path], Campaign]] = {
     "ess-rotary/radial-load": ess_radial_load,
     "ess-rotary/wobbling": ess_wobbling,
     "ess-xyz": ess_xyz,
+    "ess-xyz/week42": ess_xyz,
+    "hilti-column": hilti_column,
     "irb120-tracker": irb120_tracker,
     "jjxray-slit": jjxray_slit,
+    "mukca/dinova_2": mukca,
     "mukca/panda_1": mukca,
     "mukca/panda_3": mukca,
+    "tx40": tx40,
 }
 """Name (the recording's folder below the data folder) → function of that folder."""
 

@@ -3,6 +3,7 @@ arrivals."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,6 +23,7 @@ __all__ = [
     "files",
     "location_errors",
     "positive_name",
+    "read_columns",
     "read_log",
     "sampling_times",
     "table",
@@ -60,6 +62,20 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> Array:
     if not rows:
         raise InputError("the file holds no numbers", path=path)
     return np.array(rows)
+
+
+def read_columns(path: Path, names: Sequence[str]) -> Array:
+    """A table under one header line that holds just these names, comma-separated: (rows, columns)."""
+    header, _, body = read_text(path).partition("\n")
+    if header.strip().split(",") != list(names):
+        raise InputError(f"the header is not {','.join(names)}", path=path, line=1)
+    try:
+        rows = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise InputError(f"the rows are not numbers ({error})", path=path) from None
+    if rows.shape[1:] != (len(names),) or not np.isfinite(rows).all():
+        raise InputError(f"the rows do not hold {len(names)} finite numbers", path=path)
+    return np.asarray(rows)
 
 
 @dataclass(frozen=True)

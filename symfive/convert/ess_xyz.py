@@ -50,7 +50,12 @@ def ess_xyz(folder: Path) -> Campaign:
     if not runs:
         files(folder, "*_ISO230.dat")
     notes = ("temperatures in the logs are not converted: the model has no temperature",)
-    return Campaign(machine=machine, runs=tuple(runs), name="ess-xyz", notes=notes)
+    return Campaign(
+        machine=machine,
+        runs=tuple(runs),
+        name="ess-xyz" if folder.name == "ess-xyz" else f"ess-xyz/{folder.name}",
+        notes=notes,
+    )
 
 
 def _log_runs(log: Log) -> list[Run]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.convert._chain import forward
+from symfive.convert._chain import forward, placement
 from symfive.convert._files import Array, files, location_errors, table
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, make_axis
@@ -60,9 +60,9 @@ def irb120_tracker(folder: Path) -> Campaign:
     for readings in (*tool, *base, actual):
         if len(readings) != len(joints):
             raise InputError(f"{len(readings)} readings stand against {len(joints)} joint rows", path=folder)
-    turn, shift, reflectors = _placement(joints, tool)
-    placement = [*shift, *np.degrees(_angles(turn))]
-    common = {"placement": [round(float(v), 3) for v in placement], "placement_id": "station"}
+    turn, shift, reflectors = placement(forward(AXES, joints), tool)
+    station = [*shift, *np.degrees(_angles(turn))]
+    common = {"placement": [round(float(v), 3) for v in station], "placement_id": "station"}
     runs, notes = [], []
     for k, readings in enumerate((*tool, *base)):
         on_tool = k < len(tool)
@@ -107,29 +107,6 @@ def irb120_tracker(folder: Path) -> Campaign:
         )
     )
     return Campaign(machine=machine, runs=tuple(runs), name="irb120-tracker", notes=tuple(notes))
-
-
-def _placement(joints: Array, readings: list[Array]) -> tuple[Array, Array, Array]:
-    """Rotation (3, 3), shift (3,) of machine to tracker and the reflectors (n, 3) in the tool frame.
-
-    `Rᵀp - Rᵀt = T(q)·x` is linear in Rᵀ, Rᵀt and the reflectors x. Rᵀ is then projected on the rotations (W.
-    Kabsch 1976) and the rest solved again.
-    """
-    rotation, position = forward(AXES, joints)
-    n, count = len(joints), len(readings)
-    free = np.zeros((count, n, 3, 12 + 3 * count))
-    for k, p in enumerate(readings):
-        for row in range(3):
-            free[k, :, row, 3 * row : 3 * row + 3] = p
-        free[k, :, range(3), range(9, 12)] = -1.0
-        free[k, :, :, 12 + 3 * k : 15 + 3 * k] = -rotation
-    right = np.broadcast_to(position, (count, n, 3)).reshape(-1)
-    matrix = free.reshape(count * n * 3, -1)
-    solution = np.linalg.lstsq(matrix, right, rcond=None)[0]
-    u, _, v = np.linalg.svd(solution[:9].reshape(3, 3))
-    inverse = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    rest = np.linalg.lstsq(matrix[:, 9:], right - matrix[:, :9] @ inverse.reshape(-1), rcond=None)[0]
-    return inverse.T, inverse.T @ rest[:3], rest[3:].reshape(count, 3)
 
 
 def _point(vector: Array) -> tuple[float, float, float]:

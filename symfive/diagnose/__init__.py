@@ -9,7 +9,7 @@ from symfive.diagnose._detect import Detection, Disagreement, Test, detect, log_
 from symfive.diagnose._diagnose import diagnose
 from symfive.diagnose._findings import amend, doubted, findings_of, moved
 from symfive.diagnose._groups import partitions
-from symfive.diagnose._hold_out import HoldOut, Withdrawn, held_out, held_out_square, root, withdraw
+from symfive.diagnose._hold_out import WORSE, HoldOut, Withdrawn, held_out, held_out_square, over_whole, root, withdraw
 from symfive.diagnose._locate import Location, Observability, Suspect, locate, located
 from symfive.diagnose._next_test import next_test, possible_tests
 from symfive.diagnose._places import Interval, direction_of, intervals_of
@@ -20,9 +20,9 @@ from symfive.diagnose._stretches import stretches_of
 from symfive.diagnose._words import facts_of, named, place_words, sentence_of
 
 __all__ = [
-    "EXPLAINED", "SHOWN_SHARE", "Detection", "Diagnosis", "Disagreement", "Finding", "Fit", "HoldOut", "Interval", "Location",
-    "Observability", "RivalName", "Split", "Suspect", "Test", "Withdrawn", "amend", "detect", "diagnose", "direction_of",
-    "doubted", "facts_of", "findings_of", "first_half", "held_out", "held_out_square", "intervals_of", "locate", "located",
-    "log_tail", "moved", "named", "next_test", "parted", "partitions", "place_words", "possible_tests", "prove", "root",
-    "runs_of", "sentence_of", "stretches_of", "withdraw", "wrapped",
+    "EXPLAINED", "SHOWN_SHARE", "WORSE", "Detection", "Diagnosis", "Disagreement", "Finding", "Fit", "HoldOut", "Interval",
+    "Location", "Observability", "RivalName", "Split", "Suspect", "Test", "Withdrawn", "amend", "detect", "diagnose",
+    "direction_of", "doubted", "facts_of", "findings_of", "first_half", "held_out", "held_out_square", "intervals_of",
+    "locate", "located", "log_tail", "moved", "named", "next_test", "over_whole", "parted", "partitions", "place_words",
+    "possible_tests", "prove", "root", "runs_of", "sentence_of", "stretches_of", "withdraw", "wrapped",
 ]  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,13 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import detect
 from symfive.diagnose._findings import doubted, findings_of
-from symfive.diagnose._hold_out import HoldOut, proved
+from symfive.diagnose._hold_out import HoldOut, held_out, proved, variations_withdrawn, withdraw, worse_held_out
 from symfive.diagnose._locate import located
 from symfive.diagnose._prove import prove
 from symfive.diagnose._result import Diagnosis
 from symfive.diagnose._split import Split, parted
 from symfive.diagnose._stretches import stretches_of
+from symfive.effects import Varying
 from symfive.errors import InputError
 from symfive.given import campaign_given
 from symfive.plausible import unreadable
@@ -64,19 +66,27 @@ def diagnose(
     progress("fitting the baseline")
     before = baseline(seen)
     posterior, here = polish(before, stated, progress)
-    verdicts = decide(posterior, coarsened(posterior))
     searched: HoldOut | None = None
     proof: HoldOut | None = None
     if seen is not campaign:
         progress("predicting the rows that the search did not see")
         here, searched = proved(before, here, campaign, Split(UNSEEN, lambda run: rows[run.id]))
-    first = here.fit
+    start, first = before, here.fit
     if seen is not campaign:
         progress("identifying from all rows")
         before, here = baseline(campaign), over_all(here, campaign)
     if split is not None:
         progress("predicting the held-out part")
-        here, proof = proved(before, here, whole, split)
+        full, (here, withdrawn) = here, withdraw(here, before, whole, split)
+        if any(isinstance(form.effect, Varying) for form in full.held):
+            other, same = polish(start, replace(stated, vary=False), progress)
+            laws = same if seen is campaign else over_all(same, campaign)
+            plain, gone = withdraw(laws, before, whole, split)
+            if worse_held_out(here, plain, whole, split):
+                withdrawn = (*variations_withdrawn(full, laws, whole, split), *gone)
+                posterior, here, first = other, plain, same.fit
+        proof = held_out(before, here.fit, whole, split, withdrawn)
+    verdicts = decide(posterior, coarsened(posterior))
     if searched is not None or proof is not None:
         kept = {form.effect.key for form in here.held}
         verdicts = tuple(v for v in verdicts if posterior.moments.terms[v.term].effect.key in kept)

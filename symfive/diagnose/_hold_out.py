@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign
 from symfive.diagnose._split import Split
 from symfive.diagnose._words import coordinate_words, named
-from symfive.effects import Effect
+from symfive.effects import Effect, Varying
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import Problem, gauss_newton
@@ -21,7 +21,10 @@ from symfive.numbers import change, unit_words
 from symfive.posterior import Expansion, fitted
 from symfive.threads import one_thread
 
-__all__ = ["WORSE", "HoldOut", "Withdrawn", "held_out", "held_out_square", "proved", "root", "withdraw"]
+__all__ = [
+    "WORSE", "HoldOut", "Withdrawn", "held_out", "held_out_square", "over_whole", "proved", "root", "variations_withdrawn",
+    "withdraw", "worse_held_out",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -43,6 +46,9 @@ class Withdrawn:
     @property
     def words(self) -> str:
         """The effect and its axis."""
+        if isinstance(self.effect, Varying):
+            law = named(self.effect.of.vocabulary, self.effect.of.belongs_to)
+            return f"that {law} changes over {coordinate_words(self.effect.over)}"
         if self.effect.nameless:
             return f"unidentified effect over {coordinate_words(self.effect.coordinate)}"
         return named(self.effect.vocabulary, self.effect.belongs_to)
@@ -89,17 +95,25 @@ class HoldOut:
 def held_out_square(fit: Identification, campaign: Campaign, split: Split, unit: str) -> tuple[float, int]:
     """Sum of squares, in `unit`, of the campaign's readings that the split holds out, and how many they are.
 
-    `fit` has learnt from the rest. A run of which it knows nothing has its own zeros and set-up fitted, nothing else: so the
-    machine is predicted, not where the instrument stood. A run of which a part was fitted keeps its set-up. Outliers count.
+    `fit` has learnt from the rest (`over_whole`). Outliers count.
     """
-    learnt = {run.id: split.learn(run) for run in campaign.runs}
+    model, values = over_whole(fit, campaign, split)
+    return _square(model, values, {run.id: ~split.learn(run) for run in campaign.runs}, unit)
+
+
+def over_whole(fit: Identification, campaign: Campaign, split: Split) -> tuple[Model, Array]:
+    """The model of the whole campaign and its values as a fit of what the split leaves has them.
+
+    A run of which the fit knows nothing has its own zeros and set-up fitted, nothing else: so the machine is predicted, not where
+    the instrument stood. A run of which a part was fitted keeps its set-up.
+    """
     model = fit.model if fit.model.campaign is campaign else Model(campaign, fit.model.added)
     values = model.vector({name: value for name, value in fit.named.items() if name in model.index})
-    strange = [id for id, rows in learnt.items() if not rows.any()]
+    strange = [run.id for run in campaign.runs if not split.learn(run).any()]
     if strange:
         own = _set_up(model, model.named(values), strange)
         values = model.vector(model.named(values) | own)
-    return _square(model, values, {id: ~rows for id, rows in learnt.items()}, unit)
+    return model, values
 
 
 def _square(model: Model, values: Array, which: Mapping[str, Rows], unit: str) -> tuple[float, int]:
@@ -131,9 +145,12 @@ def _set_up(model: Model, known: Mapping[str, float], strange: Sequence[str]) ->
 
 
 @one_thread
-def withdraw(here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansion, tuple[Withdrawn, ...]]:
+def withdraw(
+    here: Expansion, before: Identification, campaign: Campaign, split: Split
+) -> tuple[Expansion, tuple[Withdrawn, ...]]:
     """The fit without the effects that make the held-out part of the campaign worse, one after the other, the worst first; all
-    else is identified anew each time. Raises `InputError` where no held-out reading has the unit of the fit's."""
+    else is identified anew each time. What remains predicts it no worse than the baseline `before`, which is all that remains
+    if need be. Raises `InputError` where no held-out reading has the unit of the fit's."""
     unit, gone = here.fit.file_unit, list[Withdrawn]()
 
     def rms(fit: Identification) -> float:
@@ -142,7 +159,7 @@ def withdraw(here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansi
     if not held_out_square(here.fit, campaign, split, unit)[1]:
         problem = f"nothing that is held out reads in {unit_words(unit)}, as what is fitted does"
         raise InputError(problem, remedy="hold out runs of the same instrument")
-    now = rms(here.fit)
+    now, plain = rms(here.fit), rms(before)
     while here.held:
         others = [_lacking(here, form.effect) for form in here.held]
         sizes = [rms(other.fit) for other in others]
@@ -151,7 +168,26 @@ def withdraw(here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansi
             break
         gone.append(Withdrawn(here.held[least].effect, sizes[least], now))
         here, now = others[least], sizes[least]
+    if now > (1.0 + WORSE) * plain:  # no single one is to blame: all, and the noise that was found with them
+        gone += [Withdrawn(form.effect, plain, now) for form in here.held]
+        here = replace(here, fit=before, held=())
     return here, tuple(gone)
+
+
+def worse_held_out(here: Expansion, other: Expansion, campaign: Campaign, split: Split) -> bool:
+    """Whether a fit predicts the held-out part worse than another one."""
+    mine, others = (_held_out_rms(each.fit, campaign, split) for each in (here, other))
+    return mine > (1.0 + WORSE) * others
+
+
+def variations_withdrawn(full: Expansion, laws: Expansion, campaign: Campaign, split: Split) -> tuple[Withdrawn, ...]:
+    """The variations of a fit, beside the fit of the laws alone, with which the held-out part is predicted worse."""
+    with_, without = (_held_out_rms(each.fit, campaign, split) for each in (full, laws))
+    return tuple(Withdrawn(form.effect, without, with_) for form in full.held if isinstance(form.effect, Varying))
+
+
+def _held_out_rms(fit: Identification, campaign: Campaign, split: Split) -> float:
+    return root(*held_out_square(fit, campaign, split, fit.file_unit))
 
 
 def held_out(
@@ -174,7 +210,7 @@ def held_out(
 
 def proved(before: Identification, here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansion, HoldOut]:
     """The fit of what stands the held-out part, and how it and the one before it predict that part."""
-    here, withdrawn = withdraw(here, campaign, split)
+    here, withdrawn = withdraw(here, before, campaign, split)
     return here, held_out(before, here.fit, campaign, split, withdrawn)
 
 

@@ -8,7 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from symfive.effects._base import LINKS, STAGES, Effect
-from symfive.effects._form import AXIS, BALL, CARRIED, TOOL, Form, Scan, Tone, moving
+from symfive.effects._form import AXIS, BALL, CARRIED, FORCE, TOOL, Form, Scan, Tone, moving
 from symfive.effects._options import fits
 from symfive.effects._quantity import Quantity
 from symfive.effects.axis_growth import AxisGrowth
@@ -17,12 +17,16 @@ from symfive.effects.bar_temperature import BarTemperature
 from symfive.effects.counterbalance import Counterbalance
 from symfive.effects.eccentric_mass import EccentricMass
 from symfive.effects.error_motion import ErrorMotion
+from symfive.effects.force_delay import ForceDelay
 from symfive.effects.force_friction import ForceFriction
+from symfive.effects.force_ripple import ForceRipple
 from symfive.effects.friction import Friction
 from symfive.effects.gravity_sag import GravitySag
+from symfive.effects.gravity_torque import GravityTorque
 from symfive.effects.inertial_compliance import InertialCompliance
 from symfive.effects.latency import Latency
 from symfive.effects.lateral_play import LateralPlay
+from symfive.effects.load_moment import LoadMoment
 from symfive.effects.location_error import LocationError
 from symfive.effects.reversal_spike import ReversalSpike
 from symfive.effects.scale_error import ScaleError
@@ -45,7 +49,7 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
 
 __all__ = [
-    "AXIS", "BALL", "CARRIED", "EFFECTS", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form", "Quantity", "Scan",
+    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form", "Quantity", "Scan",
     "Tone", "Unknown", "Varying", "baseline_effects", "make_effect", "moving",
 ]  # fmt: skip
 
@@ -71,6 +75,9 @@ _TABLE: tuple[type[Effect], ...] = (
     # further forward models, reported under a word of the vocabulary
     ReversalSpike,
     ForceFriction,
+    ForceDelay,
+    ForceRipple,
+    GravityTorque,
     SensorLowPass,
     SpindleGrowth,
     AxisGrowth,
@@ -78,6 +85,7 @@ _TABLE: tuple[type[Effect], ...] = (
     TableStep,
     Counterbalance,
     EccentricMass,
+    LoadMoment,
     Varying,
 )
 EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _TABLE}

@@ -15,13 +15,14 @@ if TYPE_CHECKING:
     from symfive.runs import Campaign, Run
 
 __all__ = [
-    "AXIS", "BALL", "CARRIED", "TOOL", "Form", "Scan", "Tone", "across", "goes_round", "moving", "own_component",
+    "AXIS", "BALL", "CARRIED", "FORCE", "TOOL", "Form", "Scan", "Tone", "across", "goes_round", "moving", "own_component",
     "reversing",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-TOOL, AXIS, CARRIED, BALL = "tool", "axis", "carried", "ball"
-"""Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3)."""
+TOOL, AXIS, CARRIED, BALL, FORCE = "tool", "axis", "carried", "ball", "force"
+"""Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3);
+a force in the recording of an axis' drive."""
 ROUND = 200.0
 """An axis that goes further than this (degree) in one run is described by harmonics and not by polynomials."""
 

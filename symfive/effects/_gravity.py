@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
     from symfive.row import Row
 
-__all__ = ["DOWN", "carriers", "gravity_seen"]
+__all__ = ["DOWN", "carriers", "gravity_seen", "later_axes", "rotary_chain"]
 
 DOWN = (0.0, 0.0, -1.0)
 """Direction of gravity in the machine frame where nothing else is said."""
@@ -20,9 +20,24 @@ DOWN = (0.0, 0.0, -1.0)
 
 def carriers(machine: Machine, axis: str) -> tuple[str, ...]:
     """The rotary axes that stand between the bed and `axis`, from the bed outward."""
-    structure = machine.structure
-    side = structure.tool if structure.carries(axis) == "tool" else tuple(reversed(structure.workpiece))
+    side = _side(machine, axis)
     return tuple(name for name in side[: side.index(axis)] if machine.axes[name].rotary)
+
+
+def later_axes(machine: Machine, axis: str) -> tuple[str, ...]:
+    """The axes that `axis` carries, from the bed outward."""
+    side = _side(machine, axis)
+    return tuple(side[side.index(axis) + 1 :])
+
+
+def rotary_chain(machine: Machine, axis: str) -> tuple[str, ...]:
+    """The rotary axes of the chain in which `axis` stands, from the bed outward."""
+    return tuple(name for name in _side(machine, axis) if machine.axes[name].rotary)
+
+
+def _side(machine: Machine, axis: str) -> tuple[str, ...]:
+    structure = machine.structure
+    return structure.tool if structure.carries(axis) == "tool" else tuple(reversed(structure.workpiece))
 
 
 def gravity_seen(row: Row, names: tuple[str, ...], down: tuple[float, float, float]) -> Any:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Self
 import casadi as ca
 
 from symfive.effects._base import DRIVE, Effect
-from symfive.effects._form import Form, Scan, Tone
+from symfive.effects._force import driven_axes
+from symfive.effects._form import FORCE, Form, Scan, Tone
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.motion import Velocity
@@ -23,12 +24,23 @@ if TYPE_CHECKING:
 __all__ = ["ForceFriction"]
 
 
+PARTS = ("coulomb", "offset", "skew", "stribeck")
+OTHERS = (PARTS[:3], ("coulomb", "offset", "stribeck"))
+"""Parts of other shapes of one that depends on the speed."""
+USUAL_SPEED = 0.1
+"""Characteristic speed, prior mean and 1σ, as a share of the highest."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ForceFriction(Effect):
-    """F += coulomb·sgn(v) + offset in the recording of an axis' drive force, N or Nm.
+    """F += coulomb·sgn(v) + offset + skew·|v| + stribeck·sgn(v)·exp(-|v|/speed) in the recording of an axis' drive force,
+    N or Nm.
 
-    `offset` is half of what the two directions differ in size (a counterweight, gravity, the amplifier's zero). A run whose
-    baseline already holds either (`force_terms`) is left alone. Typical 10–500 N.
+    `parts` are those of the four that are fitted: Coulomb friction and `offset`, half of what the two directions differ in size
+    (a counterweight, gravity, the amplifier's zero); `skew` (N s/m or Nm s/rad), by which viscous friction differs between them;
+    `stribeck`, friction that fades (or, below 0, builds up) within a characteristic `speed` (mm/s or degree/s; B.
+    Armstrong-Hélouvry, P. Dupont & C. Canudas de Wit 1994). A run whose baseline already holds one of them (`force_terms`) is
+    left alone. Typical 10–500 N.
     """
 
     id = "force_friction"
@@ -39,13 +51,20 @@ class ForceFriction(Effect):
     reported_as = "friction"
     needs_axis = True
     dynamic_only = True
+    parts: tuple[str, ...] = PARTS[:2]
     cut_off_hz: float = 0.0
     rest: float = 0.0
+    usual: float = 0.0
 
     @property
     def link(self) -> str:
         """The drive is to blame."""
         return DRIVE
+
+    @property
+    def answers(self) -> tuple[str, str] | None:
+        """Where the speed counts, a course over the speed that is a little off."""
+        return (FORCE, f"{self.axis} velocity") if self._fast else None
 
     def prepare(self, campaign: Campaign) -> Self:
         prepared = super().prepare(campaign)
@@ -55,39 +74,66 @@ class ForceFriction(Effect):
                 f"{self.key}: no run records the drive force of {self.axis} without friction in its baseline",
                 remedy='record drive_force, or write force_terms = ["mass", "viscous"]',
             )
+        if not self.parts or any(part not in PARTS for part in self.parts):
+            raise InputError(f"{self.key}: parts {self.parts!r} are unknown", remedy=f"use some of {', '.join(PARTS)}")
         unit = self.its_axis(campaign).to_internal
         first = runs[0].options
+        fastest = max(run.fastest(run.commands[str(self.axis)]) / 60.0 for run in runs)
         return replace(
-            prepared, cut_off_hz=float(first.get("low_pass_hz", 0.0)), rest=float(first.get("v_rest", 0.1)) * unit
-        )
+            prepared, cut_off_hz=float(first.get("low_pass_hz", 0.0)), rest=float(first.get("v_rest", 0.1)) * unit,
+            usual=self.usual or USUAL_SPEED * fastest,
+        )  # fmt: skip
 
     def _seen(self, run: Run) -> bool:
-        terms = run.options.get("force_terms", ("coulomb", "offset"))
-        return driven_axis(run) == self.axis and not {"coulomb", "offset"} & set(terms)
+        held, own = set(run.options.get("force_terms", PARTS[:2])) & set(PARTS[:2]), set(self.parts) & set(PARTS[:2])
+        return driven_axis(run) == self.axis and not held & own and bool(held | own)
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and self._seen(run)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
-        driven = {axis for run in campaign.runs if (axis := driven_axis(run)) is not None}
-        yield from (Form(effect=cls(axis=axis)) for axis in sorted(driven))
+        for axis in driven_axes(campaign):
+            others = tuple(cls(axis=axis, parts=parts, tag="speed") for parts in OTHERS)
+            yield Form(effect=cls(axis=axis))
+            yield Form(effect=cls(axis=axis, parts=PARTS, tag="speed"), shapes=others)
+            more = tuple(cls(axis=axis, parts=(part,), tag="speed") for part in PARTS[2:])
+            yield Form(effect=cls(axis=axis, parts=PARTS[2:], tag="speed"), shapes=more)  # beside the baseline's own
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        unit = "Nm" if self.its_axis(campaign).rotary else "N"
-        return (self.own("coulomb", unit, 100.0), self.own("offset", unit, 100.0))
+        axis = self.its_axis(campaign)
+        unit, rate = ("Nm", "Nm s/rad") if axis.rotary else ("N", "N s/m")
+        found = [self.own(part, rate if part == "skew" else unit, 100.0) for part in self.parts]
+        if "stribeck" in self.parts:
+            speed = self.usual or 1.0
+            found.append(self.own("speed", f"{axis.unit}/s", speed, mean=speed, lower=1e-2 * speed))
+        return tuple(found)
 
-    def _motion(self) -> Signal:
+    def _motion(self, quantity: str = "direction") -> Signal:
         if self.cut_off_hz:
-            return FilteredMotion(str(self.axis), "direction", self.cut_off_hz, self.rest)
+            return FilteredMotion(
+                str(self.axis), quantity, self.cut_off_hz, self.rest if quantity == "direction" else 0.0
+            )
         return Velocity(str(self.axis))
 
     def signals(self) -> tuple[Signal, ...]:
-        return (self._motion(),)
+        return tuple(dict.fromkeys((self._motion(), self._motion("velocity")) if self._fast else (self._motion(),)))
+
+    @property
+    def _fast(self) -> bool:
+        """Whether the speed counts, and not the direction alone."""
+        return bool({"skew", "stribeck"} & set(self.parts))
 
     def apply(self, row: Row) -> None:
         motion = row.signal(self._motion())
         sign = motion if self.cut_off_hz else ca.fmin(ca.fmax(motion / self.rest, -1.0), 1.0)
+        functions = {"coulomb": sign, "offset": 1.0}
+        if self._fast:
+            speed = ca.fabs(row.signal(self._motion("velocity")))
+            functions["skew"] = speed * (1.0 if row.machine.axes[str(self.axis)].rotary else 1e-3)
+            if "stribeck" in self.parts:
+                functions["stribeck"] = sign * ca.exp(-speed / self.parameter(row, "speed"))
+        force = sum(self.parameter(row, part) * functions[part] for part in self.parts)
         for i, source in enumerate(row.sources):
             if source == DriveForce.name:
-                row.readings[i] += self.parameter(row, "coulomb") * sign + self.parameter(row, "offset")
+                row.readings[i] += force

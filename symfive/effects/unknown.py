@@ -25,7 +25,8 @@ from symfive.effects._coordinates import (
     steps,
     usual_span,
 )
-from symfive.effects._form import AXIS, CARRIED, TOOL, Form, Scan, Tone, goes_round, moving
+from symfive.effects._force import FORCE_SHARE, driven_axes, usual_force
+from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing
 from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "force")
-FORCE_SHARE = 0.05
-"""The share of a drive's force (rms) that a term is expected to have."""
 HARMONICS, LEAST_CYCLES = 3, 2.0
 """Of a cycle over time: its harmonics, and how often it has to come back."""
 SIDES, CLOSEST = 16, 1e-5
@@ -116,8 +115,8 @@ class Unknown(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration,
-        its way since it reversed, two rotary axes together, and time, also as a cycle; the force of a drive over velocity and
-        place."""
+        its way since it reversed, its place by the side from which it came, two rotary axes together, and time, also as a cycle;
+        the force of a drive over velocity and place."""
         machine, axes = campaign.machine, moving(campaign)
         drafts = [cls(over=("t",))]
         for axis in axes:
@@ -135,9 +134,12 @@ class Unknown(Effect):
             basis, order = tuple("fourier" if r else "polynomial" for r in round_), tuple(3 if r else 4 for r in round_)
             pose = cls(over=pair, basis=basis, order=order)
             drafts += [pose, *(replace(pose, carrier=axis, tag=f"carried-{axis}") for axis in pair)]
-        driven = sorted({name for run in campaign.runs if (name := driven_axis(run)) is not None})
+        for axis in reversing(campaign):
+            kind, degree = ("fourier", 3) if goes_round(campaign, axis) else ("polynomial", 4)
+            by_place = cls(over=(axis, f"{axis}{SIGN}"), basis=(kind, "polynomial"), order=(degree, 1))
+            drafts.append(replace(by_place, place="axis", tag="axis"))
         drafts += [cls(over=(f"{axis}{what}",), order=SIDES, place="force", tag="force")
-                   for axis in driven for what in (VELOCITY, "")]  # fmt: skip
+                   for axis in driven_axes(campaign) for what in (VELOCITY, "")]  # fmt: skip
         for draft in drafts:
             try:
                 effect = draft.prepare(campaign)
@@ -170,9 +172,6 @@ class Unknown(Effect):
         )  # fmt: skip
 
     def _form(self, campaign: Campaign) -> Form:
-        if self.place == "force":
-            return Form(effect=self)
-
         def basis(run: Run) -> Array:
             shares = np.array([share_of(name) for name in self._basis(campaign.machine).names])
             return (
@@ -181,7 +180,7 @@ class Unknown(Effect):
                 else np.zeros((run.rows, len(shares)))
             )
 
-        channel = AXIS if self.place == "axis" else CARRIED if self.carrier else TOOL
+        channel = {"axis": AXIS, "force": FORCE}.get(self.place, CARRIED if self.carrier else TOOL)
         return Form(
             effect=self,
             channel=channel,
@@ -239,21 +238,14 @@ class Unknown(Effect):
         if self.place != "force" or len(self.less) == len(prepared._basis(machine).names):
             return prepared  # what was prepared for a campaign stays so for some of its runs
         less = replace(prepared, less=())._held_by_the_drive(campaign)
-        return replace(prepared, less=less, sigma_force=self.sigma_force or prepared._usual_force(campaign))
+        return replace(
+            prepared, less=less, sigma_force=self.sigma_force or usual_force(campaign, str(axis), FORCE_SHARE)
+        )
 
     @property
     def _turns(self) -> bool:
         """Whether it turns what an axis carries, and does not shift it."""
         return bool(self.carrier) and self.directions[:1] in ("a", "b", "c")
-
-    def _usual_force(self, campaign: Campaign) -> float:
-        """A share of the force that was recorded, N or Nm; 1 in a plan."""
-        force, machine = DriveForce(), campaign.machine
-        seen = [
-            (run, column.name) for run in filter(self.applies, campaign.runs) for column in force.columns(run, machine)
-        ]
-        read = [run.readings[name] for run, name in seen if name in run.readings]
-        return FORCE_SHARE * float(np.sqrt(np.mean(np.concatenate(read) ** 2))) if read else 1.0
 
     def _held_by_the_drive(self, campaign: Campaign) -> tuple[tuple[float, ...], ...]:
         """What of each function offset, direction and speed hold in the campaign's rows (least squares)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -45,18 +45,34 @@ class Varying(Effect):
 
     `over` is `t`, an axis (`B`), its velocity (`B velocity`) or the side from which it came (`B velocity sign`, m1 alone); of a
     rotary axis that goes round, m1·cos + m2·sin of its angle. `span` (mm, degree, s) is by default what the campaign covers. An
-    effect that acts inside the position loop, or in the recorder, cannot vary.
+    effect that acts inside the position loop, or in the recorder, cannot vary. A `minor` one varies so little that it
+    bears the name of the law.
     """
 
     id = "varying"
     reported_as = "unknown"
-    nameless = True
     says = "like a known effect, but its size changes along a coordinate"
     hidden_by = "the effect it resembles"
     of: Effect
     over: str
     span: tuple[float, ...] = ()
     periodic: bool = False
+    minor: bool = field(default=False, compare=False)
+
+    @property
+    def nameless(self) -> bool:  # type: ignore[override]
+        """Whether it is no law of the library: it varies by more than the share to which these are right."""
+        return self.of.nameless or not self.minor
+
+    @property
+    def vocabulary(self) -> str:
+        """The law's word while it is right to that share."""
+        return self.of.vocabulary if self.minor else self.reported_as
+
+    @property
+    def belongs_to(self) -> str | None:
+        """The axis of the effect."""
+        return self.of.belongs_to
 
     @cached_property
     def _inner(self) -> Effect:
@@ -154,6 +170,12 @@ class Varying(Effect):
         unit = campaign.machine.axes[self.over].to_internal if self.over in campaign.machine.axes else 1.0
         found = self._of(unit * coordinate_values(self.over, run, campaign.machine), np, unit)
         return np.stack(found[: len(self._varied)], axis=1)
+
+    def variation(self, campaign: Campaign, values: Values) -> float:
+        """rms of what it changes by along the campaign's rows, as a share of the effect."""
+        shares = np.array([values[name] for name in self._varied])
+        along = np.concatenate([self.functions(run, campaign) for run in campaign.runs if self.applies(run)])
+        return float(np.sqrt(np.mean((along @ shares) ** 2)))
 
     def _of(self, value: Any, library: Any, unit: float) -> tuple[Any, Any]:
         if self.periodic:

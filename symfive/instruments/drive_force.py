@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 TERMS = ("mass", "viscous", "coulomb", "offset")
 ORDER = 4
 FINER = 10
+DERIVATIVES = {"velocity": 1, "acceleration": 2, "jerk": 3}
 
 
 def low_pass(values: Array, cut_off_hz: float, interval: float) -> Array:
@@ -41,10 +42,10 @@ def low_pass(values: Array, cut_off_hz: float, interval: float) -> Array:
 
 @dataclass(frozen=True)
 class FilteredMotion:
-    """Velocity, acceleration or direction of an axis from its encoder, whose recording has passed the force's low-pass.
+    """Velocity, acceleration, jerk or direction of an axis from its encoder, whose recording has passed the force's low-pass.
 
     Force and motion have thus passed the same linear filter, which leaves their relation as it was (M. Gautier
-    1997, "parallel filtering"). `quantity` is `velocity`, `acceleration` (of a quintic spline through the rows) or
+    1997, "parallel filtering"). `quantity` is `velocity`, `acceleration` or `jerk` (of a quintic spline through the rows) or
     `direction` (sgn, linear within ±`rest` mm/s or rad/s, behind the same low-pass, computed on a finer grid).
     """
 
@@ -70,7 +71,7 @@ class FilteredMotion:
             return Series(np.zeros_like(time))
         spline = make_interp_spline(time, measured, k=5)
         if self.quantity != "direction":
-            return Series(spline.derivative(1 if self.quantity == "velocity" else 2)(time))
+            return Series(spline.derivative(DERIVATIVES[self.quantity])(time))
         fine = np.interp(np.arange(FINER * (len(time) - 1) + 1) / FINER, np.arange(len(time)), time)
         sign = np.clip(spline.derivative(1)(fine) / self.rest, -1.0, 1.0)
         return Series(low_pass(sign, self.cut_off_hz, motion.run.interval / FINER)[::FINER])

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from scipy.special import logsumexp
 
-from symfive.effects import Effect, Form
+from symfive.effects import Effect, Form, Varying
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
 from symfive.posterior._about import moments_about
-from symfive.posterior._evidence import Member, log_evidence
+from symfive.posterior._evidence import SHARE, Member, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, weighed
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance
@@ -133,7 +133,7 @@ class _Round:
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
         progress(f"expansion about {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
-        here, evidence = expanded(here.fit, here.held, candidates, here.shaped)
+        here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates, here.shaped)
         moments = moments_about(here, candidates)
         held = held_by(moments)
         posterior = explore(moments, range(moments.held))
@@ -250,6 +250,14 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
     common = tuple(m for m in subset if m[0] in best)
     mine, theirs, both = (weighed(moments, s)[0] for s in (subset, posterior.best, common))
     return mine - both > max(DECISIVE, 0.5 * (theirs - both))
+
+
+def _told(form: Form, fit: Identification) -> Form:
+    """The form; one that varies, under the name of its law if it varies by no more than a law is off anyway."""
+    effect = form.effect
+    if not isinstance(effect, Varying):
+        return form
+    return replace(form, effect=replace(effect, minor=effect.variation(fit.model.campaign, fit.named) <= SHARE))
 
 
 def _sane(fit: Identification) -> bool:

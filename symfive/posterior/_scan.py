@@ -2,10 +2,11 @@
 
 With the whitened columns X of one place (a channel's tangent times a course along the run) and J of all that is fitted,
 
-    Δ = sᵀ(H + 1)⁻¹s,   H = XᵀX - XᵀJ(JᵀJ + 1)⁻¹JᵀX,   s = Xᵀr - XᵀJ(JᵀJ + 1)⁻¹(Jᵀr - δ),
+    Δ = sᵀ(H + w⁻²)⁻¹s - log|w²H + 1|,   H = XᵀX - XᵀJ(JᵀJ + 1)⁻¹JᵀX,   s = Xᵀr - XᵀJ(JᵀJ + 1)⁻¹(Jᵀr - δ),
 
-is what it takes off the cost (C. R. Rao 1948). Sines over a coordinate are scored on a whole grid of frequencies by one FFT of
-the twice whitened residual's answer. The best places become forms; what they are worth, the moments say.
+is what it takes off the cost (C. R. Rao 1948) at the best of the widths w of its prior. Sines over a coordinate are scored on a
+whole grid of frequencies by one FFT of the twice whitened residual's answer. The best places become forms; what they are worth,
+the moments say.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import whiten
 from symfive.model import Model
+from symfive.posterior._evidence import WIDTHS
 from symfive.posterior._noise import Node
 from symfive.posterior._tangents import Channel, probes, tangent
 
@@ -29,7 +31,7 @@ __all__ = ["placed"]
 
 Array = NDArray[np.float64]
 USUAL = 10.0
-"""1σ of a channel's answer in a scan, µm or µrad: of usual size. It only keeps directions out that are not seen."""
+"""1σ of a channel's answer in a scan, µm or µrad: of usual size, which the widths multiply."""
 FINE = 8
 """Cells of the grid per shortest period, so that sharing a reading between two of them loses 5 % of it at most (sinc²)."""
 
@@ -98,7 +100,7 @@ class _Seen:
     def course(self, scan: Scan) -> Iterator[Form]:
         """The place with the largest Δ."""
         drop = self._drops(scan)
-        if len(drop) and drop.max() > 0.0:
+        if len(drop):
             yield scan.form(int(np.argmax(drop)))
 
     def _drops(self, scan: Scan) -> Array:
@@ -130,8 +132,7 @@ class _Seen:
         parts = total.shape[1] // scan.count
         taken = np.einsum("pkd,pke->kde", *(t.reshape(-1, scan.count, parts) for t in (total, solved)), optimize=True)
         s = (slope - solved.T @ self._slope).reshape(scan.count, parts)
-        h = own - taken + np.eye(parts)
-        return np.asarray(np.sum(s * np.linalg.solve(h, s[:, :, None])[:, :, 0], axis=1))
+        return np.asarray(np.max([_gain(own - taken, s, width) for width in WIDTHS], axis=0))
 
     def tone(self, tone: Tone) -> Iterator[Form]:
         """The highest peak of the spectrum."""
@@ -154,6 +155,13 @@ class _Seen:
         if seen.any():
             best = int(np.argmax(np.where(seen, score, -1.0)))
             yield tone.form(float(cycles[best]), float(cycles[1]), int(seen.sum()) // 2 + 1)
+
+
+def _gain(h: Array, s: Array, width: float) -> Array:
+    """Twice the log evidence (places,) of an effect whose 1σ is `width` times the usual one."""
+    scaled = width**2 * h + np.eye(h.shape[-1])
+    drop = width**2 * np.sum(s * np.linalg.solve(scaled, s[:, :, None])[:, :, 0], axis=1)
+    return np.asarray(drop - np.linalg.slogdet(scaled)[1])
 
 
 def _spectrum(at: Array, answer: Array, step: float, count: int) -> Array:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
-from symfive.effects import AXIS, BALL, CARRIED, Effect, Form
+from symfive.effects import AXIS, BALL, CARRIED, FORCE, Effect, Form
+from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.model import Linearisation, Model
 from symfive.parameters import Parameter
 
@@ -68,12 +69,31 @@ class _Carried(Effect):
             row.add_motion(f"E{c.upper()}{self.axis}", self.parameter(row, c))
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Force(Effect):
+    """A constant force of an axis' drive."""
+
+    id: ClassVar[str] = "probe_force"
+    stage: ClassVar[str] = "reading"
+
+    def applies(self, run: Run) -> bool:
+        return driven_axis(run) == self.axis
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return (self.own("force", "Nm" if self.its_axis(campaign).rotary else "N", 1.0),)
+
+    def apply(self, row: Row) -> None:
+        for i, source in enumerate(row.sources):
+            if source == DriveForce.name:
+                row.readings[i] += self.parameter(row, "force")
+
+
 Channel = tuple[str, str | None]
 """Its kind, and its axis."""
 
 
 def _probe(channel: Channel) -> Effect:
-    kinds = {AXIS: _AxisOffset, CARRIED: _Carried}
+    kinds = {AXIS: _AxisOffset, CARRIED: _Carried, FORCE: _Force}
     return kinds[channel[0]](axis=channel[1]) if channel[0] in kinds else _ToolShift()
 
 
@@ -95,6 +115,8 @@ def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Ar
     else:
         wanted = [model.index[p.name] for p in _probe(channel).parameters(model.campaign)]
     place = {int(number): k for k, number in enumerate(line.columns)}
+    if any(int(i) not in place for i in wanted):  # a run that does not read the channel
+        return np.zeros((*line.jacobian.shape[:2], len(wanted)))
     return np.asarray(line.jacobian[:, :, [place[int(i)] for i in wanted]])
 
 

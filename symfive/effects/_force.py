@@ -1,0 +1,31 @@
+"""What effects in the recorded force of a drive share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from symfive.instruments.drive_force import DriveForce, driven_axis
+
+if TYPE_CHECKING:
+    from symfive.runs import Campaign
+
+__all__ = ["FORCE_SHARE", "driven_axes", "usual_force"]
+
+FORCE_SHARE = 0.05
+"""The share of a drive's force (rms) that a term is expected to have."""
+
+
+def driven_axes(campaign: Campaign) -> tuple[str, ...]:
+    """The axes whose drive force is recorded, by name."""
+    return tuple(sorted({axis for run in campaign.runs if (axis := driven_axis(run)) is not None}))
+
+
+def usual_force(campaign: Campaign, axis: str, share: float) -> float:
+    """A share of the rms of the recorded force of an axis, N or Nm; 1 in a plan."""
+    force, machine = DriveForce(), campaign.machine
+    runs = [run for run in campaign.runs if driven_axis(run) == axis]
+    seen = [(run, column.name) for run in runs for column in force.columns(run, machine)]
+    read = [run.readings[name] for run, name in seen if name in run.readings]
+    return share * float(np.sqrt(np.mean(np.concatenate(read) ** 2))) if read else 1.0

@@ -1,0 +1,124 @@
+"""Gravity torque: the weight of what a rotary axis carries loads its drive (W. Khalil & E. Dombre 2002, section 9.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
+
+import casadi as ca
+import numpy as np
+
+from symfive.effects._base import DRIVE, Effect
+from symfive.effects._force import driven_axes, usual_force
+from symfive.effects._form import FORCE, Form, Scan, Tone
+from symfive.effects._gravity import DOWN, gravity_seen, rotary_chain
+from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.errors import InputError
+from symfive.instruments.drive_force import DriveForce, driven_axis
+from symfive.kinematics import axis_pose
+from symfive.parameters import Parameter
+
+if TYPE_CHECKING:
+    from symfive.row import Row
+    from symfive.runs import Campaign, Run
+
+
+USUAL = 0.5
+"""Prior 1σ of a weight moment as a share of the recorded torque (rms): that of a tilted axis is mostly weight and inertia."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GravityTorque(Effect):
+    """F += Σ_k s_k·(ĝ_k × e_k) in the recording of a rotary axis' drive torque, Nm.
+
+    Over this axis and the rotary axes that it carries, k: ĝ_k is gravity's unit vector and e_k the direction of this axis, both
+    in the frame of the body that axis k turns; s_k (3) the weight moment of that body and of what stands on it as if it did not
+    turn, N m (weight times place of the centre of mass). What gravity does to the axis is linear in these. `down` gravity in the
+    machine frame. Prior 1σ `sigma_torque`: a share of the recorded torque's rms.
+    """
+
+    id = "gravity_torque"
+    stage = "reading"
+    says = "the weight of what an axis carries loads its drive"
+    hidden_by = "Coulomb friction and offset, where the axis moves in one direction over a short way"
+    coordinate = "{axis}"
+    reported_as = "gravity_sag"
+    needs_axis = True
+    down: tuple[float, float, float] = DOWN
+    sigma_torque: float = 0.0
+
+    @property
+    def link(self) -> str:
+        """The drive shows it."""
+        return DRIVE
+
+    @property
+    def answers(self) -> tuple[str, str] | None:
+        """A course of the torque over the axis that is a little off."""
+        return FORCE, str(self.axis)
+
+    def prepare(self, campaign: Campaign) -> Self:
+        prepared = super().prepare(campaign)
+        axis = self.its_axis(campaign)
+        if not axis.rotary:
+            raise InputError(f"{self.key}: the weight on a linear axis is constant", remedy="name a rotary axis")
+        tilted = any(not _along(campaign.machine.axes[name].direction, self.down) for name in self._before(campaign))
+        if _along(axis.direction, self.down) and not tilted:
+            raise InputError(f"{self.key}: the axis stands upright, no weight loads it", remedy="name a tilted axis")
+        if not any(map(self.applies, campaign.runs)):
+            raise InputError(f"{self.key}: no run records the drive torque of {self.axis}", remedy="record drive_force")
+        return replace(prepared, sigma_torque=self.sigma_torque or usual_force(campaign, str(self.axis), USUAL))
+
+    def _before(self, campaign: Campaign) -> tuple[str, ...]:
+        chain = rotary_chain(campaign.machine, str(self.axis))
+        return chain[: chain.index(str(self.axis))]
+
+    def _bodies(self, machine: Any) -> tuple[str, ...]:
+        chain = rotary_chain(machine, str(self.axis))
+        return chain[chain.index(str(self.axis)) :]
+
+    def applies(self, run: Run) -> bool:
+        return super().applies(run) and driven_axis(run) == self.axis
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+        yield from (Form(effect=cls(axis=axis)) for axis in driven_axes(campaign))
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        bodies = self._bodies(campaign.machine)
+        return tuple(self.own(f"{body}.{c}", "Nm", self.sigma_torque or 1.0) for body in bodies for c in "xyz")
+
+    def apply(self, row: Row) -> None:
+        chain = rotary_chain(row.machine, str(self.axis))
+        along = ca.DM(row.machine.axes[str(self.axis)].direction)
+        torque = ca.SX(0)
+        for body in self._bodies(row.machine):
+            upto = chain[: chain.index(body) + 1]
+            if body != self.axis:
+                pose = axis_pose(
+                    row.machine.axes[body], row.machine.structure.carries(body), row.axis[body], {}, {}
+                )  # fmt: skip
+                along = pose.rotation.T @ along
+            arm = ca.cross(gravity_seen(row, upto, self.down), along)
+            torque += ca.dot(ca.vertcat(*(self.parameter(row, f"{body}.{c}") for c in "xyz")), arm)
+        for i, source in enumerate(row.sources):
+            if source == DriveForce.name:
+                row.readings[i] += torque
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """`amplitude`: of the weight moment about the axis of all that it carries, all later axes at zero; and each body's."""
+        axis, bodies = campaign.machine.axes[str(self.axis)], self._bodies(campaign.machine)
+        across = np.eye(3) - np.outer(axis.direction, axis.direction)
+        names = [f"{self.key}.{body}.{c}" for body in bodies for c in "xyz"]
+
+        def whole(p: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
+            return [float(np.linalg.norm(across @ p.reshape(-1, 3).sum(axis=0)))]
+
+        (size,), (std,) = propagate(whole, names, values, covariance)
+        return {"component": Quantity(f"torque of {self.axis}"), "amplitude": Quantity(float(size), float(std), "Nm"),
+                **super().describe(campaign, values, covariance)}  # fmt: skip
+
+
+def _along(direction: tuple[float, ...], down: tuple[float, float, float]) -> bool:
+    return bool(np.linalg.norm(np.cross(direction, down)) < 1e-6 * np.linalg.norm(down))
