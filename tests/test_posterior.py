@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +22,14 @@ from symfive.machine import preset
 from symfive.model import Model
 from symfive.posterior import (
     WIDTHS,
+    Expansion,
     Moments,
     baseline,
     candidates,
     explore,
     grams,
     log_evidence,
+    moments_about,
     moments_of,
     nodes_of,
     sweep,
@@ -245,6 +248,17 @@ def test_what_a_refit_says_of_a_subset_is_no_claim_for_others_of_its_names(momen
     count = sum(found.named(s) == names for s in found.mass)
     assert count > 1 and found.mass[poorest] < found.mass[found.best] - 3.0
     assert 0.0 <= found.worth(poorest, 0.0) <= np.log(count) + 1e-9
+
+
+def test_what_is_more_general_than_laws_is_asked_after_them() -> None:
+    """A place times the side from which it came holds every play of that axis, and would stand in its place."""
+    campaign = bars({"X": 6.0})
+    stated, here = candidates(campaign), Expansion(baseline(campaign), (), nodes_of(1.0)[0], 1.0)
+    general = {form.effect.key for form in stated.forms if form.general}
+    first, later = (
+        {term.effect.key for term in moments_about(here, replace(stated, vary=vary)).terms} for vary in (False, True)
+    )
+    assert general and not general & first and general <= later
 
 
 def test_a_circle_without_play_is_clean() -> None:

@@ -34,7 +34,7 @@ class Form:
 
     `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
     the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
-    prior 1σ `sigma`.
+    prior 1σ `sigma`. `general`: every law over one of its coordinates is a case of it, so these are asked first.
     """
 
     effect: Effect
@@ -45,6 +45,7 @@ class Form:
     axis: str | None = None
     basis: Callable[[Run], Array] | None = None
     sigma: float = 1.0
+    general: bool = False
 
     @property
     def placed(self) -> bool:

@@ -187,6 +187,7 @@ class Unknown(Effect):
             axis=self.axis or self.carrier or None,
             basis=basis,
             sigma=self.parameters(campaign)[0].sigma,
+            general=self.over[1:] == (f"{self.over[0]}{SIGN}",),
         )
 
     @property
