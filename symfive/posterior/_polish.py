@@ -29,7 +29,7 @@ three; one more for each member that a rival replaces."""
 TRIES = 3
 """Subsets that are refitted in one round, until one holds what the moments promise."""
 DECISIVE = 3.0
-"""Nats by which another shape, or another subset for the fit to hold, has to be better (H. Jeffreys 1961: strong evidence)."""
+"""Nats by which another shape has to be better (H. Jeffreys 1961: strong evidence)."""
 CLEAR = 10.0
 """Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that. By so
 many something has to be better before settled laws are given up for it."""
@@ -90,7 +90,7 @@ def _at_ease(before: Identification, candidates: Candidates) -> Expansion:
 def _settled(now: _Round, before: _Round | None = None) -> _Round:
     """The expansion at which nothing moves any more, from `now` on; there the rivals were asked `before`, and what was settled
     then is given up for a clear gain only."""
-    been, least = dict[Keys, _Round](), DECISIVE if before is None else CLEAR
+    been, least = dict[Keys, _Round](), 0.0 if before is None else CLEAR
     for number in range(ROUNDS):
         been[now.here.keys] = now
         better = (now.exact(subset) for subset in _ahead(now.posterior))
