@@ -153,16 +153,13 @@ def withdraw(
     if need be. Raises `InputError` where no held-out reading has the unit of the fit's."""
     unit, gone = here.fit.file_unit, list[Withdrawn]()
 
-    def rms(fit: Identification) -> float:
-        return root(*held_out_square(fit, campaign, split, unit))
-
     if not held_out_square(here.fit, campaign, split, unit)[1]:
         problem = f"nothing that is held out reads in {unit_words(unit)}, as what is fitted does"
         raise InputError(problem, remedy="hold out runs of the same instrument")
-    now, plain = rms(here.fit), rms(before)
+    now, plain = (_held_out_rms(fit, campaign, split) for fit in (here.fit, before))
     while here.held:
         others = [_lacking(here, form.effect) for form in here.held]
-        sizes = [rms(other.fit) for other in others]
+        sizes = [_held_out_rms(other.fit, campaign, split) for other in others]
         least = int(np.argmin(sizes))
         if now <= (1.0 + WORSE) * sizes[least]:
             break

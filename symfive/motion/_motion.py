@@ -188,10 +188,10 @@ class RunMotion:
             return AxisMotion(command, Series(command), rest, rest)
         measured = self.recorded(axis.name)
         if measured is not None:
-            return self._smoothed(command, self._earlier(self.run.time, measured) if self.delay else measured)
+            return self._smoothed(command, self._earlier(measured) if self.delay else measured)
         constant = bool(np.all(command == command[0]))
         if self.delay and not constant and axis.drive is None:
-            command = self._earlier(self.run.time, command)
+            command = self._earlier(command)
         if axis.drive is None or constant:
             velocity = np.zeros_like(command) if constant else np.gradient(command, self.run.time)
             acceleration = np.zeros_like(command) if constant else np.gradient(velocity, self.run.time)
@@ -219,10 +219,11 @@ class RunMotion:
             derivatives = [savgol_filter(measured, window, 3, deriv=k, delta=self.run.interval) for k in range(3)]
         return AxisMotion(command, *(Series(values) for values in derivatives))
 
-    def _earlier(self, time: Array, column: Array) -> Array:
+    def _earlier(self, column: Array) -> Array:
         """A column as it was `delay` earlier, along Akima's curve, which does not overshoot at corners (H. Akima 1970): beyond
         the ends the axis stands; where the recording begins in motion it goes on as it went."""
-        at = self.run.time - self.delay
+        time = self.run.time
+        at = time - self.delay
         if self.run.options.get("start") != "moving":
             at = np.clip(at, time[0], time[-1])
         if len(time) < 3:
