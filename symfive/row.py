@@ -92,6 +92,12 @@ class Row:
         """Add to an error motion (mm or rad)."""
         self.motion[name] = self.motion.get(name, ca.SX(0)) + value
 
+    def add_reading(self, instrument: str, value: Symbol) -> None:
+        """Add to every reading of an instrument (internal units)."""
+        for i, source in enumerate(self.sources):
+            if source == instrument:
+                self.readings[i] += value
+
     @cached_property
     def ball(self) -> Symbol:
         """The tool ball in the workpiece frame, mm."""

@@ -49,6 +49,4 @@ class BarTemperature(Effect):
     def apply(self, row: Row) -> None:
         time = row.time if self.clock == "run" else row.clock
         growth = self.parameter(row, "amplitude") * (1.0 - ca.exp(-time / self.parameter(row, "time_constant_s")))
-        for i, source in enumerate(row.sources):
-            if source == "ball_bar":
-                row.readings[i] -= growth
+        row.add_reading("ball_bar", -growth)

@@ -78,6 +78,4 @@ class ForceDelay(Effect):
             name = f"drive_force.{self.axis}.{term}"
             if row.has(name):
                 rate += row.parameter(name) * row.signal(signal) * metre
-        for i, source in enumerate(row.sources):
-            if source == DriveForce.name:
-                row.readings[i] -= self.parameter(row, "delay_ms") * rate
+        row.add_reading(DriveForce.name, -self.parameter(row, "delay_ms") * rate)

@@ -134,6 +134,4 @@ class ForceFriction(Effect):
             if "stribeck" in self.parts:
                 functions["stribeck"] = sign * ca.exp(-speed / self.parameter(row, "speed"))
         force = sum(self.parameter(row, part) * functions[part] for part in self.parts)
-        for i, source in enumerate(row.sources):
-            if source == DriveForce.name:
-                row.readings[i] += force
+        row.add_reading(DriveForce.name, force)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
@@ -13,18 +12,16 @@ import numpy as np
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._force import FORCE_SHARE, driven_axes, usual_force
 from symfive.effects._form import FORCE, Form, Scan, Tone
-from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase, own_quantity
+from symfive.effects._periodic import READINGS, check_period, described, series_parameters, sines
+from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
-from symfive.motion import Position
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
-READINGS = 2.5
-"""Readings per cycle, at least (H. Nyquist 1928: 2)."""
 LEAST_CYCLES = 4.0
 """Cycles over the way, at least: fewer are a course along the axis, not a ripple."""
 RICHER = (2, 4)
@@ -58,10 +55,7 @@ class ForceRipple(Effect):
         return DRIVE
 
     def prepare(self, campaign: Campaign) -> Self:
-        if not (self.period > 0.0 and math.isfinite(self.period)):
-            raise InputError(f"effect {self.id} needs its period", remedy="write period = … in mm or degree")
-        if not 1 <= self.harmonics <= 20:
-            raise InputError(f"effect {self.id}: harmonics {self.harmonics} is not from 1 to 20", remedy="correct it")
+        check_period(self, self.period, self.harmonics)
         prepared = super().prepare(campaign)
         if not any(map(self.applies, campaign.runs)):
             raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
@@ -69,10 +63,6 @@ class ForceRipple(Effect):
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and driven_axis(run) == self.axis
-
-    @property
-    def _orders(self) -> tuple[tuple[int, str], ...]:
-        return tuple((n, "" if n == 1 else str(n)) for n in range(1, self.harmonics + 1))
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
@@ -98,30 +88,15 @@ class ForceRipple(Effect):
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         axis = self.its_axis(campaign)
         unit, sigma = "Nm" if axis.rotary else "N", self.sigma_force or 1.0
-        found = [self.own(f"{f}{end}", unit, sigma) for _, end in self._orders for f in ("sin", "cos")]
-        if self.period_sigma:
-            found.append(self.own("period", axis.unit, self.period_sigma, mean=self.period, lower=0.5 * self.period))
-        return tuple(found)
+        return series_parameters(self, self.harmonics, unit, sigma, (self.period, self.period_sigma, axis.unit))
 
     def apply(self, row: Row) -> None:
-        axis = row.machine.axes[str(self.axis)]
-        period = self.parameter(row, "period") if self.period_sigma else self.period * axis.to_internal
-        angle = 2.0 * math.pi * row.signal(Position(axis.name)) / period
         force = ca.SX(0)
-        for order, end in self._orders:
-            force += self.parameter(row, f"sin{end}") * ca.sin(order * angle)
-            force += self.parameter(row, f"cos{end}") * ca.cos(order * angle)
-        for i, source in enumerate(row.sources):
-            if source == DriveForce.name:
-                row.readings[i] += force
+        for term in sines(self, row, self.harmonics, None if self.period_sigma else self.period):
+            force += term
+        row.add_reading(DriveForce.name, force)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         parameters = {p.name.removeprefix(self.key + "."): p for p in self.parameters(campaign)}
-        found = {"period": Quantity(self.period, 0.0, self.its_axis(campaign).unit)}
-        if "period" in parameters:
-            found["period"] = own_quantity(parameters["period"], values, covariance)
-        for _, end in self._orders:
-            names = parameters[f"sin{end}"].name, parameters[f"cos{end}"].name
-            amplitude, phase = amplitude_and_phase(*names, parameters[f"sin{end}"].unit, values, covariance)
-            found |= {f"amplitude{end}": amplitude, f"phase{end}": phase}
-        return found
+        known = Quantity(self.period, 0.0, self.its_axis(campaign).unit)
+        return described(parameters, known, self.harmonics, values, covariance)

@@ -102,9 +102,7 @@ class GravityTorque(Effect):
                 along = pose.rotation.T @ along
             arm = ca.cross(gravity_seen(row, upto, self.down), along)
             torque += ca.dot(ca.vertcat(*(self.parameter(row, f"{body}.{c}") for c in "xyz")), arm)
-        for i, source in enumerate(row.sources):
-            if source == DriveForce.name:
-                row.readings[i] += torque
+        row.add_reading(DriveForce.name, torque)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`amplitude`: of the weight moment about the axis of all that it carries, all later axes at zero; and each body's."""

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
-import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
 from symfive.effects._form import AXIS, Form, Scan, Tone, moving
-from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase, own_quantity
-from symfive.errors import InputError
-from symfive.motion import Position
+from symfive.effects._periodic import READINGS, check_period, described, series_parameters, sines
+from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign
 
-READINGS = 2.5
-"""Readings per cycle, at least (H. Nyquist 1928: 2)."""
 RICHER, MULTIPLES = (2, 3, 8, 16), ((2, 2), (2, 4), (3, 3))
 """Numbers of harmonics of other shapes; multiples of a period that was found (the largest harmonic need not be the first), each
 with its harmonics."""
@@ -51,20 +46,12 @@ class TransmissionError(Effect):
     harmonics: int = 1
 
     def prepare(self, campaign: Campaign) -> Self:
-        if not (self.period > 0.0 and math.isfinite(self.period)):
-            raise InputError(f"effect {self.id} needs its period", remedy="write period = … in mm or degree")
-        if not 1 <= self.harmonics <= 20:
-            raise InputError(f"effect {self.id}: harmonics {self.harmonics} is not from 1 to 20", remedy="correct it")
+        check_period(self, self.period, self.harmonics)
         return super().prepare(campaign)
 
     @property
     def _sigma(self) -> float:
         return 2e-3 * self.period if self.period_sigma is None else self.period_sigma
-
-    @property
-    def _orders(self) -> tuple[tuple[int, str], ...]:
-        """Harmonics with the ending of their parameters' names; the first has none."""
-        return tuple((n, "" if n == 1 else str(n)) for n in range(1, self.harmonics + 1))
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
@@ -90,27 +77,13 @@ class TransmissionError(Effect):
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         axis = self.its_axis(campaign)
         small, sigma = ("urad", 100.0) if axis.rotary else ("um", 5.0)
-        found = [self.own(f"{f}{end}", small, sigma) for _, end in self._orders for f in ("sin", "cos")]
-        if self._sigma:
-            found.append(self.own("period", axis.unit, self._sigma, mean=self.period, lower=0.5 * self.period))
-        return tuple(found)
+        return series_parameters(self, self.harmonics, small, sigma, (self.period, self._sigma, axis.unit))
 
     def apply(self, row: Row) -> None:
-        axis = row.machine.axes[str(self.axis)]
-        period = self.parameter(row, "period") if self._sigma else self.period * axis.to_internal
-        angle = 2.0 * math.pi * row.signal(Position(axis.name)) / period
-        for order, end in self._orders:
-            row.axis[axis.name] += self.parameter(row, f"sin{end}") * ca.sin(order * angle)
-            row.axis[axis.name] += self.parameter(row, f"cos{end}") * ca.cos(order * angle)
+        for term in sines(self, row, self.harmonics, None if self._sigma else self.period):
+            row.axis[str(self.axis)] += term
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         parameters = {p.name.removeprefix(self.key + "."): p for p in self.parameters(campaign)}
-        found = {"period": Quantity(self.period, 0.0, self.its_axis(campaign).unit)}
-        if "period" in parameters:
-            found["period"] = own_quantity(parameters["period"], values, covariance)
-        for _, end in self._orders:
-            names = parameters[f"sin{end}"].name, parameters[f"cos{end}"].name
-            unit = parameters[f"sin{end}"].unit
-            amplitude, phase = amplitude_and_phase(*names, unit, values, covariance)
-            found |= {f"amplitude{end}": amplitude, f"phase{end}": phase}
-        return found
+        known = Quantity(self.period, 0.0, self.its_axis(campaign).unit)
+        return described(parameters, known, self.harmonics, values, covariance)

@@ -333,8 +333,7 @@ class Unknown(Effect):
                 else:
                     row.shift["xyz".index(c)] += term(c)
         else:
-            for i in (i for i, source in enumerate(row.sources) if source == DriveForce.name):
-                row.readings[i] += term("force")
+            row.add_reading(DriveForce.name, term("force"))
 
     def _held(self, row: Row, number: int) -> Any:
         """A coordinate; for polynomials, which would run away, no further than the span."""

@@ -83,9 +83,7 @@ class _Force(Effect):
         return (self.own("force", "Nm" if self.its_axis(campaign).rotary else "N", 1.0),)
 
     def apply(self, row: Row) -> None:
-        for i, source in enumerate(row.sources):
-            if source == DriveForce.name:
-                row.readings[i] += self.parameter(row, "force")
+        row.add_reading(DriveForce.name, self.parameter(row, "force"))
 
 
 Channel = tuple[str, str | None]
