@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +30,12 @@ WHITE = Node(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Expansion:
-    """A fit, the forms of the effects that it holds beyond the machine file's, in its order, and the noise it was made under.
-    `shaped`: by the key of an effect, the log of its mean evidence over all its shapes, above that of the one it has."""
+    """A fit, the forms of the effects that it holds beyond the machine file's, in its order, and the noise it was made under."""
 
     fit: Identification
     held: tuple[Form, ...]
     node: Node
     kappa2: float
-    shaped: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def keys(self) -> frozenset[tuple[str, str]]:

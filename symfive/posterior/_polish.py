@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from symfive.effects import Effect, Form, Varying
 from symfive.errors import InputError
@@ -38,19 +37,15 @@ Keys = frozenset[tuple[str, str]]
 """What a fit holds: `Expansion.keys`."""
 
 
-def expanded(
-    fit: Identification, held: Sequence[Form], candidates: Candidates, shaped: Mapping[str, float] | None = None
-) -> tuple[Expansion, float]:
-    """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy and, where it was
-    `shaped`, as the mean over its shapes."""
-    shaped = shaped or {}
+def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) -> tuple[Expansion, float]:
+    """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy."""
     covers = {form.effect.answers for form in held if not form.effect.nameless}
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
     moments = moments_of(fit, held, blocks)
     members = held_by(moments)
     evidence, blocks_used = weighed(moments, members)
     best = log_evidence(moments, members, blocks_used)
-    return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2, shaped), evidence + sum(shaped.values())
+    return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2), evidence
 
 
 def polish(
@@ -133,7 +128,7 @@ class _Round:
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
         progress(f"expansion about {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
-        here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates, here.shaped)
+        here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates)
         moments = moments_about(here, candidates)
         held = held_by(moments)
         posterior = explore(moments, range(moments.held))
@@ -151,8 +146,8 @@ class _Round:
     def exact(self, subset: Subset) -> tuple[float, Expansion]:
         """By how many nats an exact refit of a subset, in its best shapes, is better than what the expansion holds, and that
         fit: all subsets of its names together; of the same names, forms of them, that subset alone."""
-        there = refitted(self.posterior.moments, subset)
-        there, evidence = _shaped(there, self.candidates, self.progress, self.here.shaped)
+        known = {form.effect.key for form in self.here.held}
+        there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
         mass = self.exactly[subset] = evidence + log_prior(self.posterior.moments, subset)
         held = held_by(self.posterior.moments)
         gain = mass - self.mass
@@ -177,25 +172,19 @@ def _ahead(posterior: Posterior) -> Iterator[Subset]:
 
 
 def _shaped(
-    here: Expansion, candidates: Candidates, progress: Progress, known: Mapping[str, float]
+    here: Expansion, candidates: Candidates, progress: Progress, known: Collection[str]
 ) -> tuple[Expansion, float]:
-    """The fit with each of its effects, but for those `known` (by key), in the best of its shapes, and its evidence: of an
-    effect the mean over its shapes, which are as probable as each other."""
-    shaped = {form.effect.key: known[form.effect.key] for form in here.held if form.effect.key in known}
-    here, mass = expanded(here.fit, here.held, candidates, shaped)
+    """The fit, and its evidence, with each of its effects, but for those `known` (keys), in the best of its shapes."""
+    here, mass = expanded(here.fit, here.held, candidates)
     for number in (k for k, form in enumerate(here.held) if form.effect.key not in known):
-        key, masses = here.held[number].effect.key, [mass]
         for shape in here.held[number].shapes:
             trial = _reshaped(here, number, shape)
             if trial is None:
                 continue
-            other, evidence = expanded(trial.fit, trial.held, candidates, shaped)
+            other, evidence = expanded(trial.fit, trial.held, candidates)
             progress(f"{shape.key} in another shape: {evidence - mass:+.1f} nats")
-            masses.append(evidence)
             if evidence > mass + DECISIVE:
                 here, mass = other, evidence
-        shaped[key] = float(logsumexp(masses) - np.log(len(masses)) - mass)
-        here, mass = replace(here, shaped=dict(shaped)), mass + shaped[key]
     return here, mass
 
 
