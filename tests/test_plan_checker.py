@@ -311,6 +311,7 @@ def test_the_command_ends_with_one_where_there_are_findings(good: Path, tmp_path
     assert "spindle nose and table meet by" in answer.stdout
 
 
+@pytest.mark.slow
 def test_circles_of_random_machines_are_in_order(capsys: pytest.CaptureFixture[str]) -> None:
     """`python -m tests.plan_checker --random 0 40 --circles` takes more."""
     assert checker(["--random", "0", "4", "--circles"]) == 0
