@@ -343,7 +343,8 @@ class Problem:
         }
         declared = {key: self.noises[key].declared for key in static}
         for key, over in alone_among_repeats(static, ways, declared, OUTLIER_LEVEL).items():
-            for row, j in np.argwhere(short_groups(np.abs(over) > 1.0)).tolist():
+            short = short_groups(np.abs(over) > 0.5)  # what is far off for longer is a mismatch, and so are its ends
+            for row, j in np.argwhere(short & (np.abs(over) > 1.0)).tolist():
                 beyond.setdefault((key, row, j), float(over[row, j]) * limit)
         fresh = {run: np.zeros(mask.shape, dtype=bool) for run, mask in self.left_out.items()}
         outliers: list[Outlier] = []
