@@ -6,6 +6,10 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symfive.nc._touch import Cycle
 
 __all__ = ["Block", "Dialect", "Step", "plain", "program_name", "render", "word"]
 
@@ -88,6 +92,7 @@ class Dialect:
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
+    `cycle`: how the control probes; None where it is not known, then it takes no programs of a touch probe.
     """
 
     name: str
@@ -114,6 +119,7 @@ class Dialect:
     decimals: int = 5
     word: Callable[[str, float], str] = _plain_word
     verified: str = "not verified on a control"
+    cycle: Cycle | None = None
 
 
 SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
