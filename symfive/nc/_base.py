@@ -76,7 +76,8 @@ def _block_a_turn(arc: Block) -> Sequence[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Dialect:
-    """A control's dialect. Templates take `{words}`, `{feed}`, `{seconds}`, `{text}`, `{name}` and the program's `{number}`.
+    """A control's dialect. Templates take `{words}`, `{feed}`, `{text}`, `{name}` and the program's
+    `{number}`, `dwell` `{seconds}` or `{milliseconds}`.
 
     After the `head`, `rotary` (where the machine has rotary axes: kinematics off) and `start` set every modal state that the
     program relies on: units, plane, absolute words, datum, no tool offset; `end` ends it.
@@ -171,7 +172,9 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
     if step.kind == "orient":
         return [line.format(angle=step.text) for line in dialect.orient]
     if step.kind == "dwell":
-        return dialect.dwell.format(seconds=f"{step.seconds:.3f}").splitlines()
+        return dialect.dwell.format(
+            seconds=f"{step.seconds:.3f}", milliseconds=f"{1e3 * step.seconds:.0f}"
+        ).splitlines()
     if step.kind == "retract":
         axis = next(iter(step.positions))
         return [line.format(words=words, axis=axis) for line in dialect.retract]
