@@ -119,17 +119,17 @@ class GCode:
                 self.plane = code
             if code in ("93", "94"):
                 control.inverse_time = code == "93"
-            if code in ("43", "49"):
+            if code in ("43", self.words.no_length):
                 control.length_on = code == "43"
             if code == "43.4":
                 control.centred = True
-            if code == "49":
+            if code == self.words.no_length:
                 control.centred = False
             if re.fullmatch(self.words.datum, code):
                 control.switch(block.line, "datum")
-            elif SETTINGS.fullmatch(code):
+            elif SETTINGS.fullmatch(code) or re.fullmatch(self.words.known, code):
                 control.switch(block.line, f"G{code}")
-            elif code not in ("0", "1", "2", "3", "4", "28", "30", "53", "75", "153"):
+            elif code not in ("0", "1", "2", "3", "4", "28", "30", "75", *self.words.machine):
                 control.fault(block.line, f"the checker does not know G{code}")
         for name in block.names:
             if name in ("TRAORI", "TRAFOOF"):
@@ -196,7 +196,7 @@ class GCode:
                 )
             control.retract(block.line, dict.fromkeys(block.axes, 0.0))
             return
-        if set(block.g) & {"53", "153"} or "SUPA" in block.names:
+        if {*block.g, *block.names} & {*self.words.machine}:
             if self.motion != "0":
                 control.fault(block.line, "machine coordinates at a feed are not expected")
             control.retract(block.line, block.axes)
