@@ -161,7 +161,7 @@ def _finding(
     others = " and ".join(rival for rival, _ in test.each)
     return replace(
         draft, test=test, next_test=folder_of(effect.key, test) if test.useful else None,
-        says=f"{says} To tell it from {others}: {test.says}.",
+        says=f"{says} To separate it from {others}: {test.says}.",
     )  # fmt: skip
 
 

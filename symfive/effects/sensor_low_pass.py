@@ -33,6 +33,7 @@ class SensorLowPass(Effect):
     stage = "recording"
     says = "low-pass filter of the instrument"
     hidden_by = "latency and servo mismatch at slow motion"
+    action = "switch the filter of the instrument off, or measure at a lower feed; the machine needs no repair"
     coordinate = "time"
     reported_as = "latency"
     dynamic_only = True

@@ -25,7 +25,7 @@ def identification_text(identification: Identification) -> str:
     ]
     unit = identification.unit
     lines.append(
-        f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} to the declared "
+        f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} against the declared "
         f"noise ({expected_ratio(identification.dof)}), rank {identification.rank}"
     )
     worth = worth_text(location_worths(identification))

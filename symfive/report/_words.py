@@ -54,12 +54,12 @@ def _fit(identification: Identification) -> str:
     much = f"χ²/dof {ratio:.3g} against the declared noise ({expected_ratio(identification.dof)})"
     return {
         "yes": f"The model explains the readings down to the declared noise: {left}{much}.",
-        "better": f"The model explains the readings, and better than the declared noise would allow: {left}{much}; "
+        "better": f"The residuals are smaller than the declared noise: {left}{much}; "
                   "the declared noise is probably too large.",
         "nearly": f"The model explains the readings almost down to the declared noise: {left}{much}, a small but "
                   "significant excess.",
         "no": f"The model does not explain the readings down to the declared noise: {left}{much}. Either "
-              "something is missing from the model or the noise is larger than declared; “symfive diagnose” finds out.",
+              "an effect is missing from the model, or the noise is larger than declared; “symfive diagnose” tells which.",
         "unknown": "There are too few readings to judge the fit.",
     }[fits(identification)]  # fmt: skip
 
@@ -72,8 +72,8 @@ def _noise(identification: Identification) -> list[str]:
     share, tau = f"{most.coloured / most.declared:.2g}", f"{most.time_constant:.2g}"
     unit = "s" if identification.model.campaign.run(run).has_clock else "rows"
     return [f"Part of the residual is slow (up to {share} times the declared noise, over about {tau} {unit}): drift, or an "
-            "effect of the axis positions. The uncertainties below treat it as noise; “symfive diagnose” "
-            "finds out whether it is."]  # fmt: skip
+            "effect of the axis positions. The uncertainties below treat it as noise; run “symfive diagnose” to find out "
+            "whether it is."]  # fmt: skip
 
 
 def _knowledge(identification: Identification) -> str:
