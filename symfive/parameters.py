@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["LEARNT", "UNIT_SCALE", "Parameter"]
+__all__ = ["DETERMINED", "UNIT_SCALE", "Parameter"]
 
 UNIT_SCALE = {
     "um": 1e-3, "urad": 1e-6, "mm": 1.0, "deg": math.pi / 180.0, "rad": 1.0, "s": 1.0, "ms": 1e-3, "ppm": 1e-6,
@@ -14,7 +14,7 @@ UNIT_SCALE = {
 }  # fmt: skip
 """Internal value (mm, rad, s) = scale × value in the file unit; units not listed are the same inside."""
 
-LEARNT = 2.0**-0.5
+DETERMINED = 2.0**-0.5
 """A parameter counts as learnt from the data where its 1σ fell below this share of its prior 1σ."""
 
 

@@ -36,7 +36,7 @@ def test_clean_campaigns_stay_clean(name):
     assert not result.mismatch
     assert result.findings == ()
     assert result.p_value > 0.01
-    assert "noise" in result.letter
+    assert "noise" in result.summary
 
 
 def test_a_pair_that_the_geometry_conceals_is_named_with_its_magnitudes(sag_and_drift):
@@ -62,7 +62,7 @@ def test_the_fit_improves_on_data_that_were_left_out(sag_and_drift):
 def test_the_letter_says_how_the_geometry_moved(sag_and_drift):
     moved = {name for finding in sag_and_drift.findings for name in finding.moved}
     assert moved & set(sag_and_drift.before.model.index)
-    assert "→" in sag_and_drift.letter and "µm" in sag_and_drift.letter
+    assert "→" in sag_and_drift.summary and "µm" in sag_and_drift.summary
     data = json.loads(json.dumps(sag_and_drift.to_data(), allow_nan=False))
     assert data["schema"] == "symfive.diagnosis/1" and data["mismatch"] is True
     assert {"effect", "axis", "confidence", "where", "parameters", "rivals", "says"} <= set(data["findings"][0])

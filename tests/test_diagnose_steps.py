@@ -1,4 +1,4 @@
-"""The steps of a diagnosis, each by itself: detect, locate, explore, polish, decide, amend, prove."""
+"""The steps of a diagnosis, each by itself: detect, locate, explore, polish, decide, amend, cross-validate."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import (
     amend,
+    cross_validated,
     detect,
     diagnose,
     facts_of,
@@ -22,7 +23,6 @@ from symfive.diagnose import (
     next_test,
     partitions,
     possible_tests,
-    prove,
 )
 from symfive.effects import Form, make_effect
 from symfive.identify import identify
@@ -82,7 +82,7 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     assert amended["gravity_sag.B.EZB.one_minus_cos"] == pytest.approx(7.0, rel=0.1)
     assert amended.chi2_dof < 1.05 < detection.fit.chi2_dof
     assert set(moved(detection.fit, amended)) <= {p.name for p in detection.fit.parameters}
-    fit = prove(detection.fit, amended)
+    fit = cross_validated(detection.fit, amended)
     assert fit.heldout_rms_after_um < 0.4 * fit.heldout_rms_before_um
     assert fit.heldout_by["place"][1] < fit.heldout_by["place"][0]
 

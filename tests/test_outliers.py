@@ -211,7 +211,7 @@ def test_a_diagnosis_counts_all_readings_and_says_what_is_excluded(tmp_path: Pat
     count = len(found.after.outliers)
     assert 40 in {o.row for o in found.after.outliers} and count <= 3  # noise of 310 readings may add one or two
     said = f" → {count} of 310 (" if len(found.before.outliers) != count else f"Excluded outliers: {count} of 310 ("
-    assert said in " ".join(diagnosis_text(found).split()) and said in found.letter
+    assert said in " ".join(diagnosis_text(found).split()) and said in found.summary
     diagnosis_report(found, tmp_path)
     assert said in (tmp_path / "report.html").read_text(encoding="utf-8")
     data = json.loads(json.dumps(found.to_data()))

@@ -36,7 +36,7 @@ EXPLAINED = 1.1
 SHOWN_SHARE = 0.01
 """Geometry and set-up that explain less, beside the findings, are not mentioned."""
 WIDTH, HARD_SPACE = 100, "\u00a0"
-"""Longest line of the letter; a space at which none ends."""
+"""Longest line of the text; a space at which none ends."""
 
 
 @dataclass(frozen=True)
@@ -273,15 +273,15 @@ class Diagnosis(OnScreen):
                 for o in self.observability
             ],
             "classes": [list(c) for c in self.classes],
-            "says": self.letter,
+            "says": self.summary,
         }
 
     @property
-    def letter(self) -> str:
-        """The verdict in plain words, a sentence a finding."""
-        return self._warned(" ".join([self._letter(), *self.excluded, *self.proof]))
+    def summary(self) -> str:
+        """The verdict in words, one sentence per finding."""
+        return self._warned(" ".join([self._summary(), *self.excluded, *self.proof]))
 
-    def _letter(self) -> str:
+    def _summary(self) -> str:
         if self.mismatch:
             return " ".join([*(f.says for f in self.findings), *self.doubts])
         left, ratio = plain_number(self.fit.rms_after_um, self.after.unit), plain_number(self.noise_ratio)
