@@ -35,7 +35,7 @@ STARTS_S = 0.5
 
 
 def can_probe(dialect: str, post: Post) -> None:
-    """Raises `InputError` where a control cannot probe as the user decided."""
+    """Check that a control can probe with the user's choices; otherwise raises `InputError`."""
     cycle = CYCLES[dialect]
     if post.centred and not cycle.centred:
         problem = f"{dialect}: under tool-centre control the touches are not stored as positions of the axes"
