@@ -126,5 +126,5 @@ def setup_table(identification: Identification) -> Markup:
     rows: list[list[str | Cell]] = []
     for run, found in entries.items():
         rows.append([run, *(found.get(quantity, Cell("–", math.nan)) for quantity in units)])
-    heads = ["run", *(f"{quantity.replace('_', ' ')} / {unit}" for quantity, unit in units.items())]
+    heads = ["run", *(f"{quantity.replace('_', ' ').replace('.', ' ')} / {unit}" for quantity, unit in units.items())]
     return table("Set-up of each run: value ± 1σ (* no better than the prior)", heads, rows)
