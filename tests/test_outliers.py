@@ -225,7 +225,7 @@ def test_every_rms_counts_all_readings() -> None:
     assert found.rms_kept["um"] == pytest.approx(float(np.sqrt(np.mean(kept**2))), rel=1e-12)
     assert found.to_data()["rms"]["um"] == found.rms_um > found.to_data()["rms_kept"]["um"]
     said = "Excluded outliers: 1 of 310 readings (0.323 %); without them rms "
-    assert said in str(found) and said in identification_text(found)
+    assert said in str(found) and said in " ".join(identification_text(found).split())
     predicted = predict(fitted_model(found), campaign(deviations))
     last = predicted.campaign.run("cycle-3").readings["X_dev_um"] - deviations[2]
     assert predicted.rms["cycle-3"] == pytest.approx(float(np.sqrt(np.mean(last**2))), rel=1e-9)
@@ -243,7 +243,7 @@ def test_a_diagnosis_counts_all_readings_and_says_what_is_excluded(tmp_path: Pat
     count = len(found.after.outliers)
     assert 40 in {o.row for o in found.after.outliers} and count <= 3  # noise of 310 readings may add one or two
     said = f" → {count} of 310 (" if len(found.before.outliers) != count else f"Excluded outliers: {count} of 310 ("
-    assert said in " ".join(diagnosis_text(found).split()) and said in found.letter
+    assert said in " ".join(diagnosis_text(found).split()) and said in found.summary
     diagnosis_report(found, tmp_path)
     assert said in (tmp_path / "report.html").read_text(encoding="utf-8")
     data = json.loads(json.dumps(found.to_data()))

@@ -165,7 +165,7 @@ def dialects_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
-    """A campaign, its notes told; `measured`: raises `InputError` where a run has no readings."""
+    """A campaign, its notes printed; `measured`: raises `InputError` where a run has no readings."""
     from symfive.errors import InputError
     from symfive.given import campaign_given
 

@@ -43,6 +43,9 @@ class Effect:
     effects of one kind and axis apart. A field `component` (`EYX`, `EA0C`) is the error to which it adds.
     `spread` multiplies the prior 1σ of its amplitudes.
 
+    `says` what it does, `hidden_by` what absorbs it and `action` what a service engineer does about it are sentences of the
+    report, without a capital and a full stop.
+
     At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
     usual size. Its amplitudes are the parameters whose prior mean is 0; or all of them where it `departs` from what
     is set on the machine. What acts `over_time` is not seen in runs whose clock was not recorded.
@@ -52,6 +55,7 @@ class Effect:
     stage: ClassVar[str] = "structure"
     says: ClassVar[str] = ""
     hidden_by: ClassVar[str] = ""
+    action: ClassVar[str] = ""
     reported_as: ClassVar[str] = ""
     needs_axis: ClassVar[bool] = False
     dynamic_only: ClassVar[bool] = False

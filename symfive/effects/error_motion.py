@@ -51,6 +51,7 @@ class ErrorMotion(Effect):
     hidden_by = (
         "others with the same readings on one circle (straightness, pitch); a second place or height separates them"
     )
+    action = "enter it in the error table of the axis; if it exceeds the tolerance, check guideway or bearing"
     coordinate = "{axis}"
     component: str
     basis: str | tuple[str, ...] = "fourier"

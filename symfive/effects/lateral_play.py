@@ -33,6 +33,7 @@ class LateralPlay(Effect):
     id = "lateral_play"
     says = "the carriage moves sideways when it reverses"
     hidden_by = "radius and scale (99 % of it) where circles run in one direction only"
+    action = "adjust the gibs or the preload of the guideway"
     coordinate = "{axis} velocity sign"
     component: str
     shape: str = "step"

@@ -31,6 +31,7 @@ class LocationError(Effect):
     id = "location_error"
     says = "a location error missing from the machine file"
     hidden_by = "set-up errors and the instrument's zero where poses are few"
+    action = "enter it in the control (symfive codegen), or align the axis"
     coordinate = "pose"
     component: str
     drift: bool = False

@@ -41,10 +41,13 @@ KINDS = {kind: (name, units) for name, found in INSTRUMENTS.items() for kind, *u
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What no table of readings says. `centre` mm of the table ball in the workpiece frame, `tool_ball` mm in the tool frame,
-    `radius` mm of the circle (the bar's length), `feed` mm/min, `hold` positions of axes without a column, `axis` of a
-    positioning test, `noise_um` 1σ of a reading; `fitted` where the software removed centre and mean radius; `direction`
-    `ccw` or `cw` where the angles do not run as the circle did."""
+    """What a table of readings does not contain.
+
+    `centre` mm of the table ball in the workpiece frame, `tool_ball` mm in the tool frame, `radius` mm of the circle (the
+    bar's length), `feed` mm/min, `hold` positions of axes without a column, `axis` of a positioning test, `noise_um` 1σ of a
+    reading; `fitted` where the software removed centre and mean radius; `direction` `ccw` or `cw` where the angles do not
+    run as the circle did.
+    """
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tool_ball: tuple[float, float, float] | None = None
@@ -60,7 +63,7 @@ class Setting:
 
 
 def runs_of(machine: Machine, columns: Columns, setting: Setting, id: str) -> list[Run]:
-    """The runs that a table's columns (name → (N, n) in mm, degree, s, N, Nm) make: one, or one a sense of a circle.
+    """The runs that a table's columns (name → (N, n) in mm, degree, s, N, Nm) make: one, or one per direction of a circle.
 
     Raises `InputError` saying what lacks.
     """

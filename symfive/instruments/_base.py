@@ -72,7 +72,7 @@ def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: Any) -
 
 
 def setup_vector(run: Run, name: str, sigma: float | tuple[float, float, float]) -> tuple[Parameter, ...]:
-    """Three of them, µm, of one `sigma` or one each; none where it is 0 (the coordinate is taken as exact)."""
+    """Three nuisance parameters of a run, µm, with one `sigma` or one each; none where it is 0 (exact)."""
     each = sigma if isinstance(sigma, tuple) else (sigma, sigma, sigma)
     return tuple(setup_parameter(run, f"{name}.{c}", "um", s) for c, s in zip("xyz", each, strict=True) if s)
 
