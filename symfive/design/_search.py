@@ -110,19 +110,20 @@ class Search:
             for direction in np.concatenate([np.eye(poses), -np.eye(poses), slanted]):
                 trial = z.copy()
                 trial[:, :poses] = np.clip(trial[:, :poses] + direction * step, low, high)
-                there = self._told(relaxed.pull, trial, k, group)
-                better = there > value
-                z[better], value[better] = trial[better], there[better]
+                better, there = self._better(relaxed.pull, trial, k, group, value)
+                z[better], value[better] = trial[better], there
             step = 0.5 * step
         fresh = self._distinct(z[:, :poses], value, group)
         z, k = z[fresh], k[fresh]
         return float(value.max()), Candidates(z, k, group[fresh], self.space.kernel.rows(z, k))
 
-    def _told(self, pull: Array, z: Array, k: Array, group: Indices) -> Array:
-        """⟨G, F⟩ of poses, -inf of those that cannot be reached."""
+    def _better(self, pull: Array, z: Array, k: Array, group: Indices, value: Array) -> tuple[Indices, Array]:
+        """Which poses can be reached and tell more than `value` (n,), and their ⟨G, F⟩."""
         rows = self.space.kernel.rows(z, k)
         told = sensitivity(pull, self.layout.embed(rows, group))
-        return np.where(self.space.feasible(z, k, rows), told, -np.inf)
+        more = np.flatnonzero(told > value)
+        more = more[self.space.feasible(z[more], k[more], rows[more])]
+        return more, told[more]
 
     def _distinct(self, poses: Array, value: Array, group: Indices, most: int = MOST_FRESH) -> Indices:
         """The best of every neighbourhood in a set-up, best first; none that cannot be reached."""
