@@ -128,12 +128,18 @@ class Search:
     def _distinct(self, poses: Array, value: Array, group: Indices, most: int = MOST_FRESH) -> Indices:
         """The best of every neighbourhood in a set-up, best first; none that cannot be reached."""
         place = poses / (self.space.upper - self.space.lower)[: self.space.poses]
-        place = np.concatenate([place, 1e3 * group[:, None]], axis=1)
-        left = np.argsort(value)[::-1][: np.count_nonzero(np.isfinite(value))]
-        found: list[int] = []
-        while len(left) and len(found) < most:
-            found.append(int(left[0]))
-            left = left[np.abs(place[left] - place[left[0]]).max(axis=1) >= NEAR]
+        by_first = np.argsort(place[:, 0], kind="stable")
+        first = place[by_first, 0]
+        low, high = (np.searchsorted(first, place[:, 0] + side * NEAR) for side in (-1.0, 1.0))
+        left, found = np.isfinite(value), list[int]()
+        for i in np.argsort(value)[::-1].tolist():
+            if len(found) == most:
+                break
+            if left[i]:
+                found.append(i)
+                beside = by_first[low[i] : high[i]]
+                apart = np.abs(place[beside] - place[i]).max(axis=1)
+                left[beside[(apart < NEAR) & (group[beside] == group[i])]] = False
         return np.array(found, dtype=np.int64)
 
 

@@ -8,7 +8,7 @@ the bodies themselves keep apart along it is tested only for the paths that are 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -39,8 +39,10 @@ NEIGHBOURS = 20
 """Edges of a node to the nearest others, in time."""
 BESIDE_DEG = 2.0
 """From so far beside it a pose is reached from the side that its row says."""
-Clear = Callable[[Positions, Positions], bool]
-"""Whether a straight seated move from one place to another is clear of everything."""
+Moves = Sequence[tuple[Positions, Positions]]
+"""Straight seated moves, each from one place to another."""
+Clear = Callable[[Moves], Sequence[bool]]
+"""Whether each of some of them is clear of everything."""
 LEAST_S = 0.1
 """Time of the shortest edge: a sparse graph has none of no length."""
 
@@ -78,20 +80,23 @@ class Seated:
         """Intermediate positions of the shortest move from one pose to another, () of a straight one, None where there is none.
 
         `sides` (R,) from which the rotary axes have to reach the pose, -1 or 1: a static row counts as approached from the side
-        of the rows before it. `clear` of a straight seated move decides finally; what it refuses is not tried again.
+        of the rows before it. `clear` of straight seated moves decides finally; what it refuses is not tried again.
         """
         while (path := self._path(first, last, sides)) is not None:
             legs = list(itertools.pairwise(path))
-            bad = [leg for leg in legs if clear is not None and not clear(*map(self._position, leg))]
+            fits = clear([(self._position(a), self._position(b)) for a, b in legs]) if clear else (True,) * len(legs)
+            bad = [leg for leg, fit in zip(legs, fits, strict=True) if not fit]
             if not bad:
                 return tuple(self._position(node) for node in path[1:-1])
             self._blocked |= {*bad, *((b, a) for a, b in bad)}
         return None
 
-    def straight_moves(self, order: Indices) -> list[tuple[Positions, Positions]]:
-        """Beginnings and ends of the moves between the poses of an order that may be straight."""
-        pairs = [(a, b) for a, b in itertools.pairwise(order.tolist()) if a != b and self.direct[a, b]]
-        return [(self._position(a), self._position(b)) for a, b in dict.fromkeys(pairs)]
+    def likely_moves(self, order: Indices, sides: Array) -> list[tuple[Positions, Positions]]:
+        """Beginnings and ends of the moves on the shortest paths between the rows of an order, come from `sides` (rows, R)."""
+        rows = [i for i in range(1, len(order)) if order[i] != order[i - 1]]
+        paths = [self._path(int(order[i - 1]), int(order[i]), sides[i]) for i in rows]
+        legs = dict.fromkeys(leg for path in paths if path for leg in itertools.pairwise(path))
+        return [(self._position(a), self._position(b)) for a, b in legs]
 
     def reached_from(self, pose: int, z: Array) -> NDArray[np.bool_]:
         """Whether the straight moves from a pose to other rows (m, nz) of the set-up keep all limits (m,)."""

@@ -30,6 +30,8 @@ FIRST_TRUST, LARGEST_TRUST = 0.1, 0.3
 """rad."""
 LEAST_BEND = 1e-3
 """Curvature, of φ over its largest value per rad², that a step is reckoned with where there is less."""
+ROUNDING = 1e-15
+"""Share of the largest eigenvalue of G below which one is rounding."""
 RESTORED = 8
 INSIDE = 1e-9
 """How far inside the limits (in 100 mm) the last step leads."""
@@ -89,7 +91,8 @@ class Told:
 def told_of(space: Space, layout: Layout, pull: Array, setup: Array, k: Array, g: int) -> Told:
     """φ in the set-up of run `g` for G = `pull`."""
     values, vectors = np.linalg.eigh(pull)
-    half = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    some = values > ROUNDING * values[-1]
+    half = (vectors[:, some] * np.sqrt(values[some])).T
     first = layout.shared + g * layout.own
     columns = np.concatenate([np.arange(layout.shared), np.arange(first, first + layout.own)])
     return Told(space, half[:, columns], setup, k)
@@ -120,6 +123,8 @@ def _ascended(told: Told, poses: Array, top: float, penalty: float, steps: int) 
     merit, violated = less_penalty(poses)
     live = np.arange(len(poses))
     for _ in range(steps):
+        if not live.size:
+            break
         here, outside = poses[live], violated[live]
         _, slope, bent = told.taylor(here)
         slope, bent = slope / top, bent / top

@@ -13,7 +13,7 @@ from symfive.machine import Machine
 from symfive.procedures import Nominal, home
 
 __all__ = [
-    "Positions", "Way", "at_the_top", "lifts", "out_to_the_top", "over_the_top", "top_of", "turned_home", "upright_axis",
+    "Positions", "Way", "at_the_top", "lifts", "one_by_one", "out_to_the_top", "over_the_top", "top_of", "turned_home", "upright_axis",
     "usual_lift",
 ]  # fmt: skip
 
