@@ -3,6 +3,7 @@
 A probabilistic roadmap (L. E. Kavraki et al. 1996) of one set-up: its nodes are the run's poses and positions of a grid, its
 edges straight seated moves that keep all limits at some positions in between. The shortest path in time joins two poses; whether
 the bodies themselves keep apart along it is tested only for the paths that are used (lazily, R. Bohlin & L. E. Kavraki 2000).
+Sparse graphs are imported when a move is bent: most plans with an R-test have none.
 """
 
 from __future__ import annotations
@@ -15,8 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from symfive.design._candidates import pose_grid
 from symfive.design._order import move_times
@@ -74,6 +73,8 @@ class Seated:
             return np.where(self.direct, 0.0, np.inf)
         if self.direct.all():
             return self.straight
+        from scipy.sparse.csgraph import dijkstra
+
         return np.asarray(dijkstra(self._graph, indices=range(self.count))[:, : self.count])
 
     def via(self, first: int, last: int, sides: Array, clear: Clear | None = None) -> Way | None:
@@ -109,6 +110,8 @@ class Seated:
             return [first, last]
         if not self.follows:
             return None
+        from scipy.sparse.csgraph import dijkstra
+
         graph = self._graph.copy()
         if self._blocked:
             a, b = np.array(list(self._blocked)).T
@@ -164,6 +167,8 @@ class Seated:
     @cached_property
     def _graph(self) -> Any:
         """Times of the edges, sparse (N, N)."""
+        from scipy.sparse import csr_array
+
         z, k = self._nodes
         times = move_times(self.space.machine, self._commands)
         order = np.argsort(times + np.diag(np.full(len(z), np.inf)), axis=1)[:, :NEIGHBOURS]
