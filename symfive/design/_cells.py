@@ -222,7 +222,7 @@ def _share(order: Order, half: Array) -> float:
 
 def _least_third(order: Order, fifth: Mapping[Order, float], half: Array) -> float:
     """What the fifth derivatives add to the bound of a third one in first cells."""
-    each = enumerate(half.tolist())
+    each: list[tuple[int, float]] = list(enumerate(half.tolist()))
     return sum(fifth[_raised(order, i, j)] * a * b / 2.0 for (i, a), (j, b) in itertools.product(each, repeat=2))
 
 

@@ -95,9 +95,7 @@ class _Setup(Told):
         mixed = mixed[left]
         bent = self.limit_curvature(cells.centres[mixed], np.eye(len(kinked))[deepest])
         third = lever * moved[mixed] ** 2 / 6.0 * cells.halves[mixed]
-        cut = Cut.nothing(n, d).with_rows(
-            mixed, Cut(part[left, deepest], slopes[left, :, deepest], bent, third)
-        )
+        cut = Cut.nothing(n, d).with_rows(mixed, Cut(part[left, deepest], slopes[left, :, deepest], bent, third))
         near[mixed] = cut.take(mixed).most(cells.halves[mixed]) >= 0.0
         return _Reached(near, np.all(limits >= -1e-9, axis=1), cut.take(near))
 

@@ -189,7 +189,9 @@ def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, sha
     on the shorter arc, as the program drives."""
     a, b = z[first], z[last]
     arcs = _Arcs.between(bars_of(space, a), bars_of(space, b)) if space.instrument == "ball_bar" else None
-    live = np.arange(len(first))  # the first limit that is left settles a move: few places far apart are looked at first
+    live = np.arange(
+        len(first)
+    )  # the first limit that is left settles a move: few places far apart are looked at first
     for share in np.concatenate([shares[2::5], np.delete(shares, np.s_[2::5])]):
         there = a[live] + share * (b[live] - a[live])
         if arcs is not None:

@@ -104,9 +104,7 @@ class Spectrum:
 
     def bases(self, grids: Sequence[Array], most: int) -> list[Array]:
         """Of every angle the derivatives up to the order `most` of its basis functions on its grid: (most + 1, size, points)."""
-        return [
-            np.stack([a.matrix(q, m).T for m in range(most + 1)]) for a, q in zip(self.angles, grids, strict=True)
-        ]
+        return [np.stack([a.matrix(q, m).T for m in range(most + 1)]) for a, q in zip(self.angles, grids, strict=True)]
 
     def derivatives(self, bases: Sequence[Array], least: int, most: int) -> Iterator[tuple[Order, Array]]:
         """All derivatives of the total orders `least` to `most` on a grid: their orders in each angle, and values, one axis per

@@ -40,8 +40,8 @@ from symfive.outputs import write_text
 __all__ = [
     "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able",
     "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "one_by_one", "out_to_the_top",
-    "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home", "upright_axis",
-    "which_point", "write_programs",
+    "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home",
+    "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
