@@ -37,7 +37,7 @@ PROOF = 0.5
 LEAST_WEIGHT = 0.01
 WEAK = 0.9
 """Efficiency below which a plan says why."""
-PROOFS = 3
+PROOFS = 6
 """How often at most a bound is proved. Each proof may meet poses that the search has missed; they join the relaxed design."""
 SEARCHED = (
     f"a search from {COARSE} quasi-random poses, edges and corners, refined from the best and from the relaxed design's own: "

@@ -183,12 +183,13 @@ def _of_log_det(whole: Array, information: Array) -> tuple[Array, Array]:
 
 
 def marginal_sensitivity(
-    pull: Array, rows: Array, prior: Array, points: float, steps: int = INNER
-) -> tuple[float, float, Array]:
+    pull: Array, rows: Array, prior: Array, points: float, steps: int = INNER, enough: tuple[float, float] = (-math.inf, 0.0)
+) -> tuple[float, float, Array]:  # fmt: skip
     """The poses of one set-up that tell most about G = `pull` (shared, shared), the set-up's own errors marginalised.
 
     Returns the largest |(J + Jₒ B)ᵀ G^½|² over the poses and tr(G Bᵀ Pₒ B) at the best matrix B found (see `_anywhere`), and
-    the weights (n,) of the poses; `rows` (n, shared + own, ny), `prior` (own, own) information about the set-up.
+    the weights (n,) of the poses; `rows` (n, shared + own, ny), `prior` (own, own) information about the set-up. Once neither
+    number is above `enough` no better B is sought.
     """
     p = len(pull)
     weights = np.full(len(rows), points / len(rows))
@@ -208,6 +209,8 @@ def marginal_sensitivity(
         fixed = float(np.sum(B * (prior @ B)))
         if points * gain.max() + fixed < points * best[0] + best[1]:
             best = (float(gain.max()), fixed, weights)
+            if best[0] <= enough[0] and fixed <= enough[1]:
+                break
         weights = weights * np.sqrt(np.maximum(gain, 1e-300))
         weights = weights * points / weights.sum()
     return best[0], best[1], weights

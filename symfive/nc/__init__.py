@@ -13,7 +13,18 @@ from symfive.nc._base import Dialect, Step, render
 from symfive.nc._pace import CAUTION, able, pace
 from symfive.nc._post import Post, worded
 from symfive.nc._probing import cycle_of, probing_steps
-from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
+from symfive.nc._route import (
+    Positions,
+    Way,
+    at_the_top,
+    lifts,
+    one_by_one,
+    out_to_the_top,
+    over_the_top,
+    top_of,
+    turned_home,
+    upright_axis,
+)
 from symfive.nc._seat import Seat
 from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
 from symfive.nc._touch import Probing, touch_reach
@@ -27,9 +38,9 @@ from symfive.outputs import write_text
 
 __all__ = [
     "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able",
-    "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "outside_s",
-    "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home", "upright_axis",
-    "which_point", "write_programs",
+    "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "one_by_one", "out_to_the_top",
+    "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home",
+    "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
