@@ -259,6 +259,12 @@ def test_what_is_more_general_than_laws_is_asked_after_them() -> None:
         {term.effect.key for term in moments_about(here, replace(stated, vary=vary)).terms} for vary in (False, True)
     )
     assert general and not general & first and general <= later
+    moments = moments_about(here, stated)  # which may hold more than a search of laws asks for
+    of_laws, of_all = (
+        {moments.terms[t].form.general for subset in explore(moments, general=asked).mass for t, _ in subset}
+        for asked in (False, True)
+    )
+    assert of_laws == {False} and of_all == {False, True}
 
 
 def test_a_circle_without_play_is_clean() -> None:

@@ -107,6 +107,7 @@ class Posterior:
 @dataclass
 class _Search:
     moments: Moments
+    general: bool
     mass: dict[Subset, float] = field(default_factory=dict)
     blocks: dict[Subset, Blocks] = field(default_factory=dict)
     swept: dict[Subset, tuple[list[int], list[float], Array]] = field(default_factory=dict)
@@ -126,7 +127,7 @@ class _Search:
             full = sum(not term.needs for term in held) >= MOST
             free = [
                 k for k, term in enumerate(terms)
-                if k >= self.moments.held and (term.needs or not full)
+                if k >= self.moments.held and (term.needs or not full) and (self.general or not term.form.general)
                 and complete([*held, term]) and not any(term.excludes(h) for h in held)
             ]  # fmt: skip
             prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
@@ -185,9 +186,10 @@ def weighed(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     return float(np.logaddexp(plain.total, other) - np.log(2.0)), blocks if other > plain.total else ()
 
 
-def explore(moments: Moments, start: Sequence[int] = ()) -> Posterior:
-    """Beam search from a set of terms (numbers) that are held by the fit, and from nothing."""
-    search, done = _Search(moments), set[Subset]()
+def explore(moments: Moments, start: Sequence[int] = (), general: bool = True) -> Posterior:
+    """Beam search from a set of terms (numbers) that are held by the fit, and from nothing; without `general` no term joins that
+    is more general than laws."""
+    search, done = _Search(moments, general), set[Subset]()
     search.see(())
     search.see((t, nearest_width(moments.terms[t].effect.spread)) for t in start)
     while True:
