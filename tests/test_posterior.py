@@ -24,6 +24,7 @@ from symfive.posterior import (
     WIDTHS,
     Expansion,
     Moments,
+    Sweep,
     baseline,
     candidates,
     explore,
@@ -32,7 +33,6 @@ from symfive.posterior import (
     moments_about,
     moments_of,
     nodes_of,
-    sweep,
 )
 
 NOISE = 0.3
@@ -197,7 +197,7 @@ def log_evidence_at_unit_scale(moments: Moments, number: int) -> float:
 def test_sweep_is_the_direct_evidence(moments: Moments, members: tuple[tuple[int, float], ...]) -> None:
     chosen = [k for k in range(len(moments.terms)) if k not in {t for t, _ in members}]
     for width in WIDTHS:
-        swept, _ = sweep(moments, members, chosen, [width] * len(chosen))
+        swept, _ = Sweep.of(moments, members).joined(chosen, [width] * len(chosen))
         for k in chosen[::5]:
             direct = log_evidence(moments, [*members, (k, width)]).total
             assert swept[chosen.index(k)] == pytest.approx(direct, abs=1e-3)

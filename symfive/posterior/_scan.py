@@ -23,8 +23,8 @@ from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import whiten
 from symfive.model import Model
-from symfive.posterior._evidence import WIDTHS
 from symfive.posterior._noise import Node
+from symfive.posterior._sweep import WIDTHS
 from symfive.posterior._tangents import Channel, probes, tangent
 
 __all__ = ["placed"]
