@@ -427,8 +427,9 @@ def test_a_cycle_over_time_is_predicted_though_it_has_no_name(tmp_path):
 
 
 LACKING = [
-    ("B since reversal", ("lateral_play", "setup_shift", "gravity_sag"),
-     {"effect": "lateral_play", "component": "EZB", "width": 8.0, "form": "presliding", "distance": 30.0}),
+    pytest.param("B since reversal", ("lateral_play", "setup_shift", "gravity_sag"),
+     {"effect": "lateral_play", "component": "EZB", "width": 8.0, "form": "presliding", "distance": 30.0},
+     marks=pytest.mark.slow),
     pytest.param("B since reversal", ("lateral_play", "setup_shift", "gravity_sag"),
      {"effect": "lateral_play", "component": "EAB", "width": 60.0, "form": "presliding", "distance": 30.0},
      marks=[pytest.mark.slow, wrong("two names beside it")]),

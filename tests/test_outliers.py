@@ -156,6 +156,38 @@ def test_what_comes_back_on_one_of_two_ways_is_the_way_s() -> None:
     assert {(o.run, o.row) for o in found.outliers} <= {("cycle-5", 12)}
 
 
+def jagged(cycles: int = 5, seed: int = 1) -> list[np.ndarray]:
+    """A pitch error that no straight line knows, 20 µm and 60 times the noise, another one on the way back."""
+    rng = np.random.default_rng(seed)
+    table = 20.0 * rng.standard_normal(2 * len(TARGETS))
+    return [table + 3.0 * k + NOISE_UM * rng.standard_normal(len(table)) for k in range(cycles)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_one_of_five_cycles_shows_alone_is_seen_under_a_far_larger_mismatch(seed: int) -> None:
+    deviations = jagged(seed=seed)
+    assert baseline(campaign(deviations)).outliers == identify(campaign(deviations)).outliers == ()
+    deviations[0][[1, 30]] += [8.0, -5.0]
+    for found in (baseline(campaign(deviations)), identify(campaign(deviations))):
+        assert [(o.run, o.row, np.sign(o.sigmas)) for o in found.outliers] == [
+            ("cycle-1", 1, 1.0),
+            ("cycle-1", 30, -1.0),
+        ]
+
+
+def test_of_two_cycles_none_is_the_odd_one() -> None:
+    deviations = jagged(cycles=2)
+    deviations[0][1] += 8.0
+    assert baseline(campaign(deviations)).outliers == ()
+
+
+def test_a_drift_that_dies_away_is_no_outlier_of_the_first_cycle() -> None:
+    deviations = jagged()
+    time = np.arange(5.0 * len(deviations[0]))
+    warmed = [d + part for d, part in zip(deviations, np.split(15.0 * np.exp(-time / 40.0), 5), strict=True)]
+    assert baseline(campaign(warmed)).outliers == ()
+
+
 def test_another_instrument_s_reading_of_a_pose_is_no_repeat() -> None:
     """One cycle with the dent, four at another height of the laser's beam without it."""
     flat = [d - 9.0 * (np.arange(len(d)) == 12) for d in positioning()[1:]]

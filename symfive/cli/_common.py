@@ -120,7 +120,7 @@ output_path = click.option("-o", "--output", type=PATH, required=True, help="The
 dialects = click.option(
     "--nc",
     multiple=True,
-    help="Dialect of the NC programs: iso (default), siemens, heidenhain or linuxcnc; may be repeated.",
+    help="Dialect of the NC programs: iso (default), siemens, heidenhain, linuxcnc …; may be repeated.",
 )
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors and the result.")

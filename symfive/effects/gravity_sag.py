@@ -58,11 +58,6 @@ class GravitySag(Effect):
     parts: tuple[str, ...] = PARTS[:2]
     down: tuple[float, float, float] = DOWN
 
-    @property
-    def key(self) -> str:
-        """`gravity_sag.B.EZB`."""
-        return self._key(self.axis, self.component)
-
     def prepare(self, campaign: Campaign) -> Self:
         super().prepare(campaign)
         machine = campaign.machine

@@ -10,10 +10,9 @@ from symfive.campaign import Campaign, Run
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
-from symfive.nc._cycles import CYCLES
 from symfive.nc._pace import CAUTION, able, pace
 from symfive.nc._post import Post, worded
-from symfive.nc._probing import can_probe, probing_steps
+from symfive.nc._probing import cycle_of, probing_steps
 from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
 from symfive.nc._seat import Seat
 from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
@@ -43,6 +42,11 @@ def dialect_of(name: str) -> Dialect:
     return DIALECTS[name]
 
 
+def can_probe(dialect: str, post: Post) -> None:
+    """Raises `InputError` where a control cannot probe as the user decided."""
+    cycle_of(dialect_of(dialect), post)
+
+
 def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], post: Post, number: int = 1) -> str:
     head = (
         f"symfive for {dialect.name}, {dialect.verified}, read it and run it {'' if run.dynamic else 'slowly '}in air first",
@@ -70,7 +74,7 @@ def _written(
     if "touch_probe" not in run.instrument:
         return _text(machine, run, dialect, program_steps(machine, run, post), post, number)
     steps = probing_steps(machine, run, dialect, post, probing)
-    return _text(machine, run, CYCLES[dialect.name].prepared(dialect, post), steps, post, number)
+    return _text(machine, run, cycle_of(dialect, post).prepared(dialect, post), steps, post, number)
 
 
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None, probing: Probing | None = None) -> str:
@@ -97,7 +101,7 @@ def write_programs(
             name, steps = "+".join(r.id for r in runs), series_steps(machine, runs, own)
             files[f"{name}{dialect.suffix}"] = _text(machine, runs[0], dialect, steps, own, next(numbers))
         if any("touch_probe" in run.instrument for run in campaign.runs):
-            files |= CYCLES[dialect.name].beside
+            files |= cycle_of(dialect, own).beside
         for name, text in files.items():
             write_text(path := Path(folder) / dialect.name / name, text)
             written.append(path)
