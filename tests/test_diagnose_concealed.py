@@ -414,7 +414,6 @@ def test_a_small_cycle_is_not_taken_for_slow_noise(tmp_path):
 
 
 @pytest.mark.slow
-@wrong("four unidentified effects in the place of one cycle")
 def test_a_cycle_over_time_is_predicted_though_it_has_no_name(tmp_path):
     machine = plant.static_table()
     cycle = {

@@ -24,6 +24,7 @@ from symfive.posterior import (
     WIDTHS,
     Expansion,
     Moments,
+    Sweep,
     baseline,
     candidates,
     explore,
@@ -32,7 +33,6 @@ from symfive.posterior import (
     moments_about,
     moments_of,
     nodes_of,
-    sweep,
 )
 
 NOISE = 0.3
@@ -197,7 +197,7 @@ def log_evidence_at_unit_scale(moments: Moments, number: int) -> float:
 def test_sweep_is_the_direct_evidence(moments: Moments, members: tuple[tuple[int, float], ...]) -> None:
     chosen = [k for k in range(len(moments.terms)) if k not in {t for t, _ in members}]
     for width in WIDTHS:
-        swept, _ = sweep(moments, members, chosen, [width] * len(chosen))
+        swept, _ = Sweep.of(moments, members).joined(chosen, [width] * len(chosen))
         for k in chosen[::5]:
             direct = log_evidence(moments, [*members, (k, width)]).total
             assert swept[chosen.index(k)] == pytest.approx(direct, abs=1e-3)
@@ -259,6 +259,12 @@ def test_what_is_more_general_than_laws_is_asked_after_them() -> None:
         {term.effect.key for term in moments_about(here, replace(stated, vary=vary)).terms} for vary in (False, True)
     )
     assert general and not general & first and general <= later
+    moments = moments_about(here, stated)  # which may hold more than a search of laws asks for
+    of_laws, of_all = (
+        {moments.terms[t].form.general for subset in explore(moments, general=asked).mass for t, _ in subset}
+        for asked in (False, True)
+    )
+    assert of_laws == {False} and of_all == {False, True}
 
 
 def test_a_circle_without_play_is_clean() -> None:

@@ -23,13 +23,13 @@ from symfive.posterior import (
     WIDTHS,
     Moments,
     Subset,
+    Sweep,
     candidates,
     expanded,
     foretold,
     log_evidence,
     moments_about,
     nearest_width,
-    sweep,
     widths_of,
 )  # fmt: skip
 from symfive.screen import OnScreen, listed
@@ -211,9 +211,10 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
         return ()
     nothing = log_evidence(moments, beside).total
     usual = [WIDTHS[0]] * len(free)
-    first, sizes = sweep(moments, beside, free, usual)
+    swept = Sweep.of(moments, beside)
+    first, sizes = swept.joined(free, usual)
     widths = [nearest_width(size, widths_of(moments, t)) for t, size in zip(free, sizes, strict=True)]
-    second, _ = sweep(moments, beside, free, widths)
+    second, _ = swept.joined(free, widths)
     looks = float(np.log(2 * len(free)))
     best: dict[tuple[str, str | None], tuple[float, int, float]] = {}
     for t, plain, wide, width in zip(free, first, second, widths, strict=True):

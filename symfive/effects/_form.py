@@ -34,7 +34,7 @@ class Form:
 
     `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
     the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
-    prior 1σ `sigma`. `general`: every law over one of its coordinates is a case of it, so these are asked first.
+    prior 1σ `sigma`. `general`: every law over one of its coordinates is nearly a case of it, so these are asked first.
     """
 
     effect: Effect

@@ -165,7 +165,7 @@ class Unknown(Effect):
             cycle = cls(
                 over=("t",), basis="fourier", order=HARMONICS, period=1.0 / frequency, period_sigma=sigma, tag="cycle"
             )
-            return Form(effect=cycle, places=places)
+            return Form(effect=cycle, places=places, general=True)
 
         yield Tone(
             channel=TOOL, coordinate=lambda run: run.start_s + np.asarray(run.time), lowest=lowest, highest=highest,

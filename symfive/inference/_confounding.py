@@ -64,16 +64,17 @@ def confounded_combinations(matrix: Array, parameters: Sequence[Parameter]) -> t
     weak = values < 1.0
     if not weak.any():
         return ()
-    basis = vectors[:, weak].T
+    basis, scaled = vectors[:, weak].T, matrix * np.outer(sigma, sigma)
     machine_first = np.array([p.kind != "setup" for p in parameters])
     found = []
     for row in _echelon(basis, machine_first):
         share = row**2 / np.sum(row**2)
         order = np.argsort(~machine_first * 10.0 - share)
-        kept = [int(i) for i in order if share[i] >= SHARE / max(1, np.sum(share > 1e-12) / 4)]
+        least = SHARE / max(1, np.sum(share > 1e-12) / 4)
+        kept = [int(i) for i in order if share[i] >= least]
         names = tuple(parameters[i].name for i in kept)
         unit = row / np.linalg.norm(row)
-        information = float(unit @ (matrix * np.outer(sigma, sigma)) @ unit)
+        information = float(unit @ scaled @ unit)
         found.append(Confounding(names, tuple(float(row[i]) for i in kept), information))
     return tuple(sorted(found, key=lambda c: (not any(_is_machine(n, parameters) for n in c.names), c.names)))
 
@@ -94,8 +95,7 @@ def _echelon(basis: Array, preferred: NDArray[np.bool_]) -> Array:
         at, pivot = divmod(int(np.argmax(best)), best.shape[1])
         rows[[i, i + at]] = rows[[i + at, i]]
         rows[i] /= rows[i, pivot]
-        for k in range(len(rows)):
-            if k != i:
-                rows[k] -= rows[k, pivot] * rows[i]
+        others = np.arange(len(rows)) != i
+        rows[others] -= np.outer(rows[others, pivot], rows[i])
         free[pivot] = False
     return rows

@@ -69,7 +69,7 @@ class Model(OnScreen):
         self.index = {p.name: i for i, p in enumerate(self.parameters)}
         self._freed = self._collect_freed()
         self._functions: WeakKeyDictionary[Run, RowFunction] = WeakKeyDictionary()
-        self._inputs: WeakKeyDictionary[Run, tuple[tuple[float, ...], list[_Clock]]] = WeakKeyDictionary()
+        self._inputs: WeakKeyDictionary[Run, tuple[tuple[float, ...], bool, list[_Clock]]] = WeakKeyDictionary()
 
     def __str__(self) -> str:
         effects = f", effects {', '.join(effect.key for effect in self.effects)}" if self.effects else ""
@@ -163,14 +163,20 @@ class Model(OnScreen):
         _require_finite(run, "readings", readings)
         return readings[:, :, 0]
 
-    def contribution(self, effect: Effect, values: Mapping[str, float] | Sequence[float] | Array) -> dict[str, Array]:
-        """Readings with an effect of the model less those without it (its parameters at their means): id → (N, ny)."""
+    def contribution(
+        self,
+        effect: Effect,
+        values: Mapping[str, float] | Sequence[float] | Array,
+        whole: Mapping[str, Array] | None = None,
+    ) -> dict[str, Array]:
+        """Readings with an effect of the model (`whole`, if they are known) less those without it (its parameters at their
+        means): id → (N, ny)."""
         vector = self.vector(values)
         without = vector.copy()
         for p in effect.parameters(self.campaign):
             without[self.index[p.name]] = p.mean
         return {
-            run.id: self.predict_run(run, vector) - self.predict_run(run, without)
+            run.id: (self.predict_run(run, vector) if whole is None else whole[run.id]) - self.predict_run(run, without)
             if effect.applies(run)
             else np.zeros((run.rows, len(self.columns(run))))
             for run in self.campaign.runs
@@ -199,7 +205,7 @@ class Model(OnScreen):
         function, arguments = self._arguments(run, vector)
         place = {self.full_name(run, name): 1 + i for i, name in enumerate((*function.shared, *function.own))}
         parts = []
-        for columns, inputs, series in self._clocks(run, function, vector):
+        for columns, inputs, series in self._clocks(run, function, vector, slopes=slopes):
             table = function.evaluate(inputs, *arguments, slopes=slopes)
             if slopes:
                 table, by_input = np.split(table, [1 + len(place)], axis=2)
@@ -265,8 +271,9 @@ class Model(OnScreen):
         own = vector[[self.index[self.full_name(run, name)] for name in function.own]]
         return function, (shared, own, np.array([constants[name] for name in function.constants]))
 
-    def _clocks(self, run: Run, function: RowFunction, vector: Array) -> list[_Clock]:
-        """What the columns of a run see; kept until a parameter that moves it changes."""
+    def _clocks(self, run: Run, function: RowFunction, vector: Array, *, slopes: bool = True) -> list[_Clock]:
+        """What the columns of a run see, if asked for with its `slopes` in the clock; kept until a parameter that moves it
+        changes."""
         wanted = {*self._freed.values(), *(name for signal in function.inputs for name in signal.parameters)}
         wanted.add(f"setup.{CLOCK}")
         active = {
@@ -274,8 +281,8 @@ class Model(OnScreen):
         }
         stamp = tuple(float(vector[i]) for i in active.values())
         cached = self._inputs.get(run)
-        if cached is not None and cached[0] == stamp and len(cached[1][0].series) == len(function.inputs):
-            return cached[1]
+        if cached is not None and cached[0] == stamp and cached[1] >= slopes:
+            return cached[2]
         values = {name: float(vector[i]) * self.parameters[i].scale for name, i in active.items()}
         motion, sensed = RunMotion(run, self.machine, self._freed, values), sensed_columns(run, self.machine)
         delays = [name for name in (self._freed.get(("", "delay")), f"setup.{CLOCK}") if name in active]
@@ -284,9 +291,9 @@ class Model(OnScreen):
         if not late or len(sensed) < len(function.columns):
             clocks.append(_Clock.of(motion, slice(None), _series(motion, function.inputs)))
         if late:
-            seen = _delayed(motion, function.inputs, sum(values[name] for name in delays), delays)
+            seen = _delayed(motion, function.inputs, sum(values[name] for name in delays), delays if slopes else ())
             clocks.append(_Clock.of(motion, sensed if clocks else slice(None), seen))
-        self._inputs[run] = (stamp, clocks)
+        self._inputs[run] = (stamp, slopes, clocks)
         return clocks
 
 
@@ -322,16 +329,16 @@ def _series(motion: RunMotion, signals: Sequence[Signal]) -> list[Series]:
 
 
 def _delayed(motion: RunMotion, signals: Sequence[Signal], delay: float, names: Sequence[str]) -> list[Series]:
-    """Signals as they were `delay` s earlier, their slopes in it by the parameters that make it up.
+    """Signals as they were `delay` s earlier, their slopes in it by the parameters (`names`) that make it up, if any.
 
     An instrument sees everything late. What the control records itself sees nothing so: that is a matter of a reading's
     column and not of a signal, which both may look at.
     """
+    now, found = _series(motion.late(delay, 2), signals), []
+    if not names:
+        return now
     step = CLOCK_STEP * motion.run.interval
-    before, now, after = (
-        _series(motion.late(delay + by, place), signals) for place, by in enumerate((-step, 0.0, step), start=1)
-    )
-    found = []
+    before, after = (_series(motion.late(delay + by, place), signals) for place, by in ((1, -step), (3, step)))
     for earlier, value, later in zip(before, now, after, strict=True):
         slope = (later.value - earlier.value) / (2.0 * step)
         found.append(replace(value, tangents={**value.tangents, **dict.fromkeys(names, slope)}))

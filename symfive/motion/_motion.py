@@ -121,12 +121,15 @@ class RunMotion:
         self.values = values
         self._late, self.delay = late
 
-    def _kept(self, what: object, axis: str | None, parameters: Sequence[str], make: Callable[[], T]) -> T:
-        """The result of `make`, which depends on `parameters` and the freed gains of an axis (None: of all axes)."""
+    def _kept(
+        self, what: object, axis: str | None, parameters: Sequence[str], make: Callable[[], T], *, late: bool = True
+    ) -> T:
+        """The result of `make`, which depends on `parameters`, the freed gains of an axis (None: of all axes) and, if it is
+        `late`, on the delay."""
         gains = tuple((place, name) for place, name in self._freed.items() if axis in (None, place[0]))
-        stamp = (self.delay, *(self.values.get(name) for name in (*(name for _, name in gains), *parameters)))
+        delay, key = (self.delay, (what, gains, self._late)) if late else (0.0, (what, gains))
+        stamp = (delay, *(self.values.get(name) for name in (*(name for _, name in gains), *parameters)))
         kept = _KEPT.setdefault(self.run, {})
-        key = what, gains, self._late
         found = kept.get(key)
         if found is None or found[0] is not self.machine or found[1] != stamp:
             found = kept[key] = self.machine, stamp, make()
@@ -234,7 +237,7 @@ class RunMotion:
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
         factor = max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9))) if self.delay else 1
-        response, names, first = self._response(axis, command, factor)
+        response, names, first = self._response(axis, factor)
         if self.delay:
             place = np.asarray(first + factor * (self.run.steps - self.delay / self.run.interval))
             motion = _between(response, place, self.run.interval / factor)
@@ -243,9 +246,15 @@ class RunMotion:
         parts = [Series(motion[:, k, 0], {n: motion[:, k, 1 + i] for i, n in enumerate(names)}) for k in range(3)]
         return AxisMotion(command, *parts)
 
-    def _response(self, axis: Axis, command: Array, factor: int) -> tuple[Array, tuple[str, ...], int]:
+    def _response(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
         """The drive's motion at `factor` instants per interval, without gaps and with its lead, the parameters of its
-        derivatives, and the place of the first row."""
+        derivatives, and the place of the first row; no delay is in it."""
+        return self._kept(
+            ("response", axis.name, factor), axis.name, (), lambda: self._respond(axis, factor), late=False
+        )
+
+    def _respond(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
+        command = np.asarray(self.run.commands[axis.name]) * axis.to_internal
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
@@ -281,7 +290,7 @@ class RunMotion:
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
         driven = axis.drive is not None and self.recorded(name) is None
         if driven and np.any(motion.command != motion.command[0]):
-            whole, names, first = self._response(axis, motion.command, factor)
+            whole, names, first = self._response(axis, factor)
             response = whole[first:]
             series = Series(response[:, 2, 0], {n: response[:, 2, 1 + i] for i, n in enumerate(names)})
         else:

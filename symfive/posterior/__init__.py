@@ -11,17 +11,18 @@ verdicts  = decide(posterior, coarse)     one rule from stated losses: name, cla
 from symfive.posterior._about import moments_about
 from symfive.posterior._coarse import coarsened, misfit
 from symfive.posterior._decide import SAME, Verdict, decide
-from symfive.posterior._evidence import WIDTHS, log_evidence, nearest_width, solution, sweep, widths_of
+from symfive.posterior._evidence import log_evidence, solution
 from symfive.posterior._explore import Posterior, Subset, explore
 from symfive.posterior._fit import Expansion, baseline, fitted, foretold, over_all, refitted
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._noise import grams, nodes_of
 from symfive.posterior._polish import expanded, polish
+from symfive.posterior._sweep import WIDTHS, Sweep, nearest_width, widths_of
 from symfive.posterior._terms import EXPECTED, Candidates, Name, Term, candidates, name_of
 
 __all__ = [
-    "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Term", "Verdict",
+    "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term", "Verdict",
     "baseline", "candidates", "coarsened", "decide", "expanded", "explore", "fitted", "foretold", "grams", "log_evidence",
     "misfit", "moments_about", "moments_of", "name_of", "nearest_width", "nodes_of", "over_all", "polish", "refitted", "solution",
-    "sweep", "widths_of",
+    "widths_of",
 ]  # fmt: skip

@@ -16,9 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
-from symfive.posterior._evidence import SHARE, Weighed, beside, explained, log_evidence
+from symfive.posterior._evidence import SHARE, STEPS, Weighed, beside, explained, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
@@ -31,8 +30,6 @@ SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """1σ of the coefficients of what stays, in units of the unidentified terms' usual one, half a decade apart."""
 NEGLIGIBLE = 0.02
 """Energy that changes no evidence: a hundredth of it."""
-STEPS = 3
-"""Of the fixed point for the noise's scale."""
 
 
 def coarsened(posterior: Posterior) -> Posterior:
@@ -44,7 +41,7 @@ def coarsened(posterior: Posterior) -> Posterior:
     held = held_by(moments)
     weighed = log_evidence(moments, held)
     energy, node = misfit(moments, held), moments.nodes[weighed.node]
-    nodes = weighed.by_node - logsumexp(weighed.by_node)
+    nodes = weighed.by_node - np.logaddexp.reduce(weighed.by_node)
     usual = _tempered(posterior, energy, nodes, weighed.kappa2)
     doubt = _no_noise(moments, node)
     if doubt == 0.0:
@@ -85,7 +82,7 @@ def _mixed(parts: Sequence[tuple[Posterior, float]]) -> dict[Subset, float]:
     """Log mass of every subset in a mixture of posteriors."""
     found: dict[Subset, float] = {}
     for part, share in parts:
-        total = float(logsumexp(list(part.mass.values())))
+        total = float(np.logaddexp.reduce(list(part.mass.values())))
         for subset, mass in part.mass.items():
             found[subset] = float(np.logaddexp(found.get(subset, -np.inf), mass - total + np.log(share)))
     return found
@@ -122,5 +119,5 @@ def left_over(moments: Moments, subset: Subset, plain: Weighed) -> float:
     without = left / scale + moments.count * np.log(scale)
     gains = plain.by_node[:, None] - 0.5 * (cost - without[:, None])
     energy = np.sum(power * x * x / kappa2 - (seen / (1.0 + seen)) ** 2, axis=2)
-    gain = float(logsumexp(gains) - np.log(len(SIZES))) - plain.total
+    gain = float(np.logaddexp.reduce(gains.ravel()) - np.log(len(SIZES))) - plain.total
     return max(float(energy.flat[np.argmax(gains)]), 0.0) / (1.0 + float(np.exp(-gain)))

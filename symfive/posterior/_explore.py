@@ -8,19 +8,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
-from symfive.posterior._evidence import (
-    WIDTHS,
-    Blocks,
-    Member,
-    discrepancies,
-    log_evidence,
-    nearest_width,
-    sweep,
-    widths_of,
-)
+from symfive.posterior._evidence import Blocks, Member, discrepancies, equations, evidence_of, log_evidence
 from symfive.posterior._moments import Moments
+from symfive.posterior._sweep import WIDTHS, Sweep, nearest_width, widths_of
 from symfive.posterior._terms import Name, complete
 
 __all__ = ["Posterior", "Subset", "explore", "held_by", "log_prior", "weighed"]
@@ -61,8 +52,8 @@ class Posterior:
         logs: dict[frozenset[int], list[float]] = {}
         for subset, mass in self.mass.items():
             logs.setdefault(frozenset(t for t, _ in subset), []).append(mass)
-        total = logsumexp(list(self.mass.values()))
-        return {terms: float(np.exp(logsumexp(each) - total)) for terms, each in logs.items()}
+        total = np.logaddexp.reduce(list(self.mass.values()))
+        return {terms: float(np.exp(np.logaddexp.reduce(each) - total)) for terms, each in logs.items()}
 
     @cached_property
     def sets(self) -> dict[frozenset[Name], float]:
@@ -70,7 +61,7 @@ class Posterior:
         logs: dict[frozenset[Name], list[float]] = {}
         for subset, mass in self.mass.items():
             logs.setdefault(self.named(subset), []).append(mass)
-        return {names: float(logsumexp(each)) for names, each in logs.items()}
+        return {names: float(np.logaddexp.reduce(each)) for names, each in logs.items()}
 
     def named(self, subset: Subset) -> frozenset[Name]:
         """The names of a subset."""
@@ -83,7 +74,7 @@ class Posterior:
             return self.sets[self.named(subset)]
         there, names = self.mass.get(subset, np.inf), self.named(subset)
         others = [min(m - there, 0.0) for s, m in self.mass.items() if s != subset and self.named(s) == names]
-        return mass + float(logsumexp([0.0, *others]))
+        return mass + float(np.logaddexp.reduce([0.0, *others]))
 
     def in_place_of(self, member: int) -> Iterator[tuple[Subset, int]]:
         """Subsets with another term, and its number, in the place of one that the fit holds (-1: beside all of those), the most
@@ -107,6 +98,7 @@ class Posterior:
 @dataclass
 class _Search:
     moments: Moments
+    general: bool
     mass: dict[Subset, float] = field(default_factory=dict)
     blocks: dict[Subset, Blocks] = field(default_factory=dict)
     swept: dict[Subset, tuple[list[int], list[float], Array]] = field(default_factory=dict)
@@ -126,19 +118,17 @@ class _Search:
             full = sum(not term.needs for term in held) >= MOST
             free = [
                 k for k, term in enumerate(terms)
-                if k >= self.moments.held and (term.needs or not full)
+                if k >= self.moments.held and (term.needs or not full) and (self.general or not term.form.general)
                 and complete([*held, term]) and not any(term.excludes(h) for h in held)
             ]  # fmt: skip
             prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
             self.see(subset)
-            usual = [WIDTHS[0]] * len(free)
-            mass, sizes = sweep(self.moments, subset, free, usual, self.blocks[subset])
+            beside = Sweep.of(self.moments, subset, self.blocks[subset])
+            mass, sizes = beside.joined(free, [WIDTHS[0]] * len(free))
             widths = [nearest_width(size, widths_of(self.moments, t)) for t, size in zip(free, sizes, strict=True)]
             wide = [k for k, w in enumerate(widths) if w != WIDTHS[0]]
             if wide:
-                mass[wide], _ = sweep(
-                    self.moments, subset, [free[k] for k in wide], [widths[k] for k in wide], self.blocks[subset]
-                )
+                mass[wide], _ = beside.joined([free[k] for k in wide], [widths[k] for k in wide])
             self.swept[subset] = free, widths, mass + log_prior(self.moments, subset) + prior
         return self.swept[subset]
 
@@ -177,17 +167,19 @@ def log_prior(moments: Moments, subset: Iterable[Member]) -> float:
 
 def weighed(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     """Log evidence of a subset whose forms may or may not be a little off, the mean of both; the discrepancies, if they help."""
-    plain = log_evidence(moments, subset)
-    blocks = discrepancies(moments, subset, plain) if subset else ()
+    s = equations(moments, subset)
+    plain = evidence_of(moments, s)
+    blocks = discrepancies(moments, subset, s.at(plain.node, plain.kappa2)) if subset else ()
     if not blocks:
         return plain.total, ()
     other = log_evidence(moments, subset, blocks).total
     return float(np.logaddexp(plain.total, other) - np.log(2.0)), blocks if other > plain.total else ()
 
 
-def explore(moments: Moments, start: Sequence[int] = ()) -> Posterior:
-    """Beam search from a set of terms (numbers) that are held by the fit, and from nothing."""
-    search, done = _Search(moments), set[Subset]()
+def explore(moments: Moments, start: Sequence[int] = (), general: bool = True) -> Posterior:
+    """Beam search from a set of terms (numbers) that are held by the fit, and from nothing; without `general` no term joins that
+    is more general than laws."""
+    search, done = _Search(moments, general), set[Subset]()
     search.see(())
     search.see((t, nearest_width(moments.terms[t].effect.spread)) for t in start)
     while True:

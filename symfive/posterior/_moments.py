@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from symfive.posterior._noise import Node, grams, nodes_of
 from symfive.posterior._tables import Tables
 from symfive.posterior._terms import Term, terms_of
 
-__all__ = ["Columns", "Moments", "moments_of"]
+__all__ = ["Alike", "Columns", "Moments", "moments_of"]
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,26 @@ class Columns:
     def scaled(self, width: float) -> Array:
         """The factor (n,) of each column for a prior of so many times the usual width."""
         return np.where(self.amplitude, width, 1.0)
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Terms of as many columns, `numbers` (T,): the fields of each one's `Columns`, (T, n) and (T,), and `gram` (J, T, n, n)."""
+
+    numbers: tuple[int, ...]
+    where: NDArray[np.int64]
+    amplitude: NDArray[np.bool_]
+    departure: Array
+    exact: NDArray[np.int64]
+    gram: Array
+
+    def some(self, rows: Sequence[int]) -> Alike:
+        """Those in some rows."""
+        if len(rows) == len(self.numbers):
+            return self
+        numbers = tuple(self.numbers[row] for row in rows)
+        fields = self.where[rows], self.amplitude[rows], self.departure[rows], self.exact[rows]
+        return Alike(numbers, *fields, self.gram[:, rows])
 
 
 @dataclass(frozen=True)
@@ -61,6 +82,21 @@ class Moments:
     count: int
     blocks: tuple[int, ...]
     raw: Array
+
+    @cached_property
+    def alike(self) -> tuple[Alike, ...]:
+        """All terms, those of as many columns together, with an exact contribution and without apart."""
+        groups: dict[tuple[int, bool], list[int]] = {}
+        for number, columns in enumerate(self.columns):
+            groups.setdefault((len(columns.where), columns.exact >= 0), []).append(number)
+        found = []
+        for numbers in groups.values():
+            own = [self.columns[number] for number in numbers]
+            where = np.stack([c.where for c in own])
+            amplitude, departure = np.stack([c.amplitude for c in own]), np.stack([c.departure for c in own])
+            gram = self.gram[:, where[:, :, None], where[:, None, :]]
+            found.append(Alike(tuple(numbers), where, amplitude, departure, np.array([c.exact for c in own]), gram))
+        return tuple(found)
 
     @property
     def size(self) -> int:
@@ -85,11 +121,14 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
         total[:, table.where[:, None], table.where] += reduced
         raw[table.where[:, None], table.where] += whitened[0, table.setup :, table.setup :]
     reduced, logs = eliminated(total, tables.geometry, tables.departure)
-    columns = tuple(Columns(c.where - tables.geometry, c.amplitude, c.departure, _shifted(c.exact, tables.geometry))
-                    for c in tables.columns)  # fmt: skip
+    first = tables.geometry
+    columns = tuple(
+        Columns(c.where - first, c.amplitude, c.departure, c.exact - first if c.exact >= 0 else -1)
+        for c in tables.columns
+    )
     prior = np.array([node.log_prior for node in nodes])
     terms = terms_of([*held, *fresh])
-    raw = raw[tables.geometry :, tables.geometry :]
+    raw = raw[first:, first:]
     blocks = _blocks(terms, columns)
     return Moments(fit, terms, columns, len(held), nodes, reduced, const + logs, prior, count, blocks, raw)
 
@@ -104,10 +143,6 @@ def _blocks(terms: Sequence[Term], columns: Sequence[Columns]) -> tuple[int, ...
     free = [k for k, (t, c) in enumerate(zip(terms, columns, strict=True)) if t.form.basis is not None and len(c.where)]
     places = {(terms[k].form.channel, terms[k].effect.coordinate): k for k in free}
     return tuple(places.get(t.covers, -1) for t in terms)
-
-
-def _shifted(column: int, by: int) -> int:
-    return column - by if column >= 0 else -1
 
 
 def eliminated(gram: Array, first: int, departure: Array) -> tuple[Array, Array]:

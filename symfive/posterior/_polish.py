@@ -17,7 +17,7 @@ from symfive.posterior._evidence import SHARE, Member, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, weighed
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance
-from symfive.posterior._moments import moments_of
+from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._terms import Candidates
 
 __all__ = ["Expansion", "expanded", "polish"]
@@ -53,25 +53,38 @@ def polish(
 ) -> tuple[Posterior, Expansion]:
     """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset.
 
-    First the laws of the library; where nothing better is found among them, whether those that are held are the same everywhere
-    and whether something unidentified comes and goes: its place is known only once the laws have theirs.
+    First the laws of the library; then whether those that are held are the same everywhere, and whether something acts that is
+    more general than laws.
     """
-    now = _settled(_first(before, replace(candidates, vary=False), progress))
+    first = _first(before, candidates, progress)
+    now = _settled(first)
     if candidates.vary:
-        now = _settled(_Round.at(now.here, candidates, progress), now)
+        now = _opened(now, first, candidates)
     held = held_by(now.posterior.moments)
     return now.posterior.corrected(now.exactly | {held: now.mass}), settled(now.here)
 
 
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
     """The expansion about the baseline, without the readings that stand alone or, where something that the library has explains
-    these better than chance, with them."""
-    first = _Round.at(_at_ease(before, candidates), candidates, progress)
+    these better than chance, with them. Only laws are searched, but the moments hold all."""
+    first = _Round.at(_at_ease(before, candidates), candidates, progress, laws=True)
     if not before.outliers:
         return first
     whole = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=()))
     progress(f"with the {len(before.outliers)} readings that stand alone")
-    return max((first, _Round.at(_at_ease(whole, candidates), candidates, progress)), key=_Round.promise)
+    return max((first, _Round.at(_at_ease(whole, candidates), candidates, progress, laws=True)), key=_Round.promise)
+
+
+def _opened(laws: _Round, first: _Round, candidates: Candidates) -> _Round:
+    """The expansion at which nothing moves once what is more general than laws may join: from the laws that settled or, where
+    that is clearly more probable, from nothing: laws may have settled in the place of what no law is."""
+    start = first.searched(candidates)
+    now = start if laws.here is first.here else _Round.at(laws.here, candidates, laws.progress)
+    if start.promise() > now.promise() + CLEAR:
+        other = _settled(start)
+        if other.whole > now.promise():
+            return other
+    return _settled(now, laws)
 
 
 def _at_ease(before: Identification, candidates: Candidates) -> Expansion:
@@ -126,13 +139,19 @@ class _Round:
     leads: dict[Keys, tuple[float, Subset]] = field(default_factory=dict)
 
     @classmethod
-    def at(cls, here: Expansion, candidates: Candidates, progress: Progress) -> _Round:
+    def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, laws: bool = False) -> _Round:
+        """About a fit; of `laws` alone though more is in the moments."""
         progress(f"expansion about {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
         here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates)
         moments = moments_about(here, candidates)
-        held = held_by(moments)
-        posterior = explore(moments, range(moments.held))
-        return cls(here, posterior, evidence + log_prior(moments, held), candidates, progress)
+        mass = evidence + log_prior(moments, held_by(moments))
+        searched = replace(candidates, vary=candidates.vary and not laws)
+        return cls(here, _searched(moments, searched), mass, searched, progress)
+
+    def searched(self, candidates: Candidates) -> _Round:
+        """The same moments searched for other candidates."""
+        posterior = _searched(self.posterior.moments, candidates)
+        return _Round(self.here, posterior, self.mass, candidates, self.progress)
 
     @cached_property
     def whole(self) -> float:
@@ -156,6 +175,10 @@ class _Round:
         self.leads[there.keys] = gain, subset
         self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {gain:+.1f} nats")
         return gain, there
+
+
+def _searched(moments: Moments, candidates: Candidates) -> Posterior:
+    return explore(moments, range(moments.held), general=candidates.vary)
 
 
 def _ahead(posterior: Posterior) -> Iterator[Subset]:

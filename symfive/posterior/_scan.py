@@ -11,7 +11,7 @@ the moments say.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +22,9 @@ from symfive.effects import BALL, Effect, Form, Scan, Tone
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import whiten
-from symfive.model import Model
-from symfive.posterior._evidence import WIDTHS
+from symfive.model import Linearisation, Model
 from symfive.posterior._noise import Node
+from symfive.posterior._sweep import WIDTHS
 from symfive.posterior._tangents import Channel, probes, tangent
 
 __all__ = ["placed"]
@@ -39,8 +39,11 @@ FINE = 8
 def placed(fit: Identification, scans: Sequence[Scan | Tone], nodes: Iterable[Node]) -> tuple[Form, ...]:
     """The best place of each scan under each noise, as forms that can join the fit: slow noise hides what is slow."""
     taken, found, drafts = {effect.key for effect in fit.model.effects}, list[Form](), set[Effect]()
+    channels = [(scan.channel, scan.axis) for scan in scans if scan.channel != BALL]
+    model = Model(fit.model.campaign, (*fit.model.added, *probes(channels)))
+    lines = {run.id: model.linearise(run, model.vector(fit.named)) for run in fit.model.campaign.runs}
     for node in {(node.size, node.time): node for node in nodes}.values():
-        seen = _Seen(fit, scans, node)
+        seen = _Seen(fit, model, lines, node)
         for scan in scans:
             for form in seen.tone(scan) if isinstance(scan, Tone) else seen.course(scan):
                 effect = form.effect
@@ -58,22 +61,20 @@ def placed(fit: Identification, scans: Sequence[Scan | Tone], nodes: Iterable[No
 
 
 class _Seen:
-    """A fit, whitened: per run what is fitted J (rows, k) and the residual, and the answers of the channels."""
+    """A fit, whitened: per run what is fitted J (rows, k) and the residual, and the answers of the channels, by the model with
+    these and its `lines` about the fit."""
 
-    def __init__(self, fit: Identification, scans: Sequence[Scan | Tone], node: Node) -> None:
+    def __init__(self, fit: Identification, model: Model, lines: Mapping[str, Linearisation], node: Node) -> None:
         self.campaign, self._node = fit.model.campaign, node
-        channels = [(scan.channel, scan.axis) for scan in scans if scan.channel != BALL]
-        self._model = Model(self.campaign, (*fit.model.added, *probes(channels)))
-        values, self._problem = self._model.vector(fit.named), fit.problem()
+        self._model, self._lines, self._problem = model, lines, fit.problem()
         self._noise = {run.id: fit.model.noise(run) for run in self.campaign.runs}
-        self._answers: dict[tuple[str, Channel], tuple[Array, Array]] = {}
-        self._lines, self._fitted, self._residual, self._twice = {}, {}, {}, {}
+        self._fitted, self._residual, self._twice = {}, {}, {}
         fitted = np.array([p.name in fit.model.index for p in self._model.parameters])
         sigma, size = self._model.prior_sigma, len(self._model.parameters)
         self._normal, self._slope = np.eye(size), np.zeros(size)
         self._slope[fitted] = -((fit.values - fit.model.prior_mean) / fit.model.prior_sigma)
         for run in self.campaign.runs:
-            line = self._lines[run.id] = self._model.linearise(run, values)
+            line = lines[run.id]
             own = fitted[line.columns]
             where = line.columns[own]
             flat = self._white(run, self._scaled(run, line.jacobian[:, :, own] * sigma[where]))

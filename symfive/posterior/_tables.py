@@ -96,9 +96,9 @@ class Tables:
         channels = [channel_of(form) for form in fresh if form.basis is not None]
         # what is fitted is linearised alone, and what changes the motion apart from what acts behind it: a candidate begins where
         # it has a slope, and that must not move the slopes of others
-        groups = [[], [*others, *probes(channels)], *([freeing] if freeing else [])]
-        self._models = [Model(campaign, (*fit.model.added, *group)) for group in groups]
-        values = [fit.named] * len(groups)
+        groups = [group for group in ([*others, *probes(channels)], freeing) if group]
+        self._models = [fit.model, *(Model(campaign, (*fit.model.added, *group)) for group in groups)]
+        values = [fit.named] * len(self._models)
         # where a recording begins has a slope only in an effect that acts: of usual size
         starting = [effect for effect in others if any(effect.starts(run) for run in campaign.runs)]
         if starting:
@@ -124,7 +124,8 @@ class Tables:
         self.columns = self._placed(held, fresh)
         columns = zip(fresh, self.columns[len(held) :], strict=True)
         self._places_varied = [placed.where for form, placed in columns if isinstance(form.effect, Varying)]
-        self._contributions = [fit.model.contribution(effect, fit.values) for effect in held]
+        whole = {run: lines[0].prediction for run, lines in self._lines.items()}
+        self._contributions = [fit.model.contribution(effect, fit.values, whole) for effect in held]
 
     def _compressed(self, forms: Sequence[Form]) -> dict[int, Compressed]:
         """By identity of the form."""
