@@ -32,8 +32,10 @@ if TYPE_CHECKING:
     from symfive.campaign import SetupSigma
     from symfive.effects import Effect
     from symfive.machine import Machine
+    from symfive.toolpath import ToolPath
 
 CIRCULAR_TEST = "iso-230-4"
+NO_SHIFT = "0,0,0"
 __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 
 
@@ -58,7 +60,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.argument("machine", help="A machine file, or the name of a preset.")
 @output_path
 @click.option("--instrument", default="r_test", help="r_test, touch_probe or ball_bar.")
-@click.option("--criterion", default="D", help="D, A, E, G or V.")
+@click.option("--criterion", help="D (default), A, E, G (with --part the default) or V.")
 @click.option("--points", type=COUNT, default=40, help="Number of poses.")
 @click.option(
     "--for",
@@ -66,6 +68,24 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     default="",
     show_default=False,
     help="Errors to determine, as EX0C,EY0C,EXC (default: all).",
+)
+@click.option(
+    "--part",
+    type=PATH,
+    help="A tool path, an NC program (ISO, LinuxCNC) or a CSV of poses: least expected error of the tool along it.",
+)
+@click.option(
+    "--part-tool", type=POSITIVE, help="With --part: mm from spindle nose to tip (default: middle of tool_length)."
+)
+@click.option(
+    "--part-zero",
+    default=NO_SHIFT,
+    help="With --part: the program's zero in the workpiece frame, X,Y,Z in mm.",
+)
+@click.option(
+    "--part-tool-centre",
+    is_flag=True,
+    help="With --part: X, Y and Z are the tip's place in the workpiece even without G43.4.",
 )
 @dialects
 @click.option("--given", type=PATH, help="A campaign already measured; the plan complements it.")
@@ -85,7 +105,11 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     "--zero-sigma", type=POSITIVE, help="1σ of an R-test nest's place in the workpiece frame, µm (usual: unknown)."
 )
 @click.option("--bar-length-sigma", type=POSITIVE, help="1σ of the bar's length, µm (usual: 0.5).")
-@click.option("--index", is_flag=True, help="Read the first pose of a run with the spindle at 0° and 180° (R-test).")
+@click.option(
+    "--index/--no-index",
+    default=None,
+    help="Read the first pose of a run with the spindle at 0° and 180° (R-test; with --part where it is worth it).",
+)
 @click.option("--survive", is_flag=True, help="Remain good if any one pose is lost.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
 @click.option(
@@ -157,9 +181,13 @@ def plan(
     machine: str,
     output: Path,
     instrument: str,
-    criterion: str,
+    criterion: str | None,
     points: int,
     wanted: str,
+    part: Path | None,
+    part_tool: float | None,
+    part_zero: str,
+    part_tool_centre: bool,
     nc: tuple[str, ...],
     given: Path | None,
     minutes: float | None,
@@ -174,7 +202,7 @@ def plan(
     table_ball_sigma: float | None,
     zero_sigma: float | None,
     bar_length_sigma: float | None,
-    index: bool,
+    index: bool | None,
     survive: bool,
     robust: str,
     circles: str | None,
@@ -237,6 +265,7 @@ def plan(
         for dialect in dialects if instrument == "touch_probe" else ():
             can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
+        route = _part(data, part, part_tool, part_zero, part_tool_centre, circles)
         result: Any
         if circles == CIRCULAR_TEST:
             result = circular_test(
@@ -245,7 +274,7 @@ def plan(
             )  # fmt: skip
         elif circles is not None:
             result = plan_circles(
-                data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
+                data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion or "D", robust=robust,
                 per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data), planes=planes or ("XY",),
                 feeds=feeds or FEEDS,
             )  # fmt: skip
@@ -259,10 +288,32 @@ def plan(
                         zero=zero_sigma, length=bar_length_sigma,
                     ),
                     index=index, survive=survive, robust=robust, prove=not no_proof, starts=starts, seed=seed, for_=names,
+                    part=route,
                     given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
         result.write(folder, nc=dialects, post=post)
     tell(result.to_data(), str(result), as_json)
+
+
+def _part(
+    machine: Machine, path: Path | None, tool: float | None, zero: str, tool_centre: bool, circles: str | None
+) -> ToolPath | None:
+    """The part's tool path. Raises `InputError` for options of a part without one, and with circles."""
+    from symfive.errors import InputError
+    from symfive.toolpath import read_tool_path
+
+    if path is None:
+        if tool is not None or tool_centre or zero != NO_SHIFT:
+            problem = "--part-tool, --part-zero and --part-tool-centre belong to a part and none is given"
+            raise InputError(problem, remedy="add --part FILE")
+        return None
+    if circles is not None:
+        raise InputError("a plan for a part has poses, no circles", remedy="leave out --circles, or --part")
+    try:
+        x, y, z = (float(word) for word in zero.split(","))
+    except ValueError:
+        raise InputError(f'--part-zero "{zero}" is not X,Y,Z', remedy="write --part-zero 0,0,50") from None
+    return read_tool_path(path, machine, tool_length=tool, zero=(x, y, z), tool_centre=tool_centre)
 
 
 def _setup_sigma(**given: float | None) -> SetupSigma:
