@@ -1,10 +1,10 @@
 """Three parts as NC programs for a machine with two rotary axes: `python examples/parts/make_parts.py table-bc -o DIR`.
 
-blade.ngc: a blade finished along its length in five rows, the tool square to the surface within 0.1 rad; simultaneous motion.
+blade.ngc: a twisted blade finished along its length in five rows, the tool tilted by 20° to 55°, all axes moving.
 pocket.ngc: a mould's rim at rest (arcs at its corners), then its pocket at one tilted orientation, 3+2.
-cone.ngc: a cone frustum milled by the tool's flank, 80 mm across, half taper 15°, inclined by 10° (NAS 979; ISO 10791-7, test M3).
+cone.ngc: a cone frustum milled by the tool's flank, 80 mm across, half taper 15°, inclined by 10° (NAS 979; ISO 10791-7 M3).
 
-Words are the tool's tip in the workpiece (G43.4); angles solve "tool along this direction" on the machine, nearest to those before.
+Words are the tool's tip in the workpiece (G43.4); the angles bring the tool along its direction, each nearest to those before.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def cone() -> tuple[Array, Array]:
     )
     base = np.stack([40.0 * np.cos(turn), 40.0 * np.sin(turn), 0.0 * turn], axis=1)
     side = np.stack([-np.cos(turn), -np.sin(turn), 0.0 * turn], axis=1) * math.sin(HALF_TAPER)
-    return base @ tilt.T + [0.0, 25.0, 80.0], (side + [0.0, 0.0, math.cos(HALF_TAPER)]) @ tilt.T
+    return base @ tilt.T + [0.0, 25.0, 80.0], (side + np.array([0.0, 0.0, math.cos(HALF_TAPER)])) @ tilt.T
 
 
 def pocket() -> tuple[Array, Array]:
@@ -85,7 +85,9 @@ def angles(machine: Machine, tools: Array) -> dict[str, Array]:
         return done.cost, done.x
 
     corners = [np.array(start) for start in np.ndindex(3, 5)]
-    begin = min((solved(tools[0], c - [1.0, 2.0]) for c in corners), key=lambda f: (f[0] > 1e-12, float(np.abs(f[1]).sum())))
+    begin = min(
+        (solved(tools[0], c - [1.0, 2.0]) for c in corners), key=lambda f: (f[0] > 1e-12, float(np.abs(f[1]).sum()))
+    )
     found = [begin[1]]
     for tool in tools[1:]:
         cost, reached = solved(tool, found[-1])
@@ -105,7 +107,10 @@ def program(machine: Machine, name: str, shape: tuple[Array, Array], first: Iter
     ]
     rest = " ".join(f"{n}0." for n in turned)
     lines = ["%", f"({name}, {machine.name})", "G21 G90 G17 G54", f"G0 {rest}", "T1 M6", "S12000 M3", *first]
-    lines += ["G43.4 H1", f"G0 X{tips[0][0]:.4f} Y{tips[0][1]:.4f} Z{tips[0][2] + SAFE_MM:.4f} {words[0].split(' ', 3)[3]}"]
+    lines += [
+        "G43.4 H1",
+        f"G0 X{tips[0][0]:.4f} Y{tips[0][1]:.4f} Z{tips[0][2] + SAFE_MM:.4f} {words[0].split(' ', 3)[3]}",
+    ]
     lines += [f"G1 {words[0]} F3000.", *words[1:], "G49", "G91 G28 Z0.", "G90", "M30", "%"]
     return "\n".join(lines) + "\n"
 

@@ -43,8 +43,9 @@ def indexed(space: Space, task: Task) -> Task:
 
 
 def worth_indexing(space: Space, task: Task, rows: Rows) -> bool:
-    """Whether the run-out, read once a run, lowers ψ of a design by more than one pose a run less can raise it: n/(n - runs) in the
-    variance, where all of it is noise."""
+    """Whether the run-out, read once a run, lowers ψ of a design by more than one pose a run less can raise it.
+
+    Of n poses in so many runs that is n/(n - runs) in the variance, where all of it is noise."""
     try:
         known = indexed(space, task)
     except InputError:

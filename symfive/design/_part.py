@@ -1,8 +1,8 @@
 """What a plan is for when it is for a part: the expected error of the tool along the part's path.
 
-The error of the tool's tip at a place of the path, in the workpiece frame, is J (3, s) times what identification and compensation
-leave of the machine's errors, whose covariance S the readings give. Its 1σ there is √⟨JᵀJ, S⟩: G takes its maximum along the path,
-V its mean. J comes from the model's own row function at the poses of the path.
+The error of the tool's tip at a place of the path, in the workpiece frame, is J (3, s) times what identification and
+compensation leave of the machine's errors, whose covariance S the readings give. Its 1σ there is √⟨JᵀJ, S⟩: G takes its maximum
+along the path, V its mean. J comes from the model's own row function at the poses of the path.
 """
 
 from __future__ import annotations

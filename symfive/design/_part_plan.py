@@ -26,56 +26,68 @@ __all__ = ["PartPlan", "compared", "mountings_in", "part_given"]
 
 
 @dataclass(frozen=True)
+class Left:
+    """What a plan of so many `poses`, `runs` and `minutes` leaves along a part."""
+
+    expected: Expected
+    poses: int
+    runs: int
+    minutes: float
+
+    @classmethod
+    def by(cls, plan: Plan, part: Part) -> Left:
+        """What a plan leaves."""
+        return cls(
+            part.left_by(plan.assessment), plan.certificate.points, len(plan.campaign.runs), plan.minutes
+        )  # fmt: skip
+
+    def words(self) -> str:
+        """Its size in words."""
+        return f"{self.poses} poses in {self.runs} set-up{'s' if self.runs > 1 else ''}, {self.minutes:.0f} min"
+
+
+@dataclass(frozen=True)
 class PartPlan:
-    """The expected error of the tool along `part`: `before` the first reading, with the `ordinary` D plan (`ordinary_facts`:
-    its poses, runs and minutes) and `after` this one, of `facts`."""
+    """The expected error of the tool along `part`: `before` the first reading, with the `ordinary` D plan in the same time
+    (`ordinary_plan`), and `after` the plan made for it."""
 
     part: Part
     before: Expected
-    ordinary: Expected
-    ordinary_facts: tuple[int, int, float]
-    after: Expected
-    facts: tuple[int, int, float]
+    ordinary_plan: Plan
+    ordinary: Left
+    after: Left
 
     @property
     def ratio(self) -> float:
         """The worst expected error over that of the ordinary plan."""
-        return self.after.worst / self.ordinary.worst
+        return self.after.expected.worst / self.ordinary.expected.worst
 
     @property
     def says(self) -> tuple[str, ...]:
         """Sentences for screen, sheet and plan.json."""
-        path = self.part.path
+        path, words = self.part.path, self.part.words
         return (
-            f"part {path.path.name}: expected error of a tool of {path.tool_length:g} mm in the workpiece frame after compensation, "
-            f"1σ, at {len(path)} places of its path:",
-            f"  before the measurement: {self.part.words(self.before)}",
-            f"  ordinary D plan ({_facts(self.ordinary_facts)}): {self.part.words(self.ordinary)}",
-            f"  this plan ({_facts(self.facts)}): {self.part.words(self.after)}, {plain_number(self.ratio)} × the ordinary worst",
+            f"part {path.path.name}: expected error of the tool ({path.tool_length:g} mm long) in the workpiece frame, 1σ at "
+            f"{len(path)} places of its path after compensation:",
+            f"  before the measurement: {words(self.before)}",
+            f"  ordinary D plan ({self.ordinary.words()}): {words(self.ordinary.expected)}",
+            f"  this plan ({self.after.words()}): {words(self.after.expected)}, "
+            f"{plain_number(self.ratio)} × the ordinary plan's worst",
             *path.notes,
         )
 
     def to_data(self) -> dict[str, Any]:
         """As it stands in plan.json."""
         path = self.part.path
-        return {
-            "file": path.path.name,
-            "places": len(path),
-            "tool_length_mm": path.tool_length,
-            "before": self.part.data(self.before),
-            "ordinary_d_plan": self.part.data(self.ordinary) | _numbers(self.ordinary_facts),
-            "this_plan": self.part.data(self.after) | _numbers(self.facts),
-            "worst_over_ordinary": six_digits(self.ratio),
+        plans = {
+            name: self.part.data(left.expected)
+            | {"poses": left.poses, "runs": left.runs, "minutes": six_digits(left.minutes)}
+            for name, left in (("ordinary_d_plan", self.ordinary), ("this_plan", self.after))
         }
-
-
-def _facts(facts: tuple[int, int, float]) -> str:
-    poses, runs, minutes = facts
-    return f"{poses} poses in {runs} set-up{'s' if runs > 1 else ''}, {minutes:.0f} min"
-
-
-def _numbers(facts: tuple[int, int, float]) -> dict[str, float]:
-    return {"poses": facts[0], "runs": facts[1], "minutes": six_digits(facts[2])}
+        return {
+            "file": path.path.name, "places": len(path), "tool_length_mm": path.tool_length,
+            "before": self.part.data(self.before), **plans, "worst_over_ordinary": six_digits(self.ratio),
+        }  # fmt: skip
 
 
 def part_given(machine: Machine, part: ToolPath | Path | str | None, wanted: tuple[str, ...]) -> Part | None:
@@ -96,5 +108,4 @@ def compared(part: Part, space: Space, task: Task, ordinary: Plan, made: Plan) -
     """What is expected along the part before, with the ordinary plan, and after the one made for it."""
     places = [[p.name for p in space.shared].index(name) for name in part.names]
     before = part.expected(inverse(task.prior)[np.ix_(places, places)])
-    plain, own = ((p.certificate.points, len(p.campaign.runs), p.minutes) for p in (ordinary, made))
-    return PartPlan(part, before, part.left_by(ordinary.assessment), plain, part.left_by(made.assessment), own)
+    return PartPlan(part, before, ordinary, Left.by(ordinary, part), Left.by(made, part))

@@ -110,10 +110,9 @@ class Plan(OnScreen):
         head = (
             f"{self.instrument} plan, {self.certificate.points} poses, {self.minutes:.0f} min: {self.certificate.says}"
         )
-        part = [] if self.part is None else [line for said in self.part.says for line in wrap(said, 120, subsequent_indent="  ")]
-        notes = listed(self.notes, "plan.notes", 10)
-        notes = [line for note in notes for line in wrap(note, 120, subsequent_indent="  ")]
-        return "\n".join([head, *listed(runs, "plan.campaign.runs", 10), str(self.assessment), *part, *notes])
+        notes = [*(() if self.part is None else self.part.says), *listed(self.notes, "plan.notes", 10)]
+        notes = [line for note in notes for line in wrap(note, 120, subsequent_indent="    ")]
+        return "\n".join([head, *listed(runs, "plan.campaign.runs", 10), str(self.assessment), *notes])
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
@@ -142,16 +141,17 @@ def plan(
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
     `machine` a machine, the path of its file, or the name of a preset;
-    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D (default), A, E, G or V (`I`); `for_` names of the parameters
-    that count (by default all of the machine's), the others and every set-up error being marginalised; `part` a tool path or its
-    file (`symfive.toolpath`): G (default) and V are then the worst and the mean expected error of the tool along it, set-ups as
-    many as fit into `minutes` (default: those of the D plan, which is made too and compared); `given` a campaign already
+    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D (default), A, E, G or V (`I`); `for_` names of the
+    parameters that count (by default all of the machine's), the others and every set-up error being marginalised; `part` a tool
+    path or its file (`symfive.toolpath`): G (default) and V are then the worst and the mean expected error of the tool along it,
+    with as many set-ups as fit into `minutes` (default: those of the D plan, which is made too and compared), and the spindle is
+    indexed where that is worth it; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
     `repeats` readings of each pose; `setup_sigma` 1σ of set-up errors; `frame` of an R-test's readings, `workpiece` of a nest on
     the table, `machine` or `tool` of a head in the spindle; `index`: the first pose of every run is read with the spindle at 0°
-    and 180°, which tells the tool ball's run-out (default: not, but for a part where it is worth it); `survive` prefers a plan that stays good if any one pose is lost; `robust`
+    and 180°, which tells the tool ball's run-out; `survive` prefers a plan that stays good if any one pose is lost; `robust`
     `nominal`, or the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
     certificate also compares with all other set-ups (a few seconds); `prove`: whether its bound is proved (seconds, for some
     ball bars a quarter of a minute); `pool` any executor (`symfive.executors`), whose workers share the starts.
@@ -170,6 +170,10 @@ def plan(
     options = _options_of(instrument, frame)
     route = part_given(machine, part, tuple(for_))
     criterion = criterion or ("D" if route is None else "G")
+    space = make_space(
+        machine, instrument, noise_um=noise_um / math.sqrt(repeats), setup_sigma=setup_sigma, options=options
+    )
+    sought = None if route is None else part_criterion(route, space, criterion)
     ordinary = None
     if route is not None:
         setups = setups if minutes is None or setups is not None else mountings_in(minutes)
@@ -181,12 +185,10 @@ def plan(
         )  # fmt: skip
         minutes = minutes or ordinary.minutes
         setups = setups or mountings_in(minutes)
-    noise = noise_um / math.sqrt(repeats)
-    space = make_space(machine, instrument, noise_um=noise, setup_sigma=setup_sigma, options=options)
     names = tuple(p.name for p in space.shared)
     wanted = interest_of(names, tuple(for_))
     task = task_of(space, criterion, wanted, given)
-    task = task if route is None else replace(task, criterion=part_criterion(route, space, criterion))
+    task = task if sought is None else replace(task, criterion=sought)
     shares = affordable(machine, minutes, points, setups or (3 if instrument == "ball_bar" else 2), returns, repeats)
     points, runs = shares[-1]
     if index is None and route is not None:

@@ -35,8 +35,8 @@ STANDS = {
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
     """What a sheet is about: the `campaign` without readings, `post` what the user decided about its programs, `facts` for the
-    head, `worth` a sentence, the `assessment` (without it nothing is expected), `notes` about the ways, `part` what to expect along
-    the part that it is for."""
+    head, `worth` a sentence, the `assessment` (without it nothing is expected), `notes` about the ways, `part` what to
+    expect along the part that it is for."""
 
     campaign: Campaign
     post: Post
@@ -61,7 +61,8 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
     return templates("symfive.design").get_template("sheet.html").render(
         title=f"Set-up sheet: {campaign.machine.name}", style=Markup(PAGE_STYLE + own), script=Markup(SCRIPT),
         structure=campaign.machine.structure.code, facts=_facts(sheet), unchecked=_unchecked(sheet), worth=sheet.worth, runs=runs,
-        picture=Markup(poses_figure(campaign)), clearances=_clearances(sheet), notes=sheet.notes, programs=programs, part=sheet.part,
+        picture=Markup(poses_figure(campaign)), clearances=_clearances(sheet), notes=sheet.notes, programs=programs,
+        part=sheet.part,
         expected=_expected(sheet.assessment) if sheet.assessment is not None else None,
     )  # fmt: skip
 

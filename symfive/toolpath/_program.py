@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ __all__ = ["read_program"]
 Array = NDArray[np.float64]
 MOTIONS = ("G0", "G1", "G2", "G3")
 OFFSETS = ("G54", "G55", "G56", "G57", "G58", "G59")
-HARMLESS = ("G9", "G15", "G40", "G50", "G61", "G61.1", "G64", "G69", "G80", "G91.1", "G93", "G94", "G95", "G96", "G97", "G98", "G99")
+HARMLESS = (
+    "G9", "G15", "G40", "G50", "G61", "G61.1", "G64", "G69", "G80", "G91.1", "G93", "G94", "G95", "G96", "G97", "G98", "G99",
+)  # fmt: skip
 """They change speed, or end what is not on."""
 AWAY = ("G28", "G30", "G53")
 """The axes go where the machine file does not know: they have to be commanded anew before the tool cuts."""
@@ -61,6 +64,18 @@ def read_program(
     return program.path(path, zero)
 
 
+class _Stretch(NamedTuple):
+    """Places (n, axes) on which the tool cuts, in program words: how far `along`, in steps; `tip` whether XYZ are the tip's
+    place, `lift` what is to be added to Z; whether it `begins` after a rapid move."""
+
+    places: Array
+    along: Array
+    tip: bool
+    lift: float
+    line: int
+    begins: bool
+
+
 class _Program:
     """The state of a control while a program runs, and the stretches on which the tool cuts."""
 
@@ -72,7 +87,7 @@ class _Program:
         self.offset, self.tools = "", set[float]()
         unknown = [name for name in PROGRAM_LINEAR if name in self.names]
         self.now = dict.fromkeys(self.names, 0.0) | dict.fromkeys(unknown, math.nan)
-        self.stretches: list[tuple[Array, Array, bool, float, int, bool]] = []
+        self.stretches: list[_Stretch] = []
         self.cutting = False
 
     def ended(self, block: Block) -> bool:
@@ -112,7 +127,7 @@ class _Program:
             raise InputError(f"{code} cannot be understood", remedy=TOOL_CENTRE)
 
     def _switch(self, code: str) -> None:
-        """Tool length and tool-centre control: what X, Y and Z mean from here on; where that is not plain they are commanded anew."""
+        """Tool length and tool-centre control: what X, Y and Z mean from here on, and which of them are to be commanded anew."""
         tip, lengthened = self.always or code == "G43.4", code != "G49"
         turned = any(self.now[name] != 0.0 for name in self.rotary)
         heights = ("Z",) if lengthened != self.lengthened and not self.always else ()
@@ -170,7 +185,8 @@ class _Program:
             (i, j), begin = (self.names.index(n) for n in self.plane), self._angle(middle)
             places[:, i] = middle[self.plane[0]] + radius * np.cos(begin + turn * shares)
             places[:, j] = middle[self.plane[1]] + radius * np.sin(begin + turn * shares)
-        self.stretches.append((places, shares * steps, self.tip, self.lengthened * self.tool_length, line, not self.cutting))
+        lift = 0.0 if self.tip else self.lengthened * self.tool_length
+        self.stretches.append(_Stretch(places, shares * steps, self.tip, lift, line, not self.cutting))
 
     def _angle(self, centre: dict[str, float]) -> float:
         """Of the present place about the centre of an arc, rad."""
@@ -179,18 +195,15 @@ class _Program:
 
     def path(self, file: Path, zero: dict[str, float]) -> ToolPath:
         """Places of all stretches, as many as a path needs: one every step, and the first after every rapid move."""
-        counts = [len(places) for places, *_ in self.stretches]
-        places = np.concatenate([stretch[0] for stretch in self.stretches])
-        tip, lift, line, fresh = (
-            np.repeat(np.array([stretch[i] for stretch in self.stretches]), counts) for i in (2, 3, 4, 5)
+        counts = [len(stretch.places) for stretch in self.stretches]
+        places = np.concatenate([stretch.places for stretch in self.stretches])
+        tip, lift, line = (
+            np.repeat([getattr(s, name) for s in self.stretches], counts) for name in ("tip", "lift", "line")
         )
-        first = np.cumsum([0, *counts[:-1]])
         begun = np.zeros(len(places), dtype=bool)
-        begun[first] = fresh[first]
-        ends = np.cumsum([stretch[1][-1] for stretch in self.stretches])
-        along = np.concatenate(
-            [stretch[1] + end - stretch[1][-1] for stretch, end in zip(self.stretches, ends, strict=True)]
-        )
+        begun[np.cumsum([0, *counts[:-1]])] = [stretch.begins for stretch in self.stretches]
+        ends = np.cumsum([stretch.along[-1] for stretch in self.stretches])
+        along = np.concatenate([s.along + end - s.along[-1] for s, end in zip(self.stretches, ends, strict=True)])
         step = max(1.0, float(along[-1]) / MOST_PLACES)
         number = np.floor(along / step + 1e-9)
         kept = np.flatnonzero(begun | np.append(number[1:] != number[:-1], True))
@@ -199,10 +212,11 @@ class _Program:
             if name in position:
                 position[name] += shift
         if "Z" in position:
-            position["Z"] += np.where(tip[kept], 0.0, lift[kept])
+            position["Z"] += lift[kept]
         return ToolPath(file, line[kept].astype(np.int64), position, tip[kept], self.tool_length, step, self._notes())
 
     def _notes(self) -> tuple[str, ...]:
         if len(self.tools) < 2:
             return ()
-        return (f"the part's program calls {len(self.tools)} tools; all count as {self.tool_length:g} mm long (--part-tool)",)
+        count, length = len(self.tools), self.tool_length
+        return (f"the part's program calls {count} tools; all count as {length:g} mm long (--part-tool)",)
