@@ -32,12 +32,13 @@ from symfive.campaign import Campaign, Run
 from symfive.design import Plan, plan
 from symfive.identify import identify
 from symfive.machine import Machine, preset, write_machine
+from symfive.toolpath import ToolPath, read_tool_path
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path += [str(ROOT / "tests"), str(ROOT / "examples" / "parts")]
 
 from make_parts import write_parts  # noqa: E402
-from plant.chain import ball_in_workpiece, parse_structure  # noqa: E402
+from plant.chain import ball_in_workpiece, nominal_linear, parse_structure  # noqa: E402
 from plant.simulate import simulate_run  # noqa: E402
 from plant.state import UM, URAD  # noqa: E402
 
@@ -85,6 +86,14 @@ class Plant:
             motions[component[2:]][:, column] = function(command[component[2:]]) * (URAD if column > 2 else UM)
         location = {n: np.asarray(v * (URAD if n[1] in "ABC" else UM)) for n, v in self.location(values).items()}
         return ball_in_workpiece(self.chain, position, (0.0, 0.0, -length), location, motions)
+
+    def touched(self, path: ToolPath, values: Mapping[str, float]) -> Array:
+        """The tip (1, 3), µm, where the part's datum is touched with the rotary axes at 0."""
+        assert path.datum is not None
+        rotary = {a.name: np.zeros(1) for a in self.chain.axes if a.rotary}
+        ball = (0.0, 0.0, -path.tool_length)
+        position = nominal_linear(self.chain, rotary, path.datum, ball)
+        return 1e3 * self.tips(position, path.tool_length, values)
 
     def measured(self, campaign: Campaign, values: Mapping[str, float], generator: np.random.Generator) -> Campaign:
         """An R-test campaign with readings."""
@@ -138,11 +147,14 @@ def leftover(plant: Plant, made: Plan, part: Plan, machines: int, seed: int) -> 
         result = identify(plant.measured(made.campaign, truth, generator), noise="declared")
         found = {name: result[name] for name in names}
         tips = (plant.tips(route.commands, route.path.tool_length, values) for values in (truth, found))
-        squares += np.square((next(tips) - next(tips)) * 1e3).sum(axis=1)
+        left = (next(tips) - next(tips)) * 1e3
+        if route.path.datum is not None:
+            left -= plant.touched(route.path, truth) - plant.touched(route.path, found)
+        squares += np.square(left).sum(axis=1)
     return float(np.sqrt(squares.max() / machines))
 
 
-def compare(name: str, minutes: float, machines: int, starts: int) -> None:
+def compare(name: str, minutes: float, machines: int, starts: int, datum: bool) -> None:
     """The rows of one machine."""
     machine = preset(name)
     plant = Plant(machine)
@@ -152,7 +164,7 @@ def compare(name: str, minutes: float, machines: int, starts: int) -> None:
     indexed = plan(machine, index=True, setups=int(minutes // 5), **options)
     with tempfile.TemporaryDirectory() as folder:
         for path in write_parts(machine, Path(folder)):
-            made = plan(machine, part=path, **options)
+            made = plan(machine, part=read_tool_path(path, machine, datum=datum), **options)
             both = made.part
             assert both is not None
             true = [leftover(plant, p, made, machines, seed=7) for p in (both.ordinary_plan, made)]
@@ -173,6 +185,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=25.0)
     parser.add_argument("--drawn", type=int, default=40, help="machines drawn for each part and plan")
     parser.add_argument("--starts", type=int, default=1)
+    parser.add_argument("--datum", action="store_true", help="the part's zero is touched with the rotary axes at 0")
     parser.add_argument("--quick", action="store_true", help="one machine, 10 drawn")
     options = parser.parse_args(arguments)
     drawn = 10 if options.quick else options.drawn
@@ -180,7 +193,7 @@ def main(arguments: list[str] | None = None) -> int:
     heads = "  D plan  expect    true | indexed |    part  expect    true | ratio  true"
     print(f"{'machine':15} {'part':7}  before |{heads}")
     for name in options.machines[: 1 if options.quick else None]:
-        compare(name, options.minutes, drawn, options.starts)
+        compare(name, options.minutes, drawn, options.starts, options.datum)
     return 0
 
 

@@ -28,7 +28,7 @@ from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.machine import Machine, preset
 from symfive.simulate import simulate
-from symfive.toolpath import read_tool_path
+from symfive.toolpath import ToolPath, read_tool_path
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples" / "parts"
 sys.path.insert(0, str(EXAMPLES))
@@ -78,6 +78,18 @@ def test_every_topology_follows_the_parts(name: str, tmp_path: Path) -> None:
         scale = 1e-2 * part.sigma * np.array(["." not in n for n in part.names])
         predicted = part.slopes @ np.where(scale > 0.0, 1e-2, 0.0)
         np.testing.assert_allclose(_plant_errors(machine, part, scale), predicted, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", FIVE)
+def test_a_touched_datum_takes_its_own_error_out(name: str, tmp_path: Path) -> None:
+    """What is left at the datum with the rotary axes at 0 is nothing, elsewhere the difference of two places."""
+    machine = preset(name)
+    rest = {n: np.zeros(2) for n in machine.axis_names}
+    words = rest | {"X": np.array([10.0, 10.0]), "Y": np.array([5.0, 5.0]), "Z": np.array([70.0, 90.0])}
+    path = ToolPath(tmp_path, np.array([1, 2]), words, np.array([True, True]), 150.0)
+    plain, touched = Part(machine, path), Part(machine, replace(path, datum=(10.0, 5.0, 70.0)))
+    np.testing.assert_allclose(touched.slopes[0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(touched.slopes[1], plain.slopes[1] - plain.slopes[0], atol=1e-9)
 
 
 def test_typical_places_stand_for_all(folder: Path) -> None:

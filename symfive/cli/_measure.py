@@ -87,6 +87,11 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     is_flag=True,
     help="With --part: X, Y and Z are the tip's place in the workpiece even without G43.4.",
 )
+@click.option(
+    "--part-datum",
+    is_flag=True,
+    help="With --part: its zero is touched on the machine, rotary axes at 0; the error there drops out.",
+)
 @dialects
 @click.option("--given", type=PATH, help="A campaign already measured; the plan complements it.")
 @click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
@@ -188,6 +193,7 @@ def plan(
     part_tool: float | None,
     part_zero: str,
     part_tool_centre: bool,
+    part_datum: bool,
     nc: tuple[str, ...],
     given: Path | None,
     minutes: float | None,
@@ -265,7 +271,9 @@ def plan(
         for dialect in dialects if instrument == "touch_probe" else ():
             can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
-        route = _part(data, part, part_tool, part_zero, part_tool_centre, circles)
+        route = _part(
+            data, part, circles, tool=part_tool, zero=part_zero, tool_centre=part_tool_centre, datum=part_datum
+        )
         result: Any
         if circles == CIRCULAR_TEST:
             result = circular_test(
@@ -296,15 +304,16 @@ def plan(
 
 
 def _part(
-    machine: Machine, path: Path | None, tool: float | None, zero: str, tool_centre: bool, circles: str | None
-) -> ToolPath | None:
+    machine: Machine, path: Path | None, circles: str | None, *,
+    tool: float | None, zero: str, tool_centre: bool, datum: bool,
+) -> ToolPath | None:  # fmt: skip
     """The part's tool path. Raises `InputError` for options of a part without one, and with circles."""
     from symfive.errors import InputError
     from symfive.toolpath import read_tool_path
 
     if path is None:
-        if tool is not None or tool_centre or zero != NO_SHIFT:
-            problem = "--part-tool, --part-zero and --part-tool-centre belong to a part and none is given"
+        if tool is not None or tool_centre or datum or zero != NO_SHIFT:
+            problem = "--part-tool, --part-zero, --part-tool-centre and --part-datum belong to a part and none is given"
             raise InputError(problem, remedy="add --part FILE")
         return None
     if circles is not None:
@@ -313,7 +322,7 @@ def _part(
         x, y, z = (float(word) for word in zero.split(","))
     except ValueError:
         raise InputError(f'--part-zero "{zero}" is not X,Y,Z', remedy="write --part-zero 0,0,50") from None
-    return read_tool_path(path, machine, tool_length=tool, zero=(x, y, z), tool_centre=tool_centre)
+    return read_tool_path(path, machine, tool_length=tool, zero=(x, y, z), tool_centre=tool_centre, datum=datum)
 
 
 def _setup_sigma(**given: float | None) -> SetupSigma:

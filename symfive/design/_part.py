@@ -49,28 +49,24 @@ class Expected:
 class Part:
     """A tool path on a machine.
 
-    `names` (s,) of the machine's parameters; `slopes` (N, 3, s) of the tip in the workpiece frame, µm per prior 1σ. Raises
-    `InputError` with the line where an axis would leave its travel.
+    `names` (s,) of the machine's parameters; `slopes` (N, 3, s) of the tip in the workpiece frame, µm per prior 1σ, less those at
+    the part's datum where that is touched. Raises `InputError` with the line where an axis would leave its travel.
     """
 
     def __init__(self, machine: Machine, path: ToolPath) -> None:
         self.machine, self.path = machine, path
         self.commands = _commands(machine, path)
         _refuse_outside(machine, path, self.commands)
-        run = Run(
-            id="part", instrument=("r_test",), sampling="static", time=np.arange(float(len(path))), commands=self.commands,
-            tool_ball=(0.0, 0.0, -path.tool_length),
-        )  # fmt: skip
-        model = Model(Campaign(machine=machine, runs=(run,)))
+        runs = [_run("part", path, self.commands)]
+        if path.datum is not None:
+            touched = _touched(machine, path, path.datum)
+            runs.append(_run("datum", touched, _commands(machine, touched)))
+        model = Model(Campaign(machine=machine, runs=tuple(runs)))
         shared = [p for p in model.parameters if p.kind != "setup"]
-        place = {model.index[p.name]: i for i, p in enumerate(shared)}
         self.names, self.sigma = tuple(p.name for p in shared), np.array([p.sigma for p in shared])
-        self.slopes = np.zeros((len(path), 3, len(shared)))
-        for window in windows_of(model, run, model.start, {}):
-            assert window.jacobian is not None
-            own = [(i, place[c]) for i, c in enumerate(window.columns.tolist()) if c in place]
-            here, there = (np.array(column, dtype=np.int64) for column in zip(*own, strict=True))
-            self.slopes[window.rows][:, :, there] = window.jacobian[window.inside][:, :, here] * self.sigma[there]
+        self.slopes, *datum = (_slopes(model, run, self.names) * self.sigma for run in runs)
+        for touched_slopes in datum:
+            self.slopes -= touched_slopes
 
     @cached_property
     def typical(self) -> NDArray[np.int64]:
@@ -119,8 +115,8 @@ class Part:
 
     def words(self, expected: Expected) -> str:
         """In words: worst and mean 1σ, and where."""
-        line = int(self.path.line[expected.row])
-        return f"{plain_number(expected.worst)} µm at worst (line {line}), {plain_number(expected.mean)} µm on average"
+        worst, mean = plain_number(expected.worst), plain_number(expected.mean)
+        return f"{worst} µm at worst ({self.path.at(expected.row)}), {mean} µm on average"
 
 
 def part_criterion(part: Part, space: Space, name: str) -> Criterion:
@@ -135,6 +131,33 @@ def part_criterion(part: Part, space: Space, name: str) -> Criterion:
     raise InputError(
         f"criterion {name} does not look at the part", remedy="use G (the worst place of its path) or V (the mean)"
     )
+
+
+def _run(name: str, path: ToolPath, commands: dict[str, Array]) -> Run:
+    """A path as rows in which the tool's tip is read in the workpiece frame."""
+    return Run(
+        id=name, instrument=("r_test",), sampling="static", time=np.arange(float(len(path))), commands=commands,
+        tool_ball=(0.0, 0.0, -path.tool_length),
+    )  # fmt: skip
+
+
+def _slopes(model: Model, run: Run, names: Sequence[str]) -> Array:
+    """Of the tip to the machine's parameters `names`: (N, 3, s), µm per unit of each."""
+    place = {model.index[name]: i for i, name in enumerate(names)}
+    found = np.zeros((run.rows, 3, len(names)))
+    for window in windows_of(model, run, model.start, {}):
+        assert window.jacobian is not None
+        own = [(i, place[c]) for i, c in enumerate(window.columns.tolist()) if c in place]
+        here, there = (np.array(column, dtype=np.int64) for column in zip(*own, strict=True))
+        found[window.rows][:, :, there] = window.jacobian[window.inside][:, :, here]
+    return found
+
+
+def _touched(machine: Machine, path: ToolPath, datum: tuple[float, float, float]) -> ToolPath:
+    """The place at which the part's datum is touched, with the rotary axes at 0."""
+    words = {name: np.zeros(1) for name in machine.axis_names}
+    words |= {name: np.array([value]) for name, value in zip("XYZ", datum, strict=True)}
+    return ToolPath(path.path, path.line[:1], words, np.array([True]), path.tool_length)
 
 
 def _commands(machine: Machine, path: ToolPath) -> dict[str, Array]:

@@ -66,8 +66,13 @@ class PartPlan:
     def says(self) -> tuple[str, ...]:
         """Sentences for screen, sheet and plan.json."""
         path, words = self.part.path, self.part.words
+        where = (
+            "in the workpiece frame"
+            if path.datum is None
+            else "against the part's zero touched with the rotary axes at 0"
+        )
         return (
-            f"part {path.path.name}: expected error of the tool ({path.tool_length:g} mm long) in the workpiece frame, 1σ at "
+            f"part {path.path.name}: expected error of the tool ({path.tool_length:g} mm long) {where}, 1σ at "
             f"{len(path)} places of its path after compensation:",
             f"  before the measurement: {words(self.before)}",
             f"  ordinary D plan ({self.ordinary.words()}): {words(self.ordinary.expected)}",
@@ -86,6 +91,7 @@ class PartPlan:
         }
         return {
             "file": path.path.name, "places": len(path), "tool_length_mm": path.tool_length,
+            "datum_mm": None if path.datum is None else list(path.datum),
             "before": self.part.data(self.before), **plans, "worst_over_ordinary": six_digits(self.ratio),
         }  # fmt: skip
 

@@ -29,8 +29,10 @@ class ToolPath(OnScreen):
 
     `path` the file; `line` (N,) where it says so, from 1; `position` axis → (N,), mm and degree: positions of the axes, but
     where `tip` (N,) holds X, Y and Z are the tool's tip in the workpiece frame and the linear axes follow; `tool_length` mm
-    from the spindle nose to the tip; `step` of the places, in units of 2 mm and 2° (above 1 where the path is long); `notes` in
-    plain words. Raises `InputError` for arrays of different lengths, no place, and numbers that are not finite.
+    from the spindle nose to the tip; `step` of the places, in units of 2 mm and 2° (above 1 where the path is long); `datum` the
+    place, mm in the workpiece frame, that is touched with the rotary axes at 0 before cutting, so that the error there drops out
+    everywhere (None: none is); `notes` in plain words. Raises `InputError` for arrays of different lengths, no place, and numbers
+    that are not finite.
     """
 
     path: Path
@@ -39,6 +41,7 @@ class ToolPath(OnScreen):
     tip: NDArray[np.bool_]
     tool_length: float
     step: float = 1.0
+    datum: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -63,5 +66,6 @@ class ToolPath(OnScreen):
 
     def at(self, row: int) -> str:
         """Where a place is, in words: its line and what stands there."""
-        words = " ".join(f"{name}{float(column[row]):.4g}" for name, column in self.position.items())
-        return f"line {int(self.line[row])} ({words})"
+        names = sorted(self.position, key=lambda name: (name not in PROGRAM_LINEAR, name))
+        words = " ".join(f"{name}{round(float(self.position[name][row]), 1) + 0.0:g}" for name in names)
+        return f"line {int(self.line[row])}: {words}"

@@ -213,7 +213,9 @@ class _Program:
                 position[name] += shift
         if "Z" in position:
             position["Z"] += lift[kept]
-        return ToolPath(file, line[kept].astype(np.int64), position, tip[kept], self.tool_length, step, self._notes())
+        return ToolPath(
+            file, line[kept].astype(np.int64), position, tip[kept], self.tool_length, step, notes=self._notes()
+        )
 
     def _notes(self) -> tuple[str, ...]:
         if len(self.tools) < 2:

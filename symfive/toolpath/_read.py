@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from symfive.errors import InputError
@@ -20,7 +21,7 @@ USUAL_TOOL_MM = (100.0, 200.0)
 
 def read_tool_path(
     path: Path | str, machine: Machine, *, tool_length: float | None = None,
-    zero: Sequence[float] = (0.0, 0.0, 0.0), tool_centre: bool = False,
+    zero: Sequence[float] = (0.0, 0.0, 0.0), tool_centre: bool = False, datum: bool = False,
 ) -> ToolPath:  # fmt: skip
     """The tool path of a part.
 
@@ -28,7 +29,8 @@ def read_tool_path(
     wanted. All else is an NC program in ISO or LinuxCNC words, of which G1, G2 and G3 cut. Its words are positions of the axes;
     where `G43.4` (or `tool_centre`, for a control that is in that mode anyway) is on they are the tool's tip in the workpiece.
     `tool_length` mm from the spindle nose to the tip (default: the middle of the machine file's range); `zero` the program's
-    zero in the workpiece frame, mm.
+    zero in the workpiece frame, mm; `datum`: that zero (of a table, the frame's origin) is touched on the part with the rotary
+    axes at 0, so that the machine's error there drops out.
 
     Raises `InputError` naming file and line for a word that cannot be understood, an axis that the machine lacks, a
     number that is none, and a path that does not cut.
@@ -40,8 +42,10 @@ def read_tool_path(
     offset = dict(zip("XYZ", zero, strict=True))
     finite("part", **offset)
     if path.suffix.lower() not in TABLES:
-        return read_program(path, machine, length, offset, tool_centre=tool_centre)
+        found = read_program(path, machine, length, offset, tool_centre=tool_centre)
+        return replace(found, datum=(zero[0], zero[1], zero[2])) if datum else found
     if tool_centre or any(offset.values()):
         problem = "a table of poses holds positions of the axes: no zero and no tool-centre control apply to it"
         raise InputError(problem, path=path, remedy="leave them out, or give the NC program")
-    return read_poses(path, machine, length)
+    found = read_poses(path, machine, length)
+    return replace(found, datum=(0.0, 0.0, 0.0)) if datum else found
