@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,6 +95,11 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 )
 @dialects
 @click.option("--given", type=PATH, help="A campaign already measured; the plan complements it.")
+@click.option(
+    "--until",
+    multiple=True,
+    help="Fewest poses (at most --points) until NAME=1σ is expected, as EX0C=2um; may be repeated.",
+)
 @click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
 @click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
 @click.option("--setups", type=COUNT, help="Most positions of nest or balls.")
@@ -196,6 +202,7 @@ def plan(
     part_datum: bool,
     nc: tuple[str, ...],
     given: Path | None,
+    until: tuple[str, ...],
     minutes: float | None,
     per_minute: bool,
     setups: int | None,
@@ -242,8 +249,9 @@ def plan(
     quiet: bool,
 ) -> None:
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
-    from symfive.design import FEEDS, circular_test, plan_circles
+    from symfive.design import FEEDS, circular_test, plan_circles, plan_until
     from symfive.design import plan as make_plan
+    from symfive.errors import InputError
     from symfive.executors import executor
     from symfive.given import machine_given
     from symfive.nc import Post, can_probe
@@ -271,6 +279,9 @@ def plan(
         for dialect in dialects if instrument == "touch_probe" else ():
             can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
+        wished = _until(until)
+        if wished and circles is not None:
+            raise InputError("circles have no --until", remedy="leave out --circles, or --until")
         route = _part(
             data, part, circles, tool=part_tool, zero=part_zero, tool_centre=part_tool_centre, datum=part_datum
         )
@@ -288,7 +299,7 @@ def plan(
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:
-                result = make_plan(
+                result = (partial(plan_until, asked=wished) if wished else make_plan)(
                     data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
                     setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um, frame=frame,
                     setup_sigma=_setup_sigma(
@@ -323,6 +334,27 @@ def _part(
     except ValueError:
         raise InputError(f'--part-zero "{zero}" is not X,Y,Z', remedy="write --part-zero 0,0,50") from None
     return read_tool_path(path, machine, tool_length=tool, zero=(x, y, z), tool_centre=tool_centre, datum=datum)
+
+
+def _until(words: Sequence[str]) -> dict[str, float]:
+    """NAME=1σ with its unit, as `EX0C=2um`, by name. Raises `InputError` for what is none, and for a unit of another kind."""
+    from symfive.errors import InputError
+
+    found = {}
+    for word in words:
+        name, _, size = word.partition("=")
+        number = size.replace("µ", "u").removesuffix("um").removesuffix("urad").strip()
+        unit = size.replace("µ", "u").strip().removeprefix(number).strip()
+        own = "urad" if name.strip()[1:2] in ("A", "B", "C") else "um"
+        if unit not in ("", own):
+            raise InputError(
+                f"--until {word}: the unit of {name} is {own}", remedy=f"write --until {name}={number}{own}"
+            )
+        try:
+            found[name.strip()] = float(number)
+        except ValueError:
+            raise InputError(f"--until {word} is not NAME=1σ", remedy="write --until EX0C=2um") from None
+    return found
 
 
 def _setup_sigma(**given: float | None) -> SetupSigma:

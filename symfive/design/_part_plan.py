@@ -63,23 +63,50 @@ class PartPlan:
         return self.after.expected.worst / self.ordinary.expected.worst
 
     @property
-    def says(self) -> tuple[str, ...]:
-        """Sentences for screen, sheet and plan.json."""
-        path, words = self.part.path, self.part.words
+    def what(self) -> str:
+        """What is expected, in one sentence."""
+        path = self.part.path
         where = (
             "in the workpiece frame"
             if path.datum is None
             else "against the part's zero touched with the rotary axes at 0"
         )
         return (
-            f"part {path.path.name}: expected error of the tool ({path.tool_length:g} mm long) {where}, 1σ at "
-            f"{len(path)} places of its path after compensation:",
-            f"  before the measurement: {words(self.before)}",
-            f"  ordinary D plan ({self.ordinary.words()}): {words(self.ordinary.expected)}",
-            f"  this plan ({self.after.words()}): {words(self.after.expected)}, "
-            f"{plain_number(self.ratio)} × the ordinary plan's worst",
-            *path.notes,
+            f"Part {path.path.name}: expected error of the tool ({path.tool_length:g} mm) {where}, after compensation, 1σ at "
+            f"{len(path)} places of its path"
         )
+
+    @property
+    def rows(self) -> tuple[tuple[str, Expected], ...]:
+        """The expected errors with what leaves them."""
+        return (
+            ("before the measurement", self.before),
+            (f"ordinary D plan ({self.ordinary.words()})", self.ordinary.expected),
+            (f"this plan ({self.after.words()})", self.after.expected),
+        )
+
+    @property
+    def says(self) -> tuple[str, ...]:
+        """Sentences for the screen and plan.json."""
+        lines = [f"  {name}: {self.part.words(expected)}" for name, expected in self.rows]
+        return (f"{self.what}:", *lines, f"  {self.verdict}", *self.part.path.notes)
+
+    @property
+    def verdict(self) -> str:
+        """How this plan compares with the ordinary one."""
+        return f"at the worst place {plain_number(self.ratio)} times what the ordinary plan leaves"
+
+    def shown(self) -> dict[str, Any]:
+        """What the sheet shows."""
+        rows = [
+            (name, plain_number(left.worst), plain_number(left.mean), self.part.path.at(left.row))
+            for name, left in self.rows
+        ]
+        return {
+            "what": self.what,
+            "rows": rows,
+            "notes": [f"This plan leaves {self.verdict}.", *self.part.path.notes],
+        }
 
     def to_data(self) -> dict[str, Any]:
         """As it stands in plan.json."""

@@ -19,6 +19,7 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._budget import affordable, most_per_minute, shortened
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._certificate import Certificate, certify
+from symfive.design._criteria import Criterion, name_of
 from symfive.design._dominance import what_dominates
 from symfive.design._exchange import Candidates
 from symfive.design._indexing import indexed, worth_indexing
@@ -128,7 +129,7 @@ def _different(run: Run) -> int:
 
 @one_thread
 def plan(
-    machine: Machine | Path | str, *, instrument: str = "r_test", criterion: str | None = None, points: int = 40,
+    machine: Machine | Path | str, *, instrument: str = "r_test", criterion: str | Criterion | None = None, points: int = 40,
     for_: Iterable[str] = (), part: ToolPath | Path | str | None = None,
     given: Campaign | Path | str | None = None, setups: int | None = None,
     lengths: Sequence[float] = (), minutes: float | None = None,
@@ -141,11 +142,11 @@ def plan(
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
     `machine` a machine, the path of its file, or the name of a preset;
-    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D (default), A, E, G or V (`I`); `for_` names of the
-    parameters that count (by default all of the machine's), the others and every set-up error being marginalised; `part` a tool
-    path or its file (`symfive.toolpath`): G (default) and V are then the worst and the mean expected error of the tool along it,
-    with as many set-ups as fit into `minutes` (default: those of the D plan, which is made too and compared), and the spindle is
-    indexed where that is worth it; `given` a campaign already
+    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D (default), A, E, G or V (`I`), or one of your own; `for_`
+    names of the parameters that count (by default all of the machine's), the others and every set-up error being marginalised;
+    `part` a tool path or its file (`symfive.toolpath`): G (default) and V are then the worst and the mean expected error of the
+    tool along it, with as many set-ups as fit into `minutes` (default: those of the D plan, which is made too and compared), and
+    the spindle is indexed where that is worth it; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
@@ -173,7 +174,7 @@ def plan(
     space = make_space(
         machine, instrument, noise_um=noise_um / math.sqrt(repeats), setup_sigma=setup_sigma, options=options
     )
-    sought = None if route is None else part_criterion(route, space, criterion)
+    sought = None if route is None else part_criterion(route, space, name_of(criterion))
     ordinary = None
     if route is not None:
         setups = setups if minutes is None or setups is not None else mountings_in(minutes)
@@ -187,8 +188,7 @@ def plan(
         setups = setups or mountings_in(minutes)
     names = tuple(p.name for p in space.shared)
     wanted = interest_of(names, tuple(for_))
-    task = task_of(space, criterion, wanted, given)
-    task = task if sought is None else replace(task, criterion=sought)
+    task = task_of(space, criterion if sought is None else sought, wanted, given)
     shares = affordable(machine, minutes, points, setups or (3 if instrument == "ball_bar" else 2), returns, repeats)
     points, runs = shares[-1]
     if index is None and route is not None:
@@ -254,7 +254,7 @@ def plan(
         certificate,
         values,
         given,
-        criterion,
+        name_of(criterion),
         wanted,
         over_prior(drawn, task, schedule.rows),
     )

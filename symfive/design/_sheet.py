@@ -44,7 +44,7 @@ class Sheet:
     worth: str = ""
     assessment: Assessment | None = None
     notes: Sequence[str] = ()
-    part: Sequence[str] = ()
+    part: Mapping[str, Any] | None = None
 
 
 def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[str]) -> str:

@@ -81,7 +81,7 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
     worth = ". ".join([f"Certificate: {plan.certificate.says}", *(note[:1].upper() + note[1:] for note in others)])
     sheet = Sheet(
         campaign=plan.campaign, post=plan.post, facts=facts, worth=worth, assessment=plan.assessment, notes=ways,
-        part=() if plan.part is None else plan.part.says,
+        part=None if plan.part is None else plan.part.shown(),
     )  # fmt: skip
     _write_files(sheet, folder, nc)
     write_json(folder / "plan.json", plan_data(plan))
