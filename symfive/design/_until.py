@@ -122,7 +122,7 @@ def _out_of_reach(most: Plan, limits: Mapping[str, float], given: Campaign | Non
     least = f"{plain_number(still)} {unit}"
     words = f"{name} cannot be known to {asked} by these set-ups: {count} poses leave {here}, any number {least}"
     if known[best] > 0.95 * still:
-        problem = f"{words}, since no reading tells it apart from other errors"
+        problem = f"{words}, since the readings cannot separate it from other errors"
         return InputError(problem, remedy="use another instrument, or more set-ups (--setups)")
     what, remedy = LIMITS[best]
     problem = f"{words}; {what} limits it, and exactly known leaves {plain_number(known[best])} {unit}"
