@@ -112,7 +112,8 @@ def test_the_plan_beats_the_ordinary_one_in_the_same_time(made: Plan) -> None:
     assert both.after.minutes <= 15.0 and both.ordinary.minutes <= 15.0
     assert both.before.worst > 50.0
     assert both.ratio < 0.7  # set-ups averaged and the run-out read: what the D plan leaves
-    assert any(run.spindle is not None for run in made.campaign.runs)
+    assert all(run.spindle is not None for run in made.campaign.runs)
+    assert "the spindle is indexed" in made.notes[0]
 
 
 def test_what_is_expected_is_what_is_left(made: Plan) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,15 +27,21 @@ from symfive.cli._common import (
     scheduler,
     tell,
 )
+from symfive.cli._plan_words import (
+    NO_SHIFT,
+    bars_of,
+    effects_of,
+    one_bar,
+    part_of,
+    rotary_of,
+    setup_sigma_of,
+    until_of,
+)
 
 if TYPE_CHECKING:
-    from symfive.campaign import SetupSigma
     from symfive.effects import Effect
-    from symfive.machine import Machine
-    from symfive.toolpath import ToolPath
 
 CIRCULAR_TEST = "iso-230-4"
-NO_SHIFT = "0,0,0"
 __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 
 
@@ -265,7 +270,7 @@ def plan(
             tool_number=tool,
             tool_centre_on=tool_centre_on,
             tool_centre_off=tool_centre_off,
-            reversed_axes=_rotary(data, reversed_axes),
+            reversed_axes=rotary_of(data, reversed_axes),
             machine_top=machine_top,
             dwell_s=dwell,
             at_pose=at_pose,
@@ -279,22 +284,22 @@ def plan(
         for dialect in dialects if instrument == "touch_probe" else ():
             can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
-        wished = _until(until)
+        wished = until_of(until)
         if wished and circles is not None:
             raise InputError("circles have no --until", remedy="leave out --circles, or --until")
-        route = _part(
+        route = part_of(
             data, part, circles, tool=part_tool, zero=part_zero, tool_centre=part_tool_centre, datum=part_datum
         )
         result: Any
         if circles == CIRCULAR_TEST:
             result = circular_test(
-                data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=_one_bar(bars), sweep_deg=sweep,
+                data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=one_bar(bars), sweep_deg=sweep,
                 noise_um=noise_um,
             )  # fmt: skip
         elif circles is not None:
             result = plan_circles(
-                data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion or "D", robust=robust,
-                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data), planes=planes or ("XY",),
+                data, effects_of(effects), family=circles, count=count, for_=names, criterion=criterion or "D", robust=robust,
+                per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
                 feeds=feeds or FEEDS,
             )  # fmt: skip
         else:
@@ -302,7 +307,7 @@ def plan(
                 result = (partial(plan_until, asked=wished) if wished else make_plan)(
                     data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
                     setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um, frame=frame,
-                    setup_sigma=_setup_sigma(
+                    setup_sigma=setup_sigma_of(
                         tool_ball=tool_ball_sigma, tool_length=tool_length_sigma, table_ball=table_ball_sigma,
                         zero=zero_sigma, length=bar_length_sigma,
                     ),
@@ -312,89 +317,6 @@ def plan(
                 )  # fmt: skip
         result.write(folder, nc=dialects, post=post)
     tell(result.to_data(), str(result), as_json)
-
-
-def _part(
-    machine: Machine, path: Path | None, circles: str | None, *,
-    tool: float | None, zero: str, tool_centre: bool, datum: bool,
-) -> ToolPath | None:  # fmt: skip
-    """The part's tool path. Raises `InputError` for options of a part without one, and with circles."""
-    from symfive.errors import InputError
-    from symfive.toolpath import read_tool_path
-
-    if path is None:
-        if tool is not None or tool_centre or datum or zero != NO_SHIFT:
-            problem = "--part-tool, --part-zero, --part-tool-centre and --part-datum belong to a part and none is given"
-            raise InputError(problem, remedy="add --part FILE")
-        return None
-    if circles is not None:
-        raise InputError("a plan for a part has poses, no circles", remedy="leave out --circles, or --part")
-    try:
-        x, y, z = (float(word) for word in zero.split(","))
-    except ValueError:
-        raise InputError(f'--part-zero "{zero}" is not X,Y,Z', remedy="write --part-zero 0,0,50") from None
-    return read_tool_path(path, machine, tool_length=tool, zero=(x, y, z), tool_centre=tool_centre, datum=datum)
-
-
-def _until(words: Sequence[str]) -> dict[str, float]:
-    """NAME=1σ with its unit, as `EX0C=2um`, by name. Raises `InputError` for what is none, and for a unit of another kind."""
-    from symfive.errors import InputError
-
-    found = {}
-    for word in words:
-        name, _, size = word.partition("=")
-        number = size.replace("µ", "u").removesuffix("um").removesuffix("urad").strip()
-        unit = size.replace("µ", "u").strip().removeprefix(number).strip()
-        own = "urad" if name.strip()[1:2] in ("A", "B", "C") else "um"
-        if unit not in ("", own):
-            raise InputError(
-                f"--until {word}: the unit of {name} is {own}", remedy=f"write --until {name}={number}{own}"
-            )
-        try:
-            found[name.strip()] = float(number)
-        except ValueError:
-            raise InputError(f"--until {word} is not NAME=1σ", remedy="write --until EX0C=2um") from None
-    return found
-
-
-def _setup_sigma(**given: float | None) -> SetupSigma:
-    """Set-up errors as they were given, the others as usual."""
-    from symfive.campaign import SetupSigma
-
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    return SetupSigma(**chosen)
-
-
-def _rotary(machine: Machine, names: str) -> tuple[str, ...]:
-    from symfive.errors import InputError
-
-    found = tuple(name.strip() for name in names.split(",") if name.strip())
-    for name in found:
-        if name not in machine.axes or not machine.axes[name].rotary:
-            rotary = ", ".join(n for n, axis in machine.axes.items() if axis.rotary) or "none"
-            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {rotary}")
-    return found
-
-
-def _one_bar(bars: Sequence[float]) -> float | None:
-    from symfive.errors import InputError
-
-    if len(bars) > 1:
-        raise InputError(f"a circular test has one bar, {len(bars)} are given", remedy="give --bar once")
-    return bars[0] if bars else None
-
-
-def _bars_of(machine: Machine) -> tuple[float, ...]:
-    return machine.workspace.bar_lengths or (50.0,)
-
-
-def _effects(words: Sequence[str]) -> list[Effect]:
-    from symfive.effects import make_effect
-    from symfive.errors import InputError
-
-    if not words:
-        raise InputError("circles are chosen for effects and none is named", remedy="add --effect backlash:C")
-    return [make_effect(name, axis or None) for name, _, axis in (word.partition(":") for word in words)]
 
 
 @app.command(epilog="Example: symfive assess designs/plans/r-test-grid")

@@ -50,6 +50,7 @@ __all__ = ["Plan", "plan"]
 Array = NDArray[np.float64]
 FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
+INDEXED = "the spindle is indexed in every run: for this part that is worth more than the pose it takes (--no-index forbids it)"
 MOST_SHARES = 3
 """Numbers of runs that all get the full search."""
 REPORTED_DRAWS, DRAWS = 2, 6
@@ -191,7 +192,8 @@ def plan(
     task = task_of(space, criterion if sought is None else sought, wanted, given)
     shares = affordable(machine, minutes, points, setups or (3 if instrument == "ball_bar" else 2), returns, repeats)
     points, runs = shares[-1]
-    if index is None and route is not None:
+    decided = index is None and route is not None
+    if decided:
         index = worth_indexing(space, task, optimise(space, task, points, runs, starts=1, seed=seed)[0])
     index = bool(index)
     task = indexed(space, task) if index else task
@@ -260,7 +262,8 @@ def plan(
     )
     if route is None or ordinary is None:
         return made
-    return replace(made, part=compared(route, space, task, ordinary, made))
+    chosen = (INDEXED,) if decided and index else ()
+    return replace(made, part=compared(route, space, task, ordinary, made), notes=(*chosen, *made.notes))
 
 
 def _options_of(instrument: str, frame: str) -> dict[str, str]:
