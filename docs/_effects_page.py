@@ -72,6 +72,8 @@ def _section(identity: str, plan: Campaign, folder: Path) -> str:
         lines += [f"Reported as `{kind.reported_as}`.", ""]
     if kind.hidden_by:
         lines += [f"*Hidden by:* {kind.hidden_by}.", ""]
+    if kind.action:
+        lines += [f"*What to do:* {kind.action}.", ""]
     try:
         effect = make_effect(identity, axis, **options).prepare(plan)
     except InputError as error:

@@ -66,7 +66,7 @@ class Check(OnScreen):
 
 
 def check(path: Path | str) -> Check:
-    """Read a machine file, a campaign's folder or its `campaign.toml` to the end, whatever is wrong in it.
+    """All problems and notes of a machine file, a campaign's folder or its `campaign.toml`, which is read to its end.
 
     Raises `InputError` only where there is no such file.
     """

@@ -13,7 +13,7 @@ MOST = 800
 
 
 class InputError(ValueError):
-    """Bad input, said in one sentence.
+    """An error that the user can correct, in one sentence with its place and remedy.
 
     Arguments: `problem` (what is wrong), `remedy` (what to change), and where: `path`, `line` and `column`
     (both counted from 1) as far as they are known, and `keys`, the path of the key in the data: names of tables and keys,

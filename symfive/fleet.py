@@ -239,7 +239,7 @@ def _row(name: str, result: Identification | Diagnosis) -> Row:
     return Row(
         campaign=name,
         verdict=_verdict(result),
-        says=result.letter if isinstance(result, Diagnosis) else "; ".join(result.to_data()["says"]),
+        says=result.summary if isinstance(result, Diagnosis) else "; ".join(result.to_data()["says"]),
         rms=float(fit.rms_um),
         rms_unit=next((unit for unit in fit.rms if unit == "um"), next(iter(fit.rms), "um")),
         chi2_dof=float(fit.chi2_dof),

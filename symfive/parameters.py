@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["LEARNT", "UNIT_SCALE", "Parameter"]
+__all__ = ["DETERMINED", "UNIT_SCALE", "Parameter", "parameter_words"]
 
 UNIT_SCALE = {
     "um": 1e-3, "urad": 1e-6, "mm": 1.0, "deg": math.pi / 180.0, "rad": 1.0, "s": 1.0, "ms": 1e-3, "ppm": 1e-6,
@@ -14,8 +14,8 @@ UNIT_SCALE = {
 }  # fmt: skip
 """Internal value (mm, rad, s) = scale × value in the file unit; units not listed are the same inside."""
 
-LEARNT = 2.0**-0.5
-"""A parameter counts as learnt from the data where its 1σ fell below this share of its prior 1σ."""
+DETERMINED = 2.0**-0.5
+"""The readings determine a parameter whose 1σ is below this share of its prior 1σ."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,3 +50,10 @@ class Parameter:
     def bounded(self) -> bool:
         """Whether it has a hard bound."""
         return math.isfinite(self.lower) or math.isfinite(self.upper)
+
+
+def parameter_words(name: str) -> str:
+    """A parameter's name in a sentence: of set-up as `tool ball x of run nest1`, any other as it is."""
+    kind, _, rest = name.partition(".")
+    run, _, quantity = rest.partition(".")
+    return f"{quantity.replace('_', ' ').replace('.', ' ')} of run {run}" if kind == "setup" and quantity else name

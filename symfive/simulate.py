@@ -59,7 +59,7 @@ def simulate(
     seed: int = 0,
     noise: bool = True,
 ) -> Simulation:
-    """Measure a plan in simulation, with white noise as declared.
+    """Simulated readings of a plan, with the declared white noise.
 
     `plan` a campaign, a plan, or the path of its folder;
     `truth` gives true values by name; what it does not name is drawn from its prior. The same `seed` gives the same

@@ -63,7 +63,7 @@ AT_THE_TOOL = ("drive", "axis", "structure")
 
 @dataclass(frozen=True)
 class Worth:
-    """What correcting `names` is worth: `circles` run → share of the deviation of each circle, `readings` that of all readings
+    """The worth of correcting `names`: `circles` run → share of the deviation of each circle, `readings` that of all readings
     together, `tool` that of the error at the tool in the workspace, None where it is not there; `certain` whether it is larger
     than its uncertainty; `confounded` what it cannot be separated from; `of_machine`: whether it is an error of the machine,
     not of the instrument or the set-up."""
@@ -99,19 +99,19 @@ class Worth:
 
 
 def location_worths(identification: Identification) -> tuple[Worth, ...]:
-    """Of every identified location error, the most at the tool first."""
+    """The worth of every identified location error, the largest at the tool first."""
     names = [p.name for p in identification.parameters if p.kind == "location_error"]
     found = worth_of(identification, [(name,) for name in names])
     return tuple(sorted(found, key=lambda worth: -(worth.tool or 0.0)))
 
 
 def effect_worth(identification: Identification, effect: Effect) -> Worth:
-    """Of an effect of the fitted model, all its parameters together. Raises `InputError` where the model lacks it."""
+    """Worth of correcting an effect of the fitted model. Raises `InputError` where the model lacks it."""
     return effect_worths(identification, [effect])[0]
 
 
 def effect_worths(identification: Identification, effects: Iterable[Effect]) -> tuple[Worth, ...]:
-    """The same of several effects, each corrected alone."""
+    """The worth of several effects, each corrected alone."""
     model, groups, machines = identification.model, [], []
     for effect in effects:
         names = [p.name for p in effect.parameters(model.campaign) if p.name in model.index]
@@ -124,7 +124,7 @@ def effect_worths(identification: Identification, effects: Iterable[Effect]) -> 
 
 
 def worth_of(identification: Identification, groups: Iterable[Sequence[str]]) -> tuple[Worth, ...]:
-    """Of each group of parameters, corrected together. Raises `InputError` for a name that the model lacks."""
+    """The worth of each group of parameters, corrected together. Raises `InputError` for a name that the model lacks."""
     model = identification.model
     wanted = [tuple(names) for names in groups]
     for name in {name for names in wanted for name in names}:

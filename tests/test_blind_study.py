@@ -22,6 +22,7 @@ sys.path.insert(0, str(ROOT))
 
 from examples.blind_study import (  # noqa: E402
     cases,
+    challenge,
     controls,
     effects,
     figures,
@@ -566,3 +567,103 @@ def test_a_small_study_from_end_to_end(tmp_path: Path) -> None:
 def test_only_an_axis_in_front_of_it_tilts_a_table(structure, carriers):
     setting = SimpleNamespace(machine={"structure": structure})
     assert sorted(effects._carriers(setting, "C")) == sorted(carriers)
+
+
+# --- the challenge -------------------------------------------------------------------------------------------
+def _finding(effect: str, axis: str | None, confidence: float, **more: Any) -> dict[str, Any]:
+    return {"effect": effect, "axis": axis, "confidence": confidence, **more}
+
+
+SAME_READINGS = {"names": [["location_error", "X"], ["scale_error", "Y"]]}
+PLAY = {"names": [["backlash", "C"]]}
+OVER_TIME = {"names": [["unknown", None]], "coordinates": ["t"]}
+
+
+@pytest.mark.parametrize(
+    ("effects", "findings", "points", "wrong"),
+    [
+        ([], [], 1.0, False),
+        ([], [_finding("backlash", "C", 0.95)], 0.0, True),
+        ([PLAY], [], 0.0, False),
+        ([PLAY], [_finding("backlash", "C", 0.95)], 1.0, False),
+        ([PLAY], [_finding("backlash", "B", 0.95)], 0.0, True),
+        ([PLAY], [_finding("backlash", "C", 0.95), _finding("friction", "C", 0.5)], 0.5, False),
+        ([PLAY], [_finding("backlash", "C", 0.7, rivals=[_finding("friction", "C", 0.3)])], 0.5, False),
+        ([PLAY], [_finding("backlash", "C", 0.97, rivals=[_finding("friction", "C", 0.03)])], 1.0, False),
+        ([PLAY, SAME_READINGS], [_finding("backlash", "C", 0.9)], 0.5, False),
+        ([SAME_READINGS], [_finding("scale_error", "Y", 0.9)], 0.5, False),
+        ([SAME_READINGS], [_finding("scale_error", "Y", 0.9, alias=["location_error.EC0X"])], 1.0, False),
+        ([SAME_READINGS], [_finding("scale_error", "Y", 0.9, alias=[{"effect": "location_error", "axis": "X"}])], 1.0, False),
+        ([OVER_TIME], [_finding("unknown", None, 0.99, coordinate="t")], 1.0, False),
+        ([OVER_TIME], [_finding("unknown", None, 0.99, where={"coordinate": "X, t"})], 1.0, False),
+        ([OVER_TIME], [_finding("unknown", None, 0.99, coordinate="X")], 0.0, False),
+        ([OVER_TIME], [_finding("thermal_drift", None, 0.99, coordinate="t")], 0.0, True),
+    ],
+)  # fmt: skip
+def test_a_complete_group_without_a_false_member_scores_one(effects, findings, points, wrong) -> None:
+    got = challenge.mark({"stratum": "alias", "effects": effects}, {"findings": findings})
+    assert (got.points, got.wrong) == (points, wrong)
+
+
+@pytest.fixture
+def written(sealed: Path, tmp_path: Path) -> Path:
+    words = [
+        "write",
+        str(tmp_path / "open"),
+        "--answers",
+        str(tmp_path / "answers.json"),
+        "--study",
+        str(sealed),
+        "--cases",
+        "9",
+    ]
+    assert challenge.main(words) == 0
+    return tmp_path
+
+
+@pytest.fixture
+def nine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(challenge, "case_ids", lambda count: IDS)
+
+
+def test_an_outsider_enters_by_files_alone(nine: None, written: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    numbers = json.loads((written / "open" / "challenge.json").read_text())["campaigns"]
+    assert numbers == ["0001", "0002"]
+    told = json.loads((written / "answers.json").read_text())["answers"]
+    for path in (written / "open").rglob("*"):  # nothing tells which is which
+        assert "heldout" not in path.name and not (path.is_file() and any(i.encode() in path.read_bytes() for i in IDS))
+    for number in numbers:
+        names = [effect["names"][0] for effect in told[number]["effects"]]
+        (written / "all" / number).mkdir(parents=True)
+        said = {"findings": [_finding(effect, axis, 0.8) for effect, axis in names]}
+        (written / "all" / number / "diagnosis.json").write_text(json.dumps(said))
+    (written / "nobody").mkdir()
+    entries = [str(written / name) for name in ("all", "nobody")]
+    assert challenge.main(["score", str(written / "open"), str(written / "answers.json"), *entries]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "| | all | nobody |" and lines[2] == "| score, mean over the cases | 1.000 | 0.000 |"
+    assert lines[-2:] == [
+        "| Brier score of the names (0 is best) | 0.040 | no name |",
+        "| campaigns without a diagnosis | 0 | 2 |",
+    ]
+
+
+def test_other_answers_and_broken_entries_are_refused(nine: None, written: Path) -> None:
+    open_, answers, entry = written / "open", written / "answers.json", written / "mine"
+    (entry / "0001").mkdir(parents=True)
+    (entry / "0001" / "diagnosis.json").write_text('{"findings": [{"axis": "X"}]}')
+    with pytest.raises(InputError, match=r"0001.*is no diagnosis.*effect"):
+        challenge.marks(open_, answers, entry)
+    answers.write_text(answers.read_text().replace("none", "alias"))
+    with pytest.raises(InputError, match="not the answers of this challenge"):
+        challenge.marks(open_, answers, entry)
+    with pytest.raises(InputError, match="is there already"):
+        challenge.main(["write", str(open_), "--answers", str(written / "new.json")])
+    with pytest.raises(InputError, match="everybody reads it"):
+        challenge.main(["write", str(written / "other"), "--answers", str(written / "other" / "answers.json")])
+
+
+def test_entrants_that_are_built_in_write_a_diagnosis_each(nine: None, written: Path) -> None:
+    words = ["enter", str(written / "open"), "BIC white", "-o", str(written / "bic"), "--workers", "0"]
+    assert challenge.main(words) == 0
+    assert len(challenge.marks(written / "open", written / "answers.json", written / "bic")) == 2

@@ -15,7 +15,7 @@ from symfive.design._exchange import Candidates, choose, exchange, greedy
 from symfive.design._information import Task
 from symfive.design._kernel import Kernel
 from symfive.design._refine import Objective, Rows, refine
-from symfive.design._relaxed import best_told, relax
+from symfive.design._relaxed import marginal_sensitivity, relax
 from symfive.errors import InputError
 
 WEAK = 1e-9
@@ -162,7 +162,7 @@ def test_marginal_information_of_a_setup_is_bounded() -> None:
     generator = np.random.default_rng(1)
     rows, pull = generator.normal(size=(40, 6, 2)), np.diag([1.0, 0.5, 0.2, 0.1])
     prior = np.diag([1e-3, 1e-3])
-    top, fixed, _ = best_told(pull, rows, prior, 10.0)
+    top, fixed, _ = marginal_sensitivity(pull, rows, prior, 10.0)
     task = Task(criterion_of("D", 4, np.zeros((0, 3, 4))), np.zeros((4, 4)), np.full(2, 1e-3**-0.5), np.arange(4))
     for _ in range(50):
         weights = generator.dirichlet(np.ones(40)) * 10.0

@@ -21,6 +21,7 @@ from symfive.machine import preset
 from symfive.nc import DIALECTS, Post, program, program_steps
 from symfive.simulate import simulate
 from tests.plan_checker import check
+from tests.plan_checker.dialects import DIALECTS as WORDS
 
 NOISE = 0.3
 
@@ -74,15 +75,9 @@ def test_the_spindle_stands_in_the_files_and_in_every_program(made: Plan, tmp_pa
         assert same.spindle is not None and np.array_equal(run.spindle, same.spindle)
         assert same.setup_sigma_um.tool == (20.0, 20.0, 2.0)
     assert check(tmp_path / "plan") == []
-    words = {
-        "iso": r"TURN SPINDLE TO (\d+)",
-        "siemens": r"SPOS=(\d+)",
-        "linuxcnc": r"M19 R(\d+)",
-        "heidenhain": r"13.1 ANGLE (\d+)",
-    }
-    for dialect, word in words.items():
+    for dialect in DIALECTS:
         text = program(made.machine, made.campaign.runs[0], dialect, made.post)
-        assert re.findall(word, text) == ["0", "180", "0"]
+        assert re.findall(WORDS[dialect].orient, text) == ["0", "180", "0"]
     assert "spindle turned to 180°" in (tmp_path / "plan" / "setup.html").read_text(encoding="utf-8")
     write_campaign(again, tmp_path / "again")
     assert (tmp_path / "again" / again.runs[0].file).read_text() == (tmp_path / "plan" / again.runs[0].file).read_text()

@@ -8,19 +8,27 @@ import shlex
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
 import pytest
+from test_effects import assert_exact
 
 from symfive.campaign import Campaign, Run, write_campaign
 from symfive.cli import app, main
+from symfive.design._ways import cleared
 from symfive.effects import EFFECTS
+from symfive.errors import InputError
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.machine import machine_from_data, preset
-from symfive.nc import DIALECTS
-from symfive.procedures import campaign_of, planar_circle
+from symfive.model import Model
+from symfive.nc import DIALECTS, Post, can_probe, write_programs
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.simulate import simulate
 from symfive.version import __version__
+from tests.plan_checker import check
+from tests.plan_checker.dialects import DIALECTS as WORDS
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [
@@ -113,6 +121,60 @@ def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, 
 def test_added_instruments_and_effects_are_taken_out_again():
     assert "dial_gauge" not in INSTRUMENTS
     assert "bar_droop" not in EFFECTS
+
+
+def python_of(page: Path) -> dict[str, Any]:
+    """What the Python blocks of a page leave."""
+    space: dict[str, Any] = {"__name__": "page"}
+    for block in blocks(page):
+        if block.language == "python":
+            exec(compile(block.text, str(page), "exec", dont_inherit=True), space)
+    return space
+
+
+def test_effects_of_their_page_are_exact_and_named_by_component(own_tables):
+    page = python_of(ROOT / "docs/howto/effect.md")
+    assert_exact(Model(page["plan"], [page["droop"]]), ["bar_droop.amplitude"])
+    machine = preset("table-bc")
+    still = r_test_grid(machine, step_deg=60.0)
+    driven = [replace(run, id=f"driven-{run.id}", file=f"driven-{run.id}.csv", sampling="dynamic") for run in still]
+    plan = campaign_of(machine, [*still, *driven])
+    forms = [form.effect for form in EFFECTS["clamp_shift"].candidates(plan)]
+    assert {form.axis for form in forms} == {None} and {form.belongs_to for form in forms} == {"B", "C"}
+    model = Model(plan, forms)
+    assert {"clamp_shift.EXC.amplitude", "clamp_shift.EYC.amplitude"} <= set(model.index)
+    moved = model.contribution(forms[0], model.vector({p.name: 3.0 for p in forms[0].parameters(plan)}))
+    assert np.abs(moved["r-test-1"]).max() == pytest.approx(3.0) and not moved["driven-r-test-1"].any()
+    assert not list(EFFECTS["clamp_shift"].candidates(campaign_of(machine, still)))
+
+
+def test_a_dialect_of_its_page_drives_what_the_others_drive(own_tables, tmp_path, monkeypatch):
+    python_of(ROOT / "docs/howto/dialect.md")
+    own = replace(WORDS["iso"], suffix=".cnc", comment=";", message="", stops=False, screen=r"; ([^\n]+)\nM0")
+    monkeypatch.setitem(WORDS, "workshop", own)
+    machine = preset("three-axis")
+    runs = planar_circle(machine, radius=100.0, feed=2000.0, rate_hz=6.0)
+    write_campaign(campaign_of(machine, runs), tmp_path)
+    write_programs(campaign_of(machine, runs), tmp_path / "nc", ("iso", "workshop"), cleared(machine, runs, {}))
+    assert not check(tmp_path)
+    program = tmp_path / "nc" / "workshop" / f"{runs[0].id}.cnc"
+    program.write_text(program.read_text().replace("G55", "G53.2", 1))
+    assert {finding.file for finding in check(tmp_path)} == {program}
+
+
+def test_a_dialect_without_words_for_a_touch_is_refused(own_tables):
+    DIALECTS["silent"] = replace(DIALECTS["iso"], name="silent", cycle=None)
+    with pytest.raises(InputError, match="silent: its words for a touch are not known"):
+        can_probe("silent", Post())
+
+
+def test_the_files_that_the_how_tos_name_exist():
+    for page in (ROOT / "docs/howto").glob("*.md"):
+        for path in re.findall(r"`((?:symfive|tests|docs)/[\w/.-]+\.(?:py|md))`", page.read_text(encoding="utf-8")):
+            assert "NAME" in path or (ROOT / path).is_file(), f"{page.name}: {path}"
+    for path, name in (("test_effects.py", "CASES"), ("test_effects.py", "FORMULAS"), ("test_predict.py", "RUNS"),
+                       ("plan_checker/dialects.py", "DIALECTS")):  # fmt: skip
+        assert re.search(rf"^{name}\b", (ROOT / "tests" / path).read_text(encoding="utf-8"), re.MULTILINE), path
 
 
 @pytest.mark.parametrize("page", pages_with("sh"), ids=named)

@@ -594,7 +594,7 @@ def test_described_and_written(number: int) -> None:
     for name, entry in found.items():
         numbers = np.ravel(entry["value"]).dtype.kind in "if"
         assert not numbers or name in chosen or entry["std"] is not None, name
-    assert effect.vocabulary in VOCABULARY and effect.says and effect.hidden_by
+    assert effect.vocabulary in VOCABULARY and effect.says and effect.hidden_by and effect.action
     again = effects_from_data(json.loads(json.dumps([effect_to_data(effect)])), "model.json")
     assert again == (effect,)
 

@@ -237,6 +237,7 @@ def test_recordings_that_are_not_there_are_left_out(
 # --- on the recordings ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_emps_halves_give_the_same_friction_and_predict_each_other(tmp_path: Path) -> None:
     """Force, mass and friction: A. Janot, M. Gautier & M. Brunot 2019; their model leaves 2.2 N."""
     found = study(*real("emps"))

@@ -120,7 +120,7 @@ def test_machines_of_several_kinds_share_a_table(machines: Path, tmp_path: Path)
 def test_a_diagnosis_of_all(measured: list[Simulation], machines: Path, tmp_path: Path) -> None:
     [row] = fleet([machines / "m0"], tmp_path / "results", diagnose=True).rows
     found = diagnose(measured[0].campaign)
-    assert row.says == found.letter
+    assert row.says == found.summary
     assert row.verdict == (", ".join(f"{f.name} {f.axis or ''}".rstrip() for f in found.findings) or "explained")
     assert {"diagnosis.json", "model.json", "report.html"} <= contents(tmp_path / "results" / "m0").keys()
 

@@ -63,7 +63,7 @@ def test_a_play_stands_on_what_was_held_out(how: str, count: int) -> None:
     squares = [held.readings[part] * held.rms[part][1] ** 2 for part in ("all", "fitted", "held_out")]
     assert squares[0] == pytest.approx(squares[1] + squares[2])
     assert held.rms["fitted"][1] == pytest.approx(found.fit.rms_after_um, rel=1e-6)
-    assert found.letter.endswith(".") and "Held out: " in found.letter and "Withdrawn" not in found.letter
+    assert found.summary.endswith(".") and "Held out: " in found.summary and "Withdrawn" not in found.summary
 
 
 def test_what_is_held_out_is_not_learnt_from() -> None:
@@ -87,7 +87,7 @@ def test_a_finding_that_is_refuted_is_withdrawn_and_said(refuted: Diagnosis) -> 
     (gone,) = held.withdrawn
     assert gone.rms_with_um > 1.01 * gone.rms_without_um
     assert held.rms["held_out"][1] == pytest.approx(gone.rms_without_um)
-    assert "Withdrawn: backlash of axis X predicted run r3 worse, " in refuted.letter
+    assert "Withdrawn: backlash of axis X predicted run r3 worse, " in refuted.summary
     assert "Withdrawn: backlash of axis X" in diagnosis_text(refuted)
     data = json.loads(json.dumps(refuted.to_data()))["hold_out"]
     assert data["held_out"] == "run r3" and data["withdrawn"][0]["axis"] == "X"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.errors import InputError
 from symfive.machine import machine_from_data
 from symfive.model import Model
 
@@ -144,6 +145,18 @@ def test_grid_encoder(name):
     seen = d - np.cross(1e-6 * turn, d - origin)  # the plate turned by a, b, c about its origin
     expected = 1e3 * np.stack([seen @ u, seen @ v], axis=1) + [5.0, -6.0]
     assert predict(plan, setup) == pytest.approx(expected, abs=1e-6)
+
+
+def test_straightedge(name):
+    u, v, place = np.array([0.6, 0.0, 0.8]), np.array([0.8, 0.0, -0.6]), np.array([10.0, 20.0, 30.0])
+    fields = {"instrument": ("straightedge",), "tool_ball": tuple(TOOL), "table_ball": tuple(place)}
+    plan = campaign(name, {**fields, "u": tuple(u), "v": tuple(v)})
+    away = balls(plan, name, TOOL) - place
+    expected = 1e3 * (away @ u) + 1e-3 * 250.0 * (away @ v) - 40.0
+    assert predict(plan, {"slope": 250.0, "zero": -40.0})[:, 0] == pytest.approx(expected, abs=1e-6)
+    for wrong in ({}, {"u": tuple(u)}, {"u": tuple(u), "v": tuple(u)}):
+        with pytest.raises(InputError, match="right angles; add u = "):
+            Model(campaign(name, fields | wrong))
 
 
 def test_without_set_up_errors_there_are_fewer_unknowns():

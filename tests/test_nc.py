@@ -25,6 +25,7 @@ from symfive.procedures import (
     static_ball_bar,
     synchronous_circle,
 )
+from tests.plan_checker.dialects import DIALECTS as WORDS
 
 LETTERS = "XYZABC"
 
@@ -87,9 +88,9 @@ def test_details_of_dialects() -> None:
     assert "G93" not in texts["heidenhain"] and "; block time" in texts["heidenhain"]
     assert "G4 P2.000" in texts["linuxcnc"] and texts["linuxcnc"].rstrip().endswith("M2")
     with pytest.raises(
-        InputError, match='NC dialect "okuma" is unknown; use one of iso, siemens, heidenhain, linuxcnc'
+        InputError, match='NC dialect "basic" is unknown; use one of iso, siemens, heidenhain, linuxcnc'
     ):
-        program(machine, run, "okuma")
+        program(machine, run, "basic")
 
 
 @pytest.mark.parametrize("dialect", list(DIALECTS))
@@ -112,14 +113,6 @@ def test_the_head_of_a_program_warns_of_collisions(dialect: str) -> None:
         assert line.lstrip("0123456789 ").startswith(comment), line
 
 
-TOP = {
-    "iso": "G91 G28 Z0.",
-    "siemens": "SUPA G0 Z-3.00000 D0",
-    "heidenhain": "L Z-3.0000 R0 FMAX M91",
-    "linuxcnc": "G53 G0 Z-3.00000",
-}
-
-
 def _bare(line: str, dialect: str) -> str:
     return line.split(" ", 1)[1] if DIALECTS[dialect].numbered else line
 
@@ -129,8 +122,8 @@ def test_first_the_tools_axis_alone_then_the_rotary_axes_then_the_plane(dialect:
     """From an unknown position and back to the top: no block moves two groups of axes but where the ball creeps or is seated."""
     machine, run = RUNS[0]
     lines = [_bare(line, dialect) for line in program(machine, run, dialect, Post(machine_top=-3.0)).splitlines()]
-    moves = [line for line in lines if re.search(r"^(G91 |G53 |SUPA )?G(0|1|28)\b|^L ", line)]
-    assert moves[0] == moves[-3] == TOP[dialect]
+    moves = [line for line in lines if re.search(r"^([A-Z0-9 ]+ )?G(0|1|28)\b|^L ", line)]
+    assert moves[0] == moves[-3] == WORDS[dialect].top
     axes = [set(re.findall(r"\b([XYZBC])[=+-]?[\d-]", re.sub(r"D0|FMAX", "", line))) for line in moves]
     assert axes[1:4] == [{"B", "C"}, {"X", "Y"}, {"Z"}] and axes[-2:] == [{"B"}, {"C"}]
     rapid = DIALECTS[dialect].rapid.split("{")[0]
@@ -141,21 +134,11 @@ def test_first_the_tools_axis_alone_then_the_rotary_axes_then_the_plane(dialect:
     ]
 
 
-NEEDED = {
-    "iso": ("G21 G17 G90 G94 G40 G49 G80", "G69", "G54", "G49"),
-    "siemens": ("TRAFOOF", "G710 G17 G90 G94 G40 G500 D0", "TRANS", "G54"),
-    "heidenhain": (
-        "FUNCTION RESET TCPM", "PLANE RESET STAY", "TRANS DATUM RESET", "CYCL DEF 247 DATUM SETTING Q339=+1", "TOOL CALL 0 Z",
-    ),
-    "linuxcnc": ("G21 G17 G90 G94 G40 G49 G80 G92.1", "G54", "G49"),
-}  # fmt: skip
-
-
 @pytest.mark.parametrize("dialect", list(DIALECTS))
 def test_datum_and_tool_offset_are_called_and_cancelled_before_the_first_move(dialect: str) -> None:
     machine, run = RUNS[0]
     lines = [_bare(line, dialect) for line in program(machine, run, dialect, Post(machine_top=-3.0)).splitlines()]
-    assert set(NEEDED[dialect]) <= set(lines[: lines.index(TOP[dialect])])
+    assert set(WORDS[dialect].calls) <= set(lines[: lines.index(WORDS[dialect].top)])
     said = (
         f"X Y Z are of the spindle nose, without a tool length, the ball's centre is {-run.tool_ball[2]:g} mm below it"
     )
@@ -165,14 +148,6 @@ def test_datum_and_tool_offset_are_called_and_cancelled_before_the_first_move(di
     assert "TCPM" not in program(three, circle, "heidenhain") and "TRAFOOF" not in program(three, circle, "siemens")
 
 
-SCREEN = {
-    "iso": r"#3006=1\(([^)]{5,26})\)",
-    "siemens": r'MSG\("([^"]+)"\)\nM0\nMSG\(\)',
-    "heidenhain": r"; ([^\n]+)\n\d+ STOP M0",
-    "linuxcnc": r"\(MSG, ([^)]+)\)\nM0",
-}
-
-
 @pytest.mark.parametrize("dialect", list(DIALECTS))
 def test_every_stop_shows_its_text_on_the_controls_screen(dialect: str) -> None:
     machine, run = RUNS[2]
@@ -180,7 +155,7 @@ def test_every_stop_shows_its_text_on_the_controls_screen(dialect: str) -> None:
     texts = [step.text for step in program_steps(machine, run, post) if step.kind == "stop"]
     assert texts == ["CLEAR? Z GOES TO TOP FIRST", "BALL STANDS 50 MM OFF?", "SEAT BALL BAR, ZERO IT", "TAKE THE BAR OFF",
                      "PUT THE BAR ON", "FREE BALL BAR, START"]  # fmt: skip
-    assert re.findall(SCREEN[dialect], program(machine, run, dialect, post)) == texts
+    assert re.findall(WORDS[dialect].screen, program(machine, run, dialect, post)) == texts
 
 
 @pytest.mark.parametrize("dialect", list(DIALECTS))
@@ -188,7 +163,7 @@ def test_every_pose_is_read_at_a_stop_with_its_number(dialect: str) -> None:
     machine, run = RUNS[0]
     post = Post(at_pose="stop", dwell_s=3.0)
     run = replace(run, time=arrival_times(machine, run, post))
-    texts = re.findall(SCREEN[dialect], program(machine, run, dialect, post))
+    texts = re.findall(WORDS[dialect].screen, program(machine, run, dialect, post))
     poses = [text for text in texts if text.startswith("READ POSE")]
     assert poses == [f"READ POSE {row + 1} OF {run.rows}" for row in range(run.rows)]
     steps = program_steps(machine, run, post)

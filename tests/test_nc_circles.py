@@ -16,6 +16,7 @@ from symfive.machine import Machine, preset, presets
 from symfive.nc import DIALECTS, Post, program, program_steps, write_programs
 from symfive.procedures import Nominal, campaign_of, cone_circle, planar_circle, rotary_circle, synchronous_circle
 from tests.plan_checker import check
+from tests.plan_checker.dialects import DIALECTS as WORDS
 
 THREE, TABLE = preset("three-axis"), preset("table-bc")
 CENTRED = Post(tool_centre_on="TRAORI", tool_centre_off="TRAFOOF")
@@ -39,19 +40,9 @@ def moves(text: str) -> list[str]:
 
 @pytest.mark.parametrize("dialect", list(DIALECTS))
 def test_two_turns_between_radial_feed_in_and_out(dialect: str) -> None:
-    expected = {
-        "iso": ["G1 X-100.00000 Y0.00000 F1000", *["G2 X-100.00000 Y0.00000 I100.00000 J0.00000 F1000"] * 2,
-                "G1 X-101.50000 Y0.00000 F1000"],
-        "siemens": ["G1 X-100.00000 Y0.00000 F1000", "G2 X-100.00000 Y0.00000 I100.00000 J0.00000 TURN=1 F1000",
-                    "G1 X-101.50000 Y0.00000 F1000"],
-        "heidenhain": ["L X-100.0000 Y+0.0000 R0 F1000", "CC X+0.0000 Y+0.0000", "CP IPA-720.0000 DR- F1000",
-                       "L X-101.5000 Y+0.0000 R0 F1000"],
-        "linuxcnc": ["G1 X-100.00000 Y0.00000 F1000", "G2 X-100.00000 Y0.00000 I100.00000 J0.00000 P2 F1000",
-                     "G1 X-101.50000 Y0.00000 F1000"],
-    }  # fmt: skip
     run = planar_circle(THREE, radius=100.0, direction="cw")[0]
     text = program(THREE, run, dialect, cleared(THREE, (run,), {}))
-    assert moves(text) == expected[dialect]
+    assert moves(text) == list(WORDS[dialect].circle)
     assert "G93" not in text and not re.search(r"hand on the feed|slowly", text, re.I)
     assert "override 100 percent" in text.lower()
 

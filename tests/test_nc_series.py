@@ -14,14 +14,7 @@ from symfive.machine import preset
 from symfive.nc import DIALECTS, Post, program, series_of
 from symfive.procedures import r_test_grid
 from tests.plan_checker import check
-
-SPOILED = {
-    "iso": ("G2 X", "G3 X", ""),
-    "siemens": ("TURN=1", "TURN=2", "turns by"),
-    "heidenhain": ("CC X+0.0000", "CC X+5.0000", "off the circle"),
-    "linuxcnc": (" P2 F", " P3 F", "turns by"),
-}
-"""What is changed in a series, and what the checker says then."""
+from tests.plan_checker.dialects import DIALECTS as WORDS
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +27,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_one_program_drives_both_directions_and_feeds_with_the_bar_on(folder: Path) -> None:
-    for suffix in ("iso/*.nc", "siemens/*.mpf", "heidenhain/*.h", "linuxcnc/*.ngc"):
-        series = [path for path in (folder / "nc").glob(suffix) if "+" in path.name]
+    for dialect in DIALECTS:
+        series = [*(folder / "nc" / dialect).glob(f"*+*{WORDS[dialect].suffix}")]
         assert len(series) == 2
         for path in series:
             text = path.read_text()
@@ -48,9 +41,9 @@ def test_the_checker_reads_the_arcs_of_every_dialect(folder: Path) -> None:
     assert not check(folder)
 
 
-@pytest.mark.parametrize("dialect", SPOILED)
+@pytest.mark.parametrize("dialect", list(DIALECTS))
 def test_the_checker_finds_a_wrong_arc_in_every_dialect(folder: Path, dialect: str, tmp_path: Path) -> None:
-    right, wrong, said = SPOILED[dialect]
+    right, wrong, said = WORDS[dialect].spoiled
     mine = Path(shutil.copytree(folder, tmp_path / "test", ignore=shutil.ignore_patterns(*set(DIALECTS) - {dialect})))
     (path,) = (mine / "nc" / dialect).glob("xy-*+*")
     text = path.read_text()

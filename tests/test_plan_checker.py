@@ -21,6 +21,7 @@ from tests.plan_checker import check, read_plan, read_program
 from tests.plan_checker.__main__ import main as checker
 from tests.plan_checker._bodies import Cylinder, clearance
 from tests.plan_checker._plan import Machine
+from tests.plan_checker.dialects import DIALECTS
 from tests.plan_checker.example import write_example
 from tests.plan_checker.machines import random_machine
 from tests.plan_checker.refusals import share_with_a_way_out
@@ -28,7 +29,6 @@ from tests.plan_checker.refusals import share_with_a_way_out
 ROOT = Path(__file__).resolve().parent.parent
 MACHINE = (ROOT / "designs" / "machines" / "table-bc.toml").read_text(encoding="utf-8")
 PYTHON = [sys.executable, "-m"]
-SUFFIX = {"iso": ".nc", "siemens": ".mpf", "heidenhain": ".h", "linuxcnc": ".ngc"}
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,7 @@ def test_arcs_have_their_length_and_place(good: Path, tmp_path: Path) -> None:
         "heidenhain": "1 L Z-1 R0 FMAX M91\n2 L B+0 C+0 R0 FMAX\n3 L X-150 Y+0 R0 FMAX\n4 CC X+0 Y+0\n5 CP IPA+720 DR+ F1000\n",
     }
     for dialect, text in programs.items():
-        file = tmp_path / f"arc{SUFFIX[dialect]}"
+        file = tmp_path / f"arc{DIALECTS[dialect].suffix}"
         file.write_text(text)
         path = read_program(good_plan.machine, good_plan.runs[0], file, dialect)
         assert not path.control.findings
@@ -210,7 +210,7 @@ READY = sorted(path.parent for path in (ROOT / "designs" / "plans").glob("*/camp
 
 def made(folder: Path, machine: MachineFile, instrument: str, points: int, starts: int = 1) -> Path:
     """A plan of symfive's with programs of all dialects."""
-    plan(machine, instrument=instrument, points=points, starts=starts).write(folder, nc=tuple(SUFFIX))
+    plan(machine, instrument=instrument, points=points, starts=starts).write(folder, nc=tuple(DIALECTS))
     return folder
 
 
@@ -311,6 +311,7 @@ def test_the_command_ends_with_one_where_there_are_findings(good: Path, tmp_path
     assert "spindle nose and table meet by" in answer.stdout
 
 
+@pytest.mark.slow
 def test_circles_of_random_machines_are_in_order(capsys: pytest.CaptureFixture[str]) -> None:
     """`python -m tests.plan_checker --random 0 40 --circles` takes more."""
     assert checker(["--random", "0", "4", "--circles"]) == 0

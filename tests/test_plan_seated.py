@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -98,13 +98,13 @@ def test_what_the_exact_bodies_refuse_is_not_tried_again() -> None:
     assert seated.via(0, 2, sides) == ()
     asked: list[tuple[float, ...]] = []
 
-    def later(before: Positions, after: Positions) -> bool:
-        asked.append((*before.values(), *after.values()))
-        return len(asked) > 1
+    def later(moves: Sequence[tuple[Positions, Positions]]) -> list[bool]:
+        asked.extend((*before.values(), *after.values()) for before, after in moves)
+        return [len(asked) > 1] * len(moves)
 
     around = seated.via(0, 2, sides, later)
     assert around and len(set(asked)) == len(asked)
-    assert seated.via(0, 1, sides, lambda before, after: False) is None
+    assert seated.via(0, 1, sides, lambda moves: [False] * len(moves)) is None
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ RUNS: dict[str, dict[str, Any]] = {
     "r_test": {"tool_ball": (0.0, 0.0, -100.0)},
     "laser": {"options": {"axis": "X"}},
     "grid_encoder": {"u": (1.0, 0.0, 0.0), "v": (0.0, 1.0, 0.0)},
+    "straightedge": {"u": (0.0, 0.0, 1.0), "v": (1.0, 0.0, 0.0)},
     "tracker": {"options": {"placement_sigma": (1e-9, 1e-9)}},
     "displacement": {"options": {"sensors": [SENSOR]}},
 }

@@ -93,17 +93,18 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
     page = Page(text)
     assert written.name == "report.html" and len(text.encode()) < 3_000_000
     assert "2 faults found: " in page.words
-    for facts in (facts_of(finding, found.after) for finding in found.findings):
-        assert list(facts) == ["what", "where", "how large", "how sure", "hidden by", "not separated"]
+    first = ("what", "where", "how large", "how sure", "costs")
+    for finding in found.findings:
+        facts = facts_of(finding, found.after)
+        assert tuple(facts) == (*first, "hidden by", "not separated", "what to do")
         assert all(answer in page.words for answer in facts.values())
-        assert f"{facts['where']}; {facts['how large']}; {facts['how sure']}; cannot be " in page.words, (
-            "the verdict says it in short"
-        )
+        assert "; ".join(facts[question] for question in first[1:]) in page.words, "the verdict says it in short"
+        assert f"to do: {finding.effect.action}" in page.words
     assert closing(found) in page.words and text.index("<ol>") < text.index("In short: ") < text.index('class="tiles"')
     for words in (
         *found.doubts, "about 10⁻¹⁰⁶", "false-alarm rate, nothing named", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
         "time constant", "the structure that axis B carries", "changing with time", "location errors of the rotary axes",
-        "geometry and set-up absorbed 82 % of it", "position of axis C along X", "gravity_sag.B.EXB",
+        "geometry and set-up absorbed 82 % of it", "position of axis C along X", "gravity sag of axis B (EXB)",
         "χ²/dof against the estimated noise", "held-out runs (each run in turn)", "location_error.EA0Z", "Class 1:",
         "geometry and set-up cannot absorb", "No rows are missing", "declared 1σ", "along Z of the machine: (0.00, 0.00, 1.00)",
     ):  # fmt: skip
@@ -112,7 +113,7 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
     assert text.index('id="finding-1"') < text.index('id="finding-2"') < text.index('id="proof"')
     worth = text[text.index('id="worth"') : text.index('id="proof"')]
     for finding in found.findings:
-        assert f"{finding.title} (or gravity_sag.B.EXB)" in worth
+        assert f"{finding.title} (or gravity sag of axis B (EXB))" in worth
     assert "of the error at the tool" in worth and "EX0C" in worth and "do not correct" in worth
     assert page.tags.count("article") == 2 and text.count('class="chain"') == 1
     assert "prefers-color-scheme: dark" in text and "@media print" in text and "data-sort=" in text
@@ -159,13 +160,14 @@ def test_rivals_and_the_next_test_stand_with_the_finding(found):
         "or none of the known effects 4 %"
     )
     assert facts["next test"] == f"record plans/apart: {test.says}"
+    assert facts["what to do"].startswith("record the next test") and facts["what to do"].endswith(unsure.effect.action)
 
 
 def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found):
     alias = ("backlash.Y", *found.findings[1].alias)
     unsure = replace(found.findings[1], confidence=0.991, by_experience=True, rivals=(), alias=alias)
     assert facts_of(unsure, found.after)["how sure"] == (
-        "confidence 99.1 %, by experience: it cannot be distinguished from backlash.Y in this test "
+        "confidence 99.1 %, by experience: it cannot be distinguished from backlash of axis Y in this test "
         "(component open: not separated from EXB)"
     )
     assert ", by experience" in card(1, unsure, found, "")

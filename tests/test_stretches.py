@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Campaign, Run
-from symfive.diagnose import _stretches, detect, diagnose, prove
+from symfive.diagnose import _stretches, cross_validated, detect, diagnose
 from symfive.effects import Effect, make_effect
 from symfive.identify import Identification, identify
 from symfive.inference import _windows
@@ -159,7 +159,7 @@ def test_windows_change_no_result(fits: tuple[Identification, Identification], m
     def results() -> tuple[object, ...]:
         contribution = after.problem().contribution(play, after.values)
         (visible,) = visible_parts(before, [contribution])
-        proof = prove(before, after)
+        proof = cross_validated(before, after)
         tests = {test.name: test.statistic for test in detect(after).tests}
         return contribution, visible, (proof.heldout_rms_before_um, proof.heldout_rms_after_um), tests
 

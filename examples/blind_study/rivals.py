@@ -308,6 +308,12 @@ def pysindy(system: System, python: str) -> tuple[list[Name], float]:
     return list(dict.fromkeys(system.families[owner[i]][0] for i in order)), seconds
 
 
+def named_by(campaign: Campaign, rival: str) -> list[Name]:
+    """What one of the simple rivals says of a campaign: "BIC …" or `FIT_ALL`."""
+    system = System.of(campaign)
+    return fit_all(system) if rival == FIT_ALL else search(system, rival.removeprefix("BIC "))
+
+
 def compete(folder: Path, peers: str | None = None) -> dict[str, list[Name]]:
     """What every rival says of a campaign; PySINDy's only with a Python that has it, `peers`."""
     system = System.of(read_campaign(folder / "fit"))

@@ -123,11 +123,11 @@ def class_complete(
     listed = {(finding["effect"], finding["axis"])}
     listed |= {(r["effect"], r["axis"]) for r in finding["rivals"] if r["confidence"] >= LISTED}
     keys = {finding["form"], *finding["alias"]}
-    listed |= {_of_key(k) for group in classes if keys & set(group) for k in group} | {_of_key(k) for k in keys}
+    listed |= {key_name(k) for group in classes if keys & set(group) for k in group} | {key_name(k) for k in keys}
     return set(names_of(fact)) - set(map(_name, oversized)) <= listed
 
 
-def _of_key(key: str) -> Name:
+def key_name(key: str) -> Name:
     """Name of a form's key such as `location_error.EC0X` or `gravity_sag.B.EZB`."""
     effect, *parts = key.split(".")
     if not parts:
@@ -155,7 +155,7 @@ def named_again(
 
 def _told_alike(fact: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
     """Whether the finding is the truth or says that it reads like it, and knows no test at hand that would tell more."""
-    return _name(fact["name"]) in map(_of_key, (finding["form"], *finding["alias"])) and not finding["next_test"]
+    return _name(fact["name"]) in map(key_name, (finding["form"], *finding["alias"])) and not finding["next_test"]
 
 
 def _f1(oracle: Mapping[str, Any] | None, right: Sequence[int | None]) -> list[float]:

@@ -97,7 +97,7 @@ def conceal(machine: Machine, *, step_deg: float = 30.0, seed: int = SEED + 2) -
 def lines_of_diagnosis(found: Diagnosis, truth: Mapping[str, float]) -> list[str]:
     """What was found, how well it explains the readings, and how the geometry moved."""
     fit = found.fit
-    lines = [f"  {found.letter}", f"  residual rms {fit.rms_before_um:.2f} µm before, {fit.rms_after_um:.2f} µm after"]
+    lines = [f"  {found.summary}", f"  residual rms {fit.rms_before_um:.2f} µm before, {fit.rms_after_um:.2f} µm after"]
     before, after = fit.heldout_rms_before_um, fit.heldout_rms_after_um
     if before is not None and after is not None:
         lines.append(f"  runs left out in turn: rms {before:.2f} µm before, {after:.2f} µm after")

@@ -113,15 +113,15 @@ def finding_data(still: Diagnosis, warm: Diagnosis, drifting: Drifting, cone: Di
         "sag": {
             "true_um": SAG_UM, "believed": {"EZ0B": plain["EZ0B"], "std": plain.uncertainty("EZ0B"), "true": 0.0},
             "swallowed_share": swallowed(), "rms_before_um": still.fit.rms_before_um, "rms_after_um": still.fit.rms_after_um,
-            "says": still.letter, "findings": [f.to_data() for f in still.findings],
+            "says": still.summary, "findings": [f.to_data() for f in still.findings],
         },
         "sag_and_drift": {
-            "map_error_um": drifting.error_um, "map_residual_um": drifting.residual_um, "says": warm.letter,
+            "map_error_um": drifting.error_um, "map_residual_um": drifting.residual_um, "says": warm.summary,
             "findings": [f.to_data() for f in warm.findings],
         },
         "coning": {
             "true_urad": list(CONING_URAD), "found_urad": {n: list(v) for n, v in third_harmonics(cone).items()},
-            "says": cone.letter,
+            "says": cone.summary,
         },
     }  # fmt: skip
 
@@ -174,13 +174,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"  a plain fit believes EZ0B = {plain['EZ0B']:.2f} ± {plain.uncertainty('EZ0B'):.2f} µm; true is 0")
     for where, share in swallowed().items():
         print(f"  {where}: the baseline swallows {100.0 * share:.1f} % of it")
-    print(f"  {still.letter}")
+    print(f"  {still.summary}")
     figures.save(figures.gravity(still, SAG_UM), pictures, "gravity")
     drifting = map_a_drifting_machine(folder / "recordings" / "drift-once")
     print("7 The same while the spindle grows: what the map swallows")
     print(f"  the map is off by up to {drifting.error_um:.1f} µm, and (15) leaves {drifting.residual_um:.2f} µm rms")
     _, warm = look_again(folder / "recordings" / "drift-and-back", drift=True)
-    print(f"  {warm.letter}")
+    print(f"  {warm.summary}")
     cone = look_at_coning(folder / "recordings" / "coning")
     about_x, about_y = CONING_URAD
     print(f"8 C cones: it tilts by {about_x:g} and {about_y:g} µrad·sin 3C; the diagnosis, B free at its seven angles:")

@@ -166,4 +166,4 @@ def named(diagnosis: Diagnosis) -> list[str]:
 
 def sentences(diagnosis: Diagnosis) -> Sequence[str]:
     """The letter in lines."""
-    return [f"  {finding.says}" for finding in diagnosis.findings] or [f"  {diagnosis.letter}"]
+    return [f"  {finding.says}" for finding in diagnosis.findings] or [f"  {diagnosis.summary}"]

@@ -216,15 +216,15 @@ def main(arguments: Arguments[str] | None = None) -> int:
     print(
         f"  (10) finds a roll of {plates.false_roll:.0f} µrad between the ends of the line, and nothing contradicts it"
     )
-    print(f"  diagnosis, plates taken as aligned: {plates.diagnosis.letter}")
+    print(f"  diagnosis, plates taken as aligned: {plates.diagnosis.summary}")
     print("  with the orientation as an unknown: " + "; ".join(plates.says))
-    print(f"  diagnosis then: {plates.clean.letter}")
+    print(f"  diagnosis then: {plates.clean.summary}")
     figures.save(figures.plate_yaw(plates.known.model.campaign, plates.known, YAW_URAD), pictures, "plate-yaw")
 
     periodic = screw()
     print(f"8 A screw error of X, {SIZE_UM:g} µm, period {LEAD_MM:g} mm; the diagnosis of line 1")
-    print(f"  read every 5 mm: {periodic.paper.letter}")
-    print(f"  read every 2 mm: {periodic.denser.letter}")
+    print(f"  read every 5 mm: {periodic.paper.summary}")
+    print(f"  read every 2 mm: {periodic.denser.summary}")
     figures.save(figures.screws(periodic), pictures, "screw")
     write_json(folder / "findings.json", findings_data(fate, raw, of_b, gain, plates, periodic))
     print(f"Done in {time.perf_counter() - begin:.0f} s: {folder.resolve()}")

@@ -120,7 +120,7 @@ output_path = click.option("-o", "--output", type=PATH, required=True, help="The
 dialects = click.option(
     "--nc",
     multiple=True,
-    help="Dialect of the NC programs: iso (default), siemens, heidenhain or linuxcnc; may be repeated.",
+    help="Dialect of the NC programs: iso (default), siemens, heidenhain, linuxcnc …; may be repeated.",
 )
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors and the result.")
@@ -165,7 +165,7 @@ def dialects_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
-    """A campaign, its notes told; `measured`: raises `InputError` where a run has no readings."""
+    """A campaign, its notes printed; `measured`: raises `InputError` where a run has no readings."""
     from symfive.errors import InputError
     from symfive.given import campaign_given
 

@@ -149,7 +149,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--tool-centre",
     is_flag=True,
-    help="Tool-centre control in the words of iso (G43.4 H) and siemens (TRAORI).",
+    help="Tool-centre control in the dialect's own words (iso: G43.4 H, siemens: TRAORI).",
 )
 @click.option(
     "--tool",

@@ -20,7 +20,7 @@ from symfive.codegen._lines import AxisLine, axis_lines, lines_by_parameters, ta
 from symfive.codegen._sources import filled
 from symfive.codegen._subject import Subject
 from symfive.drawing import PAGE_STYLE
-from symfive.parameters import LEARNT
+from symfive.parameters import DETERMINED
 
 __all__ = ["CONTROLS", "Control", "Row", "sheet_files"]
 
@@ -140,7 +140,7 @@ def _open_parameters(subject: Subject, slope: Array | None) -> list[str]:
     if slope is None or subject.covariance is None:
         return []
     std, matters = np.sqrt(np.diag(subject.covariance)), np.any(slope != 0.0, axis=0)
-    names = [p.name for p, s, m in zip(subject.parameters, std, matters, strict=True) if m and s > LEARNT * p.sigma]
+    names = [p.name for p, s, m in zip(subject.parameters, std, matters, strict=True) if m and s > DETERMINED * p.sigma]
     return [
         f"Not determined by the readings: {', '.join(names)}. Measure them before you enter what depends on them."
     ] * bool(names)

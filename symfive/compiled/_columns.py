@@ -60,7 +60,7 @@ def _if(condition: Value, value: Value) -> Value:
     return value if condition != 0.0 else 0.0
 
 
-def _told(compare: Callable[..., Any]) -> Callable[..., Value]:
+def _compared(compare: Callable[..., Any]) -> Callable[..., Value]:
     """A comparison as 0 or 1."""
 
     def compared(*given: Value) -> Value:
@@ -86,13 +86,14 @@ _LIBRARY: dict[int, Callable[..., Value]] = {
     ca.OP_SIN: _each(math.sin), ca.OP_COS: _each(math.cos), ca.OP_TAN: _each(math.tan), ca.OP_ATAN: _each(math.atan),
     ca.OP_ATAN2: _each(math.atan2), ca.OP_EXP: _each(math.exp), ca.OP_LOG: _each(math.log), ca.OP_TANH: _each(math.tanh),
     ca.OP_POW: _each(math.pow), ca.OP_CONSTPOW: _each(math.pow), ca.OP_IF_ELSE_ZERO: _if,
-    ca.OP_LT: _told(operator.lt), ca.OP_LE: _told(operator.le), ca.OP_EQ: _told(operator.eq), ca.OP_NE: _told(operator.ne),
+    ca.OP_LT: _compared(operator.lt), ca.OP_LE: _compared(operator.le),
+    ca.OP_EQ: _compared(operator.eq), ca.OP_NE: _compared(operator.ne),
     ca.OP_FMIN: _extreme(np.fmin), ca.OP_FMAX: _extreme(np.fmax), ca.OP_SIGN: lambda value: _number(
         np.where(np.less(value, 0.0), -1.0, np.where(np.greater(value, 0.0), 1.0, value))),
     ca.OP_FLOOR: lambda value: _number(np.floor(value)), ca.OP_CEIL: lambda value: _number(np.ceil(value)),
-    ca.OP_FMOD: _each(math.fmod), ca.OP_NOT: _told(partial(operator.eq, 0.0)),
-    ca.OP_AND: _told(lambda one, other: (one != 0.0) & (other != 0.0)),
-    ca.OP_OR: _told(lambda one, other: (one != 0.0) | (other != 0.0)),
+    ca.OP_FMOD: _each(math.fmod), ca.OP_NOT: _compared(partial(operator.eq, 0.0)),
+    ca.OP_AND: _compared(lambda one, other: (one != 0.0) & (other != 0.0)),
+    ca.OP_OR: _compared(lambda one, other: (one != 0.0) | (other != 0.0)),
     ca.OP_INV: lambda value: 1.0 / value, ca.OP_ASSIGN: lambda value: value,
 }  # fmt: skip
 """All others, of numbers or columns."""

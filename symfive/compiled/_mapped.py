@@ -39,7 +39,7 @@ MOST_OPERATIONS = 40_000
 
 @dataclass(frozen=True)
 class Status:
-    """How this process evaluates its functions: `compiler` (its path, None without one or where `SYMFIVE_COMPILER` is
+    """State of compiled evaluation in this process: `compiler` (its path, None without one or where `SYMFIVE_COMPILER` is
     `none`), `folder` of the libraries (None where it cannot be used), how many functions were `compiled` or `loaded` from
     disk, and why others stayed interpreted (`refused`: reason → how many)."""
 

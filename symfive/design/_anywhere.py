@@ -22,7 +22,7 @@ from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
 from symfive.design._refine import Rows
-from symfive.design._relaxed import best_told, relax
+from symfive.design._relaxed import marginal_sensitivity, relax
 from symfive.design._space import Space
 
 __all__ = ["bound_anywhere"]
@@ -49,9 +49,12 @@ def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
         relaxed = relax(task, columns, len(active), points, tolerance=0.5 * GAP)
         information = task.information(columns.rows, columns.group, len(active), relaxed.weights)
         pull = task.pull(inverse(information))[: len(task.prior), : len(task.prior)]
-        each = {
-            s: best_told(pull, grid.rows[grid.group == s], prior, points)[:2] for s in np.unique(grid.group).tolist()
-        }
+        each: dict[int, tuple[float, float]] = {}
+        enough = (-math.inf, 0.0)
+        for s in sorted(np.unique(grid.group).tolist(), key=lambda s: s not in active):
+            each[s] = marginal_sensitivity(pull, grid.rows[grid.group == s], prior, points, enough=enough)[:2]
+            if s in active:
+                enough = max(enough[0], each[s][0]), max(enough[1], each[s][1])
         most = max(top for top, _ in each.values())
         extra = runs * max(fixed for _, fixed in each.values())
         bound = max(bound, relaxed.value - math.log(float(np.sum(pull * task.prior)) + points * most + extra))

@@ -38,7 +38,7 @@ WORTHLESS = 1e-4
 
 @dataclass(frozen=True, repr=False)
 class Assessment(OnScreen):
-    """What is to be expected of a campaign, before it is measured.
+    """Expected uncertainties of a campaign, before it is measured.
 
     `parameters` all of them, `covariance` (k, k) in the files' units with priors, `rank` combinations that the readings
     determine better than the priors, `confounded` those they do not; `tool_centre_um` mean and largest 1σ of the tool

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
-from symfive.design._relaxed import best_told
+from symfive.design._relaxed import marginal_sensitivity
 from symfive.design._space import Space
 from symfive.errors import InputError
 
@@ -108,7 +108,7 @@ def best_setups(
     own = np.diag(task.own_sigma**-2.0)
     best: tuple[float, list[int]] = (math.inf, [])
     for _ in range(ROUNDS):
-        gains = [_told(task, r, w) for r, w in zip(rows, weights, strict=True)]
+        gains = [_sensitivity(task, r, w) for r, w in zip(rows, weights, strict=True)]
         chosen = _best_of(task, gains, count)
         information = task.prior + sum((gains[i] for i in chosen), np.zeros_like(task.prior))
         value = task.value_of_marginal(information)
@@ -116,12 +116,12 @@ def best_setups(
             break
         best = (value, chosen)
         pull = task.pull(inverse(information))
-        weights = [best_told(pull, r, own, points / count, INNER)[2] for r in rows]
+        weights = [marginal_sensitivity(pull, r, own, points / count, INNER)[2] for r in rows]
     picked = [available[i] for i in sorted(best[1])]  # one place twice: mounted anew, which averages its set-up errors
     return setups[picked], lengths[picked]
 
 
-def _told(task: Task, rows: Array, weights: Array) -> Array:
+def _sensitivity(task: Task, rows: Array, weights: Array) -> Array:
     """What weighted poses in one set-up add to the information about the machine."""
     information = task.information(rows, np.zeros(len(rows), dtype=np.int64), 1, weights)
     return task.marginal(information, task.layout(1)) - task.prior

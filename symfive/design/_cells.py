@@ -18,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ __all__ = ["TINY", "Cells", "Cut", "FirstCells", "first_cells"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Order = tuple[int, ...]
-NEGLECTED, WIDEST, MOST_FIRST = 5e-6, math.radians(20.0), 1_500_000
+NEGLECTED, WIDEST, MOST_FIRST = 3e-6, math.radians(20.0), 1_500_000
 TINY = 1e-30
 
 
@@ -78,7 +78,19 @@ class Cut:
     bent: Array
     third: Array
 
-    def take(self, chosen: NDArray[np.bool_]) -> Cut:
+    @classmethod
+    def nothing(cls, n: int, d: int) -> Cut:
+        """Limits of n cells that exclude nothing."""
+        return cls(np.zeros(n), np.zeros((n, d)), np.zeros((n, d, d)), np.zeros((n, d)))
+
+    def with_rows(self, rows: Indices, other: Cut) -> Cut:
+        """These with the limits `other` of some cells."""
+        found = Cut(self.value.copy(), self.slope.copy(), self.bent.copy(), self.third.copy())
+        for name in ("value", "slope", "bent", "third"):
+            getattr(found, name)[rows] = getattr(other, name)
+        return found
+
+    def take(self, chosen: NDArray[np.bool_] | Indices) -> Cut:
         """Of some of the cells."""
         return Cut(self.value[chosen], self.slope[chosen], self.bent[chosen], self.third[chosen])
 
@@ -122,26 +134,37 @@ class FirstCells:
 
 def first_cells(spectrum: Spectrum, low: Array, high: Array, limit: float) -> FirstCells:
     """The cells of the box between `low` and `high` in which φ may exceed `limit`."""
-    fifth = spectrum.bounds(5)
+    order = np.argsort([-angle.size for angle in spectrum.angles], kind="stable")
+    found = _first_cells(spectrum.turned(order), low[order], high[order], limit)
+    back, cells = np.argsort(order), found.cells
+    cells = replace(cells, centres=cells.centres[:, back], halves=cells.halves[:, back])
+    return replace(found, cells=cells, orders=found.orders[:, back])
+
+
+def _first_cells(spectrum: Spectrum, low: Array, high: Array, limit: float) -> FirstCells:
+    """The same for angles in the order that is least work."""
+    fifth, d = spectrum.bounds(5), len(low)
     counts = _counts(low, high, fifth, limit)
     half = (high - low) / counts / 2.0
     axes = [a + h * (2.0 * np.arange(n) + 1.0) for a, h, n in zip(low, half, counts, strict=True)]
-    orders = [order for order in itertools.product(range(4), repeat=len(half)) if sum(order) == 3]
-    shares = {
-        order: _share(order, half) for order in itertools.product(range(5), repeat=len(half)) if 2 < sum(order) < 5
-    }
+    orders = [order for order in itertools.product(range(4), repeat=d) if sum(order) == 3]
+    shares = {order: _share(order, half) for order in itertools.product(range(5), repeat=d) if 2 < sum(order) < 5}
     beyond = sum(most * _share(order, half) for order, most in fifth.items())
-    settled, centres, thirds = 0.0, [np.empty((0, len(half)))], [np.empty((0, len(orders)))]
+    least = {order: _least_third(order, fifth, half) for order in orders}
+    settled, centres, thirds = 0.0, [np.empty((0, d))], [np.empty((0, len(orders)))]
     first, *others = spectrum.bases(axes, 4)
     for i, place in enumerate(axes[0]):
-        slab = [[basis[i : i + 1] for basis in first], *others]
+        slab = [first[:, :, i : i + 1], *others]
         found = {order: values.ravel() for order, values in spectrum.derivatives(slab, 0, 4)}
         bound = _by_fourth_order(found, shares, half) + beyond
-        opened = np.flatnonzero(bound > limit)
-        settled = max(settled, float(np.delete(bound, opened).max(initial=0.0)))
-        centres.append(np.stack(np.meshgrid(place, *axes[1:], indexing="ij"), axis=-1).reshape(-1, len(half))[opened])
+        open_ = bound > limit
+        settled = max(settled, float(bound.max(where=~open_, initial=0.0)))
+        opened = np.flatnonzero(open_)
+        there = np.unravel_index(opened, counts[1:])
+        others_there = [axis[index] for axis, index in zip(axes[1:], there, strict=True)]
+        centres.append(np.stack([np.full(len(opened), place), *others_there], axis=1))
         left = {order: values[opened] for order, values in found.items()}
-        thirds.append(np.stack([_third(order, left, fifth, half) for order in orders], axis=1))
+        thirds.append(np.stack([_third(order, left, least[order], half) for order in orders], axis=1))
     poses = np.concatenate(centres)
     cells = Cells(poses, np.tile(half, (len(poses), 1)), np.arange(len(poses)))
     return FirstCells(cells, settled, int(counts.prod()), np.concatenate(thirds), np.array(orders))
@@ -164,7 +187,7 @@ def _diagonal(bent: Array, half: Array) -> Array:
     return np.asarray(np.einsum("nii->ni", bent) + np.einsum("nij,nj->ni", coupled, half) / half)
 
 
-def _steepest(slope: Array, diagonal: Array, half: Array) -> Array:
+def _steepest(slope: Array, diagonal: Array, half: Array | float) -> Array:
     """The most that each angle adds to φ by the first two orders (n, d)."""
     slope = np.abs(slope)
     turned = np.where(diagonal < 0.0, np.minimum(half, slope / np.maximum(-diagonal, TINY)), half)
@@ -174,15 +197,22 @@ def _steepest(slope: Array, diagonal: Array, half: Array) -> Array:
 def _by_fourth_order(found: Mapping[Order, Array], shares: Mapping[Order, float], half: Array) -> Array:
     """The bound of the first four orders in first cells, from all their derivatives at the centres; `shares` hᵅ/α! of the third
     and fourth ones."""
-    d = len(half)
-    unit = np.eye(d, dtype=int)
-    value = found[(0,) * d]
-    slope = np.stack([found[tuple(row)] for row in unit.tolist()], axis=1)
-    bent = np.stack([found[tuple((a + b).tolist())] for a in unit for b in unit], axis=1).reshape(-1, d, d)
-    bound = value + _steepest(slope, _diagonal(bent, half[None]), half[None]).sum(axis=1)
+    nothing = (0,) * len(half)
+    bound = found[nothing].copy()
+    for i, h in enumerate(half.tolist()):
+        slope, diagonal = _raised(nothing, i), found[_raised(nothing, i, i)]
+        for j, other in enumerate(half.tolist()):
+            if i != j:
+                diagonal = diagonal + np.abs(found[_raised(slope, j)]) * (other / h)
+        bound += _steepest(found[slope], diagonal, h)
     for order, share in shares.items():
         bound += np.abs(found[order]) * share
-    return np.asarray(bound)
+    return bound
+
+
+def _raised(order: Order, *angles: int) -> Order:
+    """A derivative's orders with one more in each of some angles."""
+    return tuple(m + angles.count(i) for i, m in enumerate(order))
 
 
 def _share(order: Order, half: Array) -> float:
@@ -190,14 +220,15 @@ def _share(order: Order, half: Array) -> float:
     return math.prod(float(h) ** m / math.factorial(m) for h, m in zip(half, order, strict=True))
 
 
-def _third(order: Order, found: Mapping[Order, Array], fifth: Mapping[Order, float], half: Array) -> Array:
-    """A bound of one third derivative in first cells, over α!."""
+def _least_third(order: Order, fifth: Mapping[Order, float], half: Array) -> float:
+    """What the fifth derivatives add to the bound of a third one in first cells."""
+    each: list[tuple[int, float]] = list(enumerate(half.tolist()))
+    return sum(fifth[_raised(order, i, j)] * a * b / 2.0 for (i, a), (j, b) in itertools.product(each, repeat=2))
 
-    def beyond(*angles: int) -> Order:
-        return tuple(m + angles.count(i) for i, m in enumerate(order))
 
-    bound = np.abs(found[order])
+def _third(order: Order, found: Mapping[Order, Array], least: float, half: Array) -> Array:
+    """A bound of one third derivative in first cells, over α!; `least` of it the fifth derivatives add."""
+    bound = np.abs(found[order]) + least
     for i, h in enumerate(half.tolist()):
-        bound = bound + np.abs(found[beyond(i)]) * h
-        bound += sum(fifth[beyond(i, j)] * h * other / 2.0 for j, other in enumerate(half.tolist()))
+        bound += np.abs(found[_raised(order, i)]) * h
     return np.asarray(bound / math.prod(map(math.factorial, order)))

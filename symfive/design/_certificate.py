@@ -22,7 +22,7 @@ from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._proof import largest_told
 from symfive.design._refine import Rows
-from symfive.design._relaxed import Relaxed, best_told, relax
+from symfive.design._relaxed import Relaxed, marginal_sensitivity, relax
 from symfive.design._search import COARSE, FEW, MANY, Search
 from symfive.design._space import Space
 
@@ -37,7 +37,7 @@ PROOF = 0.5
 LEAST_WEIGHT = 0.01
 WEAK = 0.9
 """Efficiency below which a plan says why."""
-PROOFS = 3
+PROOFS = 6
 """How often at most a bound is proved. Each proof may meet poses that the search has missed; they join the relaxed design."""
 SEARCHED = (
     f"a search from {COARSE} quasi-random poses, edges and corners, refined from the best and from the relaxed design's own: "
@@ -191,8 +191,8 @@ def generate(
         reached = min(reached, relaxed.value)
         relaxed = replace(relaxed, pull=_extended(task, relaxed, columns, search.grid, rows.groups, points))
         kept = np.flatnonzero(relaxed.weights > KEPT * points)
-        weighed = columns.take(kept)
-        top, fresh = search.largest(relaxed, weighed, starts) if certain else search.spread(relaxed, weighed)
+        support = columns.take(kept)
+        top, fresh = search.largest(relaxed, support, starts) if certain else search.spread(relaxed, support)
         bound = max(bound, _bound(task, relaxed, rows.groups, points, top))
         history.append(bound)
         sharp = max(gap, SHARP * (value - reached)) if certain else gap
@@ -222,7 +222,7 @@ def _extended(task: Task, relaxed: Relaxed, columns: Candidates, grid: Candidate
     for g in range(groups):
         source, mine = (columns, columns.group == g) if weight[g] >= LEAST_WEIGHT else (grid, grid.group == g)
         rows = source.rows[mine]
-        weights = relaxed.weights[mine] if source is columns else best_told(machine, rows, prior, points)[2]
+        weights = relaxed.weights[mine] if source is columns else marginal_sensitivity(machine, rows, prior, points)[2]
         flat = rows.transpose(1, 0, 2).reshape(shared + own, -1)
         gram = (flat * np.repeat(weights, rows.shape[2])) @ flat.T
         carried.append(-np.linalg.solve(gram[shared:, shared:] + prior, gram[shared:, :shared]))

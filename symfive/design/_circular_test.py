@@ -59,8 +59,8 @@ class CircularTest(OnScreen):
         lines = [f"circular test, {len(self.campaign.runs)} recordings, {self.minutes:.1f} min without set-up"]
         lines += listed([f"  {run.id}: {_words(run)}" for run in self.campaign.runs], "test.campaign.runs")
         sigma = self.assessment.sigma
-        told = [p for p in self.assessment.parameters if p.kind != "setup" and sigma[p.name] < SEEN * p.sigma]
-        lines += sigma_words(told, sigma)
+        determined = [p for p in self.assessment.parameters if p.kind != "setup" and sigma[p.name] < SEEN * p.sigma]
+        lines += sigma_words(determined, sigma)
         return "\n".join([*lines, *self.notes])
 
 

@@ -162,9 +162,9 @@ def in_addition(parts: Mapping[str, Discrimination], first: str) -> list[str]:
     added, chosen = _added(parts), [first]
     while True:
         left = [table for table in added.values() if max(table[name] for name in chosen) < APART]
-        told = {name: [table[name] for table in left if table[name] >= APART] for table in left for name in table}
-        best = max(told, key=lambda n: (len(told[n]), min(told[n], default=0.0)), default=None)
-        if best is None or not told[best]:
+        separated = {name: [table[name] for table in left if table[name] >= APART] for table in left for name in table}
+        best = max(separated, key=lambda n: (len(separated[n]), min(separated[n], default=0.0)), default=None)
+        if best is None or not separated[best]:
             return chosen
         chosen.append(best)
 

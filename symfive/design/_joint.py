@@ -1,4 +1,4 @@
-"""Poses and the moves between them chosen together: what a removal of the bar costs is weighed against what a pose tells.
+"""Poses and the moves between them chosen together: the time to remove the bar against the information of a pose.
 
 Twice the time is twice the readings, which lower ψ by log 2; so ψ + log(time) compares plans of different length, and a pose
 gives way to one that tells a little less and can be reached with the bar on, where that lowers the sum.

@@ -8,7 +8,7 @@ then nowhere between does anything come nearer than (m + m' - L)/2. Where that i
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,39 +64,48 @@ class Moves:
         """Whether two places are so near that nothing between them is tested: short blocks need no test each."""
         return bool(np.all(np.abs(after - before) <= self.grain))
 
-    def clear(self, path: Array) -> bool:
-        """Whether nothing meets along a path (n, axes) of straight blocks with the ball seated; blocks shorter than what is
-        tested anyway are taken together. What is blocked is so in many places mostly: a few are looked at first.
+    def clear(self, paths: Sequence[Array]) -> list[bool]:
+        """Whether nothing meets along each of some paths (n, axes) of straight blocks with the ball seated; blocks shorter than
+        what is tested anyway are taken together. What is blocked is so in many places mostly: a few are looked at first.
 
         Nothing more of a path is looked at that leaves a travel: near a singular pose it is kilometres long.
         """
-        if self.outside(path).any():
-            return False
+        inside = {i: self._thinned(path) for i, path in enumerate(paths) if not self.outside(path).any()}
+        few = {i: path[:: max(1, len(path) // FEW)] for i, path in inside.items()}
+        inside = self._clear(inside, {i: (path, path) for i, path in few.items()})
+        inside = self._clear(inside, {i: (path[:-1], path[1:]) for i, path in inside.items()})
+        return [i in inside for i in range(len(paths))]
+
+    def _clear(self, paths: dict[int, Array], moves: Mapping[int, tuple[Array, Array]]) -> dict[int, Array]:
+        """The paths on none of whose moves anything meets."""
+        if not moves:
+            return {}
+        starts, ends = (np.concatenate(places) for places in zip(*moves.values(), strict=True))
+        owner = np.repeat(np.arange(len(moves)), [len(before) for before, _ in moves.values()])
+        met = self.met(starts, ends, rapid=False, bar=True, of=owner)
+        return {i: path for (i, path), what in zip(paths.items(), met, strict=True) if not what}
+
+    def _thinned(self, path: Array) -> Array:
         places = [path[0]]
         for here, after in itertools.pairwise(path[1:]):
             if not self.close(places[-1], after):
                 places.append(here)
-        path = np.array([*places, path[-1]])
-        few = path[:: max(1, len(path) // FEW)]
-        return not any(self.met(few, few, rapid=False, bar=True)) and not any(
-            self.met(path[:-1], path[1:], rapid=False, bar=True, one=True)
-        )
+        return np.array([*places, path[-1]])
 
-    def met(self, starts: Array, ends: Array, *, rapid: bool, bar: bool, one: bool = False) -> list[str]:
-        """Of moves (M, axes): what meets first along each, "" where it is clear; `one`: the first that is not ends the test."""
+    def met(self, starts: Array, ends: Array, *, rapid: bool, bar: bool, of: Indices | None = None) -> list[str]:
+        """Of moves (M, axes): what meets first along each, "" where it is clear; or along each path, `of` (M,) says whose."""
+        of = np.arange(len(starts)) if of is None else of
         counts = np.maximum(1, np.ceil(np.abs(ends - starts) / self.grain).max(axis=1, initial=0.0)).astype(int)
         owner = np.repeat(np.arange(len(starts)), counts + 1)
         share = np.concatenate([np.arange(count + 1) / count for count in counts])
         commands = starts[owner] + share[:, None] * (ends - starts)[owner]
         left = self._left(commands, rapid, bar)
-        found = [""] * len(starts)
-        self._note(found, owner, left)
+        found = [""] * (int(of.max(initial=-1)) + 1)
+        self._note(found, of[owner], left)
         first = np.flatnonzero(np.diff(owner) == 0)
         a, b = (commands[first], left[first]), (commands[first + 1], left[first + 1])
-        owner = owner[first]
+        owner = of[owner[first]]
         while owner.size:
-            if one and any(found):
-                break
             on = np.flatnonzero(self._doubtful(a, b) & np.array([not found[i] for i in owner]))
             owner, a, b = owner[on], (a[0][on], a[1][on]), (b[0][on], b[1][on])
             if not owner.size:

@@ -81,18 +81,22 @@ class _Setup(Told):
         n, d = cells.centres.shape
         kinked = np.array([name == KINKED for name in self.space.limit_names], dtype=bool)
         if kinked.all():
-            nothing = Cut(np.zeros(n), np.zeros((n, d)), np.zeros((n, d, d)), np.zeros((n, d)))
-            return _Reached(np.full(n, True), np.full(n, True), nothing)
-        limits, slopes = self.limits(cells.centres), self.limit_slopes(cells.centres)
-        across = np.einsum("nkg,nk->ng", np.abs(slopes), cells.halves)
+            return _Reached(np.full(n, True), np.full(n, True), Cut.nothing(n, d))
+        limits = self.limits(cells.centres)
         lever, moved = self.lever() / UNIT_MM, cells.halves.sum(axis=1)[:, None]
-        most = limits + np.where(kinked, lever * moved, across + 0.5 * lever * moved**2)
-        near = np.all(most >= 0.0, axis=1)
-        row = np.arange(n)
-        deepest = np.argmin(np.where(kinked, np.inf, limits / np.maximum(across, TINY)), axis=1)
-        bent = self.limit_curvature(cells.centres, np.eye(len(kinked))[deepest])
-        cut = Cut(limits[row, deepest], slopes[row, :, deepest], bent, lever * moved**2 / 6.0 * cells.halves)
-        near &= cut.most(cells.halves) >= 0.0
+        near = np.all(limits + lever * moved >= 0.0, axis=1)
+        mixed = np.flatnonzero(near & np.any(limits < lever * moved, axis=1))  # of the others a limit settles nothing
+        slopes, part = self.limit_slopes(cells.centres[mixed]), limits[mixed]
+        across = np.einsum("nkg,nk->ng", np.abs(slopes), cells.halves[mixed])
+        most = part + np.where(kinked, np.inf, across + 0.5 * lever * moved[mixed] ** 2)
+        left = np.flatnonzero(np.all(most >= 0.0, axis=1))
+        deepest = np.argmin(np.where(kinked, np.inf, part[left] / np.maximum(across[left], TINY)), axis=1)
+        near[mixed] = False
+        mixed = mixed[left]
+        bent = self.limit_curvature(cells.centres[mixed], np.eye(len(kinked))[deepest])
+        third = lever * moved[mixed] ** 2 / 6.0 * cells.halves[mixed]
+        cut = Cut.nothing(n, d).with_rows(mixed, Cut(part[left, deepest], slopes[left, :, deepest], bent, third))
+        near[mixed] = cut.take(mixed).most(cells.halves[mixed]) >= 0.0
         return _Reached(near, np.all(limits >= -1e-9, axis=1), cut.take(near))
 
     def lever(self) -> float:

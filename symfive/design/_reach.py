@@ -36,7 +36,7 @@ class Reach:
         for g in range(int(group.max(initial=-1)) + 1):
             mine = [new[i] for i in np.flatnonzero(group.ravel() == g)]
             ways = Ways(self.space.machine, _run(self.space, z[mine], k[mine]))
-            found = [ways.out(row) for row in range(len(mine))]
+            found = ways.outs(range(len(mine)))
             self._known |= {keys[i]: what if isinstance(what, str) else "" for i, what in zip(mine, found, strict=True)}
         return [self._known[key] for key in keys]
 

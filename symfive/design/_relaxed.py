@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
 
-__all__ = ["Relaxed", "best_told", "relax", "sensitivity"]
+__all__ = ["Relaxed", "marginal_sensitivity", "relax", "sensitivity"]
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
@@ -109,10 +109,10 @@ def _multiplied(task: Task, whole: Array, prior: Array, points: float, weights: 
     live = np.arange(len(weights))
     for _ in range(MULTIPLICATIVE):
         seen = sensitivity(task.pull(inverse(prior + _gathered(whole[live], weights[live]))), whole[live])
-        told = weights[live] * np.maximum(seen, 0.0) ** power  # rounding leaves some below 0
-        if not told.any():
+        gain = weights[live] * np.maximum(seen, 0.0) ** power  # rounding leaves some below 0
+        if not gain.any():
             break  # no pose tells anything of what is known worst
-        weights[live] = told
+        weights[live] = gain
         weights *= points / weights.sum()
         floor = NEGLIGIBLE * weights.max()
         live = live[weights[live] > floor]
@@ -182,11 +182,14 @@ def _of_log_det(whole: Array, information: Array) -> tuple[Array, Array]:
     return np.sum(flat**2, axis=1).reshape(ny, n).sum(axis=0), pairs.reshape(ny, n, ny, n).sum(axis=(0, 2))
 
 
-def best_told(pull: Array, rows: Array, prior: Array, points: float, steps: int = INNER) -> tuple[float, float, Array]:
+def marginal_sensitivity(
+    pull: Array, rows: Array, prior: Array, points: float, steps: int = INNER, enough: tuple[float, float] = (-math.inf, 0.0)
+) -> tuple[float, float, Array]:  # fmt: skip
     """The poses of one set-up that tell most about G = `pull` (shared, shared), the set-up's own errors marginalised.
 
     Returns the largest |(J + Jₒ B)ᵀ G^½|² over the poses and tr(G Bᵀ Pₒ B) at the best matrix B found (see `_anywhere`), and
-    the weights (n,) of the poses; `rows` (n, shared + own, ny), `prior` (own, own) information about the set-up.
+    the weights (n,) of the poses; `rows` (n, shared + own, ny), `prior` (own, own) information about the set-up. Once neither
+    number is above `enough` no better B is sought.
     """
     p = len(pull)
     weights = np.full(len(rows), points / len(rows))
@@ -202,10 +205,12 @@ def best_told(pull: Array, rows: Array, prior: Array, points: float, steps: int 
         weighted = left_flat * np.repeat(weights, ny)
         B = -np.linalg.solve(weighted @ left_flat.T + prior, weighted @ seen_flat.T)
         left = seen_flat + B.T @ left_flat
-        told = np.sum(left**2, axis=0).reshape(-1, ny).sum(axis=1)
+        gain = np.sum(left**2, axis=0).reshape(-1, ny).sum(axis=1)
         fixed = float(np.sum(B * (prior @ B)))
-        if points * told.max() + fixed < points * best[0] + best[1]:
-            best = (float(told.max()), fixed, weights)
-        weights = weights * np.sqrt(np.maximum(told, 1e-300))
+        if points * gain.max() + fixed < points * best[0] + best[1]:
+            best = (float(gain.max()), fixed, weights)
+            if best[0] <= enough[0] and fixed <= enough[1]:
+                break
+        weights = weights * np.sqrt(np.maximum(gain, 1e-300))
         weights = weights * points / weights.sum()
     return best[0], best[1], weights

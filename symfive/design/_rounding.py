@@ -73,16 +73,17 @@ def _poses_in(space: Space, z: Array, k: Array, setup: Array) -> tuple[Array, ND
     found, fits = own.copy(), np.zeros(len(z), dtype=bool)
     for ring in (0, *RINGS):
         left = np.flatnonzero(~fits)
-        steps = sorted(itertools.product((0, ring, -ring), repeat=poses), key=np.count_nonzero)[1 if ring else 0 :]
-        for step in steps if ring else steps[:1]:
-            if not left.size:
-                return found, fits
-            trial = own[left]
-            trial[:, :poses] = on_grid(space, own[left, :poses], np.array(step))
-            good = space.feasible(trial, k[left])
-            found[left[good]] = trial[good]
-            fits[left[good]] = True
-            left = left[~good]
+        if not left.size:
+            break
+        steps = sorted(itertools.product((0, ring, -ring), repeat=poses), key=np.count_nonzero)
+        chosen = np.array(steps[1:] if ring else steps[:1])
+        trial = np.repeat(own[left], len(chosen), axis=0)
+        trial[:, :poses] = on_grid(space, trial[:, :poses], np.tile(chosen, (len(left), 1)))
+        good = space.feasible(trial, np.repeat(k[left], len(chosen), axis=0)).reshape(len(left), -1)
+        some = np.flatnonzero(good.any(axis=1))
+        first = np.argmax(good[some], axis=1)
+        found[left[some]] = trial.reshape(len(left), len(chosen), -1)[some, first]
+        fits[left[some]] = True
     return found, fits
 
 

@@ -101,7 +101,7 @@ def _laid_out(
             noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None, options=space.options,
         )  # fmt: skip
         moves[name] = RunMoves(own, order, _sides(space.machine, run))
-        follows = _followed(space.machine, run, own.straight_moves(order), known[g])
+        follows = _followed(space.machine, run, own.likely_moves(order, moves[name].sides), known[g])
         ways = {i: moves[name].via(i, follows) for i in range(1, len(order)) if order[i] != order[i - 1]}
         unsafe |= {name: around} if (around := tuple(i for i, way in ways.items() if way is None)) else {}
         via |= {name: bent} if (bent := {i: way for i, way in ways.items() if way}) else {}
@@ -118,21 +118,17 @@ def _laid_out(
 def _followed(
     machine: Machine, run: Run, likely: Sequence[tuple[Positions, Positions]], known: dict[tuple[float, ...], bool]
 ) -> Clear:
-    """Whether the linear axes can follow the ball all along a straight seated move of a run; `likely` moves are answered at once,
+    """Whether the linear axes can follow the ball all along straight seated moves of a run; `likely` moves are answered at once,
     `known` ones not again."""
     seat = Seat(machine, run, Nominal(machine))
 
-    def key(before: Positions, after: Positions) -> tuple[float, ...]:
-        return (*before.values(), *after.values())
+    def follows(moves: Sequence[tuple[Positions, Positions]]) -> list[bool]:
+        keys = [(*before.values(), *after.values()) for before, after in moves]
+        fresh = {key: move for key, move in zip(keys, moves, strict=True) if key not in known}
+        known.update({key: path is not None for key, path in zip(fresh, seat.paths([*fresh.values()]), strict=True)})
+        return [known[key] for key in keys]
 
-    fresh = [move for move in likely if key(*move) not in known]
-    known |= {key(*move): path is not None for move, path in zip(fresh, seat.paths(fresh), strict=True)}
-
-    def follows(before: Positions, after: Positions) -> bool:
-        if key(before, after) not in known:
-            known[key(before, after)] = seat.path(before, after) is not None
-        return known[key(before, after)]
-
+    follows(likely)
     return follows
 
 

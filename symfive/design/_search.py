@@ -110,29 +110,36 @@ class Search:
             for direction in np.concatenate([np.eye(poses), -np.eye(poses), slanted]):
                 trial = z.copy()
                 trial[:, :poses] = np.clip(trial[:, :poses] + direction * step, low, high)
-                there = self._told(relaxed.pull, trial, k, group)
-                better = there > value
-                z[better], value[better] = trial[better], there[better]
+                better, there = self._better(relaxed.pull, trial, k, group, value)
+                z[better], value[better] = trial[better], there
             step = 0.5 * step
         fresh = self._distinct(z[:, :poses], value, group)
         z, k = z[fresh], k[fresh]
         return float(value.max()), Candidates(z, k, group[fresh], self.space.kernel.rows(z, k))
 
-    def _told(self, pull: Array, z: Array, k: Array, group: Indices) -> Array:
-        """⟨G, F⟩ of poses, -inf of those that cannot be reached."""
+    def _better(self, pull: Array, z: Array, k: Array, group: Indices, value: Array) -> tuple[Indices, Array]:
+        """Which poses can be reached and tell more than `value` (n,), and their ⟨G, F⟩."""
         rows = self.space.kernel.rows(z, k)
         told = sensitivity(pull, self.layout.embed(rows, group))
-        return np.where(self.space.feasible(z, k, rows), told, -np.inf)
+        more = np.flatnonzero(told > value)
+        more = more[self.space.feasible(z[more], k[more], rows[more])]
+        return more, told[more]
 
     def _distinct(self, poses: Array, value: Array, group: Indices, most: int = MOST_FRESH) -> Indices:
         """The best of every neighbourhood in a set-up, best first; none that cannot be reached."""
         place = poses / (self.space.upper - self.space.lower)[: self.space.poses]
-        place = np.concatenate([place, 1e3 * group[:, None]], axis=1)
-        left = np.argsort(value)[::-1][: np.count_nonzero(np.isfinite(value))]
-        found: list[int] = []
-        while len(left) and len(found) < most:
-            found.append(int(left[0]))
-            left = left[np.abs(place[left] - place[left[0]]).max(axis=1) >= NEAR]
+        by_first = np.argsort(place[:, 0], kind="stable")
+        first = place[by_first, 0]
+        low, high = (np.searchsorted(first, place[:, 0] + side * NEAR) for side in (-1.0, 1.0))
+        left, found = np.isfinite(value), list[int]()
+        for i in np.argsort(value)[::-1].tolist():
+            if len(found) == most:
+                break
+            if left[i]:
+                found.append(i)
+                beside = by_first[low[i] : high[i]]
+                apart = np.abs(place[beside] - place[i]).max(axis=1)
+                left[beside[(apart < NEAR) & (group[beside] == group[i])]] = False
         return np.array(found, dtype=np.int64)
 
 

@@ -3,19 +3,19 @@
 A probabilistic roadmap (L. E. Kavraki et al. 1996) of one set-up: its nodes are the run's poses and positions of a grid, its
 edges straight seated moves that keep all limits at some positions in between. The shortest path in time joins two poses; whether
 the bodies themselves keep apart along it is tested only for the paths that are used (lazily, R. Bohlin & L. E. Kavraki 2000).
+Sparse graphs are imported when a move is bent: most plans with an R-test have none.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from symfive.design._candidates import pose_grid
 from symfive.design._order import move_times
@@ -38,8 +38,10 @@ NEIGHBOURS = 20
 """Edges of a node to the nearest others, in time."""
 BESIDE_DEG = 2.0
 """From so far beside it a pose is reached from the side that its row says."""
-Clear = Callable[[Positions, Positions], bool]
-"""Whether a straight seated move from one place to another is clear of everything."""
+Moves = Sequence[tuple[Positions, Positions]]
+"""Straight seated moves, each from one place to another."""
+Clear = Callable[[Moves], Sequence[bool]]
+"""Whether each of some of them is clear of everything."""
 LEAST_S = 0.1
 """Time of the shortest edge: a sparse graph has none of no length."""
 
@@ -71,26 +73,31 @@ class Seated:
             return np.where(self.direct, 0.0, np.inf)
         if self.direct.all():
             return self.straight
+        from scipy.sparse.csgraph import dijkstra
+
         return np.asarray(dijkstra(self._graph, indices=range(self.count))[:, : self.count])
 
     def via(self, first: int, last: int, sides: Array, clear: Clear | None = None) -> Way | None:
         """Intermediate positions of the shortest move from one pose to another, () of a straight one, None where there is none.
 
         `sides` (R,) from which the rotary axes have to reach the pose, -1 or 1: a static row counts as approached from the side
-        of the rows before it. `clear` of a straight seated move decides finally; what it refuses is not tried again.
+        of the rows before it. `clear` of straight seated moves decides finally; what it refuses is not tried again.
         """
         while (path := self._path(first, last, sides)) is not None:
             legs = list(itertools.pairwise(path))
-            bad = [leg for leg in legs if clear is not None and not clear(*map(self._position, leg))]
+            fits = clear([(self._position(a), self._position(b)) for a, b in legs]) if clear else (True,) * len(legs)
+            bad = [leg for leg, fit in zip(legs, fits, strict=True) if not fit]
             if not bad:
                 return tuple(self._position(node) for node in path[1:-1])
             self._blocked |= {*bad, *((b, a) for a, b in bad)}
         return None
 
-    def straight_moves(self, order: Indices) -> list[tuple[Positions, Positions]]:
-        """Beginnings and ends of the moves between the poses of an order that may be straight."""
-        pairs = [(a, b) for a, b in itertools.pairwise(order.tolist()) if a != b and self.direct[a, b]]
-        return [(self._position(a), self._position(b)) for a, b in dict.fromkeys(pairs)]
+    def likely_moves(self, order: Indices, sides: Array) -> list[tuple[Positions, Positions]]:
+        """Beginnings and ends of the moves on the shortest paths between the rows of an order, come from `sides` (rows, R)."""
+        rows = [i for i in range(1, len(order)) if order[i] != order[i - 1]]
+        paths = [self._path(int(order[i - 1]), int(order[i]), sides[i]) for i in rows]
+        legs = dict.fromkeys(leg for path in paths if path for leg in itertools.pairwise(path))
+        return [(self._position(a), self._position(b)) for a, b in legs]
 
     def reached_from(self, pose: int, z: Array) -> NDArray[np.bool_]:
         """Whether the straight moves from a pose to other rows (m, nz) of the set-up keep all limits (m,)."""
@@ -103,6 +110,8 @@ class Seated:
             return [first, last]
         if not self.follows:
             return None
+        from scipy.sparse.csgraph import dijkstra
+
         graph = self._graph.copy()
         if self._blocked:
             a, b = np.array(list(self._blocked)).T
@@ -158,6 +167,8 @@ class Seated:
     @cached_property
     def _graph(self) -> Any:
         """Times of the edges, sparse (N, N)."""
+        from scipy.sparse import csr_array
+
         z, k = self._nodes
         times = move_times(self.space.machine, self._commands)
         order = np.argsort(times + np.diag(np.full(len(z), np.inf)), axis=1)[:, :NEIGHBOURS]
@@ -177,28 +188,44 @@ def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, sha
     """Whether the seated moves from some rows to others leave the limits: rotary axes straight, the ball in its nest or the bar
     on the shorter arc, as the program drives."""
     a, b = z[first], z[last]
-    bad = np.zeros(len(first), dtype=bool)
-    for share in shares:
-        there = a + share * (b - a)
-        if space.instrument == "ball_bar":
-            there[:, space.poses - 2 : space.poses] = _angles(
-                _on_arc(bars_of(space, a), bars_of(space, b), float(share))
-            )
-        bad |= np.any(space.kernel.limits(there, k[first]) < -1e-6, axis=1)
+    arcs = _Arcs.between(bars_of(space, a), bars_of(space, b)) if space.instrument == "ball_bar" else None
+    live = np.arange(
+        len(first)
+    )  # the first limit that is left settles a move: few places far apart are looked at first
+    for share in np.concatenate([shares[2::5], np.delete(shares, np.s_[2::5])]):
+        there = a[live] + share * (b[live] - a[live])
+        if arcs is not None:
+            there[:, space.poses - 2 : space.poses] = _angles(arcs.at(live, float(share)))
+        live = live[~np.any(space.kernel.limits(there, k[first[live]]) < -1e-6, axis=1)]
+    bad = np.ones(len(first), dtype=bool)
+    bad[live] = False
     return bad
 
 
-def _on_arc(a: Array, b: Array, share: float) -> Array:
-    """Unit vectors (n, 3) at a share of the shorter arc from a to b."""
-    across = b - np.sum(a * b, axis=1, keepdims=True) * a
-    size = np.linalg.norm(across, axis=1, keepdims=True)
-    upright = np.where(np.abs(a[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    other = np.cross(a, upright)
-    across = np.where(
-        size < 1e-12, other / np.linalg.norm(other, axis=1, keepdims=True), across / np.maximum(size, 1e-12)
-    )
-    angle = share * np.arctan2(size, np.sum(a * b, axis=1, keepdims=True))
-    return np.asarray(np.cos(angle) * a + np.sin(angle) * across)
+@dataclass(frozen=True)
+class _Arcs:
+    """The shorter arcs from unit vectors `start` (n, 3), by an `angle` (n, 1) towards the unit vectors `across` (n, 3)."""
+
+    start: Array
+    across: Array
+    angle: Array
+
+    @classmethod
+    def between(cls, a: Array, b: Array) -> _Arcs:
+        """From unit vectors a to b."""
+        cosine = np.sum(a * b, axis=1, keepdims=True)
+        across = b - cosine * a
+        size = np.linalg.norm(across, axis=1, keepdims=True)
+        upright = np.where(np.abs(a[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+        other = np.cross(a, upright)
+        other /= np.linalg.norm(other, axis=1, keepdims=True)
+        across = np.where(size < 1e-12, other, across / np.maximum(size, 1e-12))
+        return cls(a, across, np.arctan2(size, cosine))
+
+    def at(self, rows: Indices, share: float) -> Array:
+        """The unit vectors at a share of some of them."""
+        angle = share * self.angle[rows]
+        return np.asarray(np.cos(angle) * self.start[rows] + np.sin(angle) * self.across[rows])
 
 
 def _angles(bars: Array) -> Array:

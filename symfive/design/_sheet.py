@@ -23,14 +23,6 @@ from symfive.procedures import PAUSE_S, Nominal
 
 __all__ = ["Sheet", "setup_sheet"]
 
-STANDS = {
-    "r_test": "nest",
-    "touch_probe": "sphere",
-    "ball_bar": "table ball",
-    "grid_encoder": "middle of the grid plate",
-}
-"""What stands on the table, by instrument."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
@@ -92,7 +84,7 @@ def _stays(sheet: Sheet, run: Run) -> bool:
 
 def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
     """What the page shows of a run."""
-    stands = next((STANDS[name] for name in run.instrument if name in STANDS), "")
+    stands = next((i.stands for i in instruments_of(run) if i.stands), "")
     return {
         "id": run.id, "rows": run.rows, "minutes": f"{_minutes(sheet, run):.0f}", "steps": _steps(sheet, run, stands),
         "places": _places(nominal, run, stands) if stands and not _stays(sheet, run) else None,

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 __all__ = ["Spectrum", "spectrum_of"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Order = tuple[int, ...]
 ValuesAt = Callable[[Array], Array]
 """φ (n,) at poses (n, d)."""
@@ -96,21 +97,29 @@ class Spectrum:
             found = np.einsum("nk...,nk->n...", found, basis)
         return np.asarray(found)
 
-    def bases(self, grids: Sequence[Array], most: int) -> list[list[Array]]:
-        """Of every angle and every order up to `most` the derivatives of its basis functions on its grid."""
-        return [[a.matrix(q, m) for m in range(most + 1)] for a, q in zip(self.angles, grids, strict=True)]
+    def turned(self, order: Indices) -> Spectrum:
+        """The same polynomial with its angles in another order."""
+        angles = tuple(self.angles[i] for i in order.tolist())
+        return replace(self, angles=angles, coefficients=np.ascontiguousarray(self.coefficients.transpose(order)))
 
-    def derivatives(self, bases: Sequence[Sequence[Array]], least: int, most: int) -> Iterator[tuple[Order, Array]]:
+    def bases(self, grids: Sequence[Array], most: int) -> list[Array]:
+        """Of every angle the derivatives up to the order `most` of its basis functions on its grid: (most + 1, size, points)."""
+        return [np.stack([a.matrix(q, m).T for m in range(most + 1)]) for a, q in zip(self.angles, grids, strict=True)]
+
+    def derivatives(self, bases: Sequence[Array], least: int, most: int) -> Iterator[tuple[Order, Array]]:
         """All derivatives of the total orders `least` to `most` on a grid: their orders in each angle, and values, one axis per
-        angle."""
+        angle. It is least work where the angles with most basis functions come first."""
+        shape = tuple(basis.shape[2] for basis in bases)
 
         def deeper(found: Array, order: Order) -> Iterator[tuple[Order, Array]]:
-            if len(order) == len(bases):
-                yield order, found
-                return
-            left, last = most - sum(order), len(order) + 1 == len(bases)
-            for m in range(max(0, left - most + least) if last else 0, left + 1):
-                yield from deeper(np.tensordot(found, bases[len(order)][m], axes=([0], [1])), (*order, m))
+            basis, left, last = bases[len(order)], most - sum(order), len(order) + 1 == len(bases)
+            first = max(0, left - most + least) if last else 0
+            each = found.reshape(basis.shape[1], -1).T @ basis[first : left + 1]
+            for m, values in enumerate(each, first):
+                if last:
+                    yield (*order, m), values.reshape(shape)
+                else:
+                    yield from deeper(values, (*order, m))
 
         yield from deeper(self.coefficients, ())
 

@@ -24,10 +24,14 @@ STAGES = ((PENALTY, 6), (PENALTY, 8), (30.0 * PENALTY, 6))
 """Weights and steps of the climb, one after the other; after each stage poses that have met are one."""
 MET = 1e-3
 """rad."""
+SETTLED = 1e-5
+"""rad. Half the square of a step, times the curvature, is what it still gains: 1e-9 of φ."""
 FIRST_TRUST, LARGEST_TRUST = 0.1, 0.3
 """rad."""
 LEAST_BEND = 1e-3
 """Curvature, of φ over its largest value per rad², that a step is reckoned with where there is less."""
+ROUNDING = 1e-15
+"""Share of the largest eigenvalue of G below which one is rounding."""
 RESTORED = 8
 INSIDE = 1e-9
 """How far inside the limits (in 100 mm) the last step leads."""
@@ -87,7 +91,8 @@ class Told:
 def told_of(space: Space, layout: Layout, pull: Array, setup: Array, k: Array, g: int) -> Told:
     """φ in the set-up of run `g` for G = `pull`."""
     values, vectors = np.linalg.eigh(pull)
-    half = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    some = values > ROUNDING * values[-1]
+    half = (vectors[:, some] * np.sqrt(values[some])).T
     first = layout.shared + g * layout.own
     columns = np.concatenate([np.arange(layout.shared), np.arange(first, first + layout.own)])
     return Told(space, half[:, columns], setup, k)
@@ -106,8 +111,8 @@ def climbed(told: Told, poses: Array, top: float) -> Array:
 
 
 def _ascended(told: Told, poses: Array, top: float, penalty: float, steps: int) -> Array:
-    """Newton's steps on φ/top less the penalty of the limits."""
-    d = poses.shape[1]
+    """Newton's steps on φ/top less the penalty of the limits; a pose that no longer moves is left where it is."""
+    poses, d = poses.copy(), poses.shape[1]
     low, high = told.space.lower[:d], told.space.upper[:d]
 
     def less_penalty(poses: Array) -> tuple[Array, Array]:
@@ -116,18 +121,25 @@ def _ascended(told: Told, poses: Array, top: float, penalty: float, steps: int) 
 
     trust = np.full(len(poses), FIRST_TRUST)
     merit, violated = less_penalty(poses)
+    live = np.arange(len(poses))
     for _ in range(steps):
-        _, slope, bent = told.taylor(poses)
-        active = told.limit_slopes(poses) * (violated < 0.0)[:, None, :]
-        slope = slope / top - 2.0 * penalty * np.einsum("nkg,ng->nk", active, violated)
-        bent = bent / top - 2.0 * penalty * (active @ active.transpose(0, 2, 1))
-        held = ((poses <= low) & (slope < 0.0)) | ((poses >= high) & (slope > 0.0))
-        trial = np.clip(poses + _step(np.where(held, 0.0, slope), bent, ~held, trust), low, high)
+        if not live.size:
+            break
+        here, outside = poses[live], violated[live]
+        _, slope, bent = told.taylor(here)
+        slope, bent = slope / top, bent / top
+        out = np.flatnonzero((outside < 0.0).any(axis=1))
+        active = told.limit_slopes(here[out]) * (outside[out] < 0.0)[:, None, :]
+        slope[out] -= 2.0 * penalty * np.einsum("nkg,ng->nk", active, outside[out])
+        bent[out] -= 2.0 * penalty * (active @ active.transpose(0, 2, 1))
+        held = ((here <= low) & (slope < 0.0)) | ((here >= high) & (slope > 0.0))
+        trial = np.clip(here + _step(np.where(held, 0.0, slope), bent, ~held, trust[live]), low, high)
         there, then = less_penalty(trial)
-        better = there > merit
-        poses, violated = np.where(better[:, None], trial, poses), np.where(better[:, None], then, violated)
-        merit = np.where(better, there, merit)
-        trust = np.where(better, np.minimum(2.0 * trust, LARGEST_TRUST), 0.25 * trust)
+        better = there > merit[live]
+        up = live[better]
+        poses[up], violated[up], merit[up] = trial[better], then[better], there[better]
+        trust[live] = np.where(better, np.minimum(2.0 * trust[live], LARGEST_TRUST), 0.25 * trust[live])
+        live = live[(np.abs(trial - here) > SETTLED).any(axis=1)]
     return poses
 
 

@@ -10,14 +10,29 @@ above the first pose.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from symfive.campaign import FIRST_LINE, Run
 from symfive.design._moves import ROUNDING_MM, Moves, blocked_moves
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.nc import Positions, Post, Seat, Way, at_the_top, lifts, program_steps, turned_home, upright_axis
+from symfive.nc import (
+    Positions,
+    Post,
+    Seat,
+    Way,
+    at_the_top,
+    lifts,
+    one_by_one,
+    out_to_the_top,
+    program_steps,
+    turned_home,
+    upright_axis,
+)
 from symfive.procedures import Nominal, home
 
 __all__ = ["REMEDY", "Detour", "Ways", "checked_path", "cleared"]
@@ -51,19 +66,47 @@ class Ways:
         self.seat = Seat(machine, run, self.nominal)
         self._out: dict[tuple[float, ...], _Out | str] = {}
         self._seated: dict[tuple[float, ...], bool] = {}
+        self._met: dict[tuple[bytes, bytes, bool, bool], str] = {}
 
     def meets(self, before: Positions, after: Positions, *, rapid: bool, bar: bool = False) -> str:
         """What meets on a straight move, "" where it is clear."""
-        ends = self.moves.vector(before)[None], self.moves.vector(after)[None]
-        return self.moves.met(*ends, rapid=rapid, bar=bar)[0]
+        return self._meet([(before, after)], rapid, bar)[0]
 
-    def seated(self, before: Positions, after: Positions) -> bool:
-        """Whether the straight move from one place to another with the ball in its nest, or the bar on, is clear."""
-        key = (*before.values(), *after.values())
-        if key not in self._seated:
-            path = self.seat.path(before, after)
-            self._seated[key] = path is not None and self.moves.clear(path)
-        return self._seated[key]
+    def _meet(self, moves: Sequence[tuple[Positions, Positions]], rapid: bool, bar: bool) -> list[str]:
+        """The same of several moves, those that are new all at once."""
+        ends = [(self.moves.vector(before), self.moves.vector(after)) for before, after in moves]
+        keys = [(before.tobytes(), after.tobytes(), rapid, bar) for before, after in ends]
+        new = {key: pair for key, pair in zip(keys, ends, strict=True) if key not in self._met}
+        if new:
+            starts, after = (np.stack(places) for places in zip(*new.values(), strict=True))
+            self._met |= dict(zip(new, self.moves.met(starts, after, rapid=rapid, bar=bar), strict=True))
+        return [self._met[key] for key in keys]
+
+    def outs(self, rows: Iterable[int]) -> list[Way | str]:
+        """`out` of several rows: the way that is tried first is looked at for all of them at once."""
+        rows = list(rows)
+        standing: list[tuple[Positions, Positions]] = []
+        lifting, rapids = list(standing), list(standing)
+        for row in rows:
+            pose = {name: float(q[row]) for name, q in self.run.commands.items()}
+            standing.append((pose, pose))
+            if (lifted := next(lifts(self.nominal, self.run, row, self.retracts[0]), None)) is not None:
+                lifting.append((pose, lifted))
+                up = out_to_the_top(self.machine, lifted)
+                rapids += itertools.pairwise((*up, *one_by_one(up[-1], self._at_home(up[-1]), self.plane)[1:]))
+        for moves, rapid, bar in ((standing, False, True), (lifting, False, False), (rapids, True, False)):
+            self._meet(moves, rapid, bar)
+        return [self.out(row) for row in rows]
+
+    def seated(self, moves: Sequence[tuple[Positions, Positions]]) -> list[bool]:
+        """Whether each of some straight moves with the ball in its nest, or the bar on, is clear."""
+        keys = [(*before.values(), *after.values()) for before, after in moves]
+        fresh = {key: move for key, move in zip(keys, moves, strict=True) if key not in self._seated}
+        paths = dict(zip(fresh, self.seat.paths([*fresh.values()]), strict=True))
+        followed = {key: path for key, path in paths.items() if path is not None}
+        self._seated |= dict.fromkeys(fresh, False)
+        self._seated |= dict(zip(followed, self.moves.clear([*followed.values()]), strict=True))
+        return [self._seated[key] for key in keys]
 
     def out(self, row: int) -> Way | str:
         """The way out of a row's pose: drawn back, at the top, rotary axes home one by one; else what meets on the first one
@@ -101,9 +144,12 @@ class Ways:
         turned = self._in_some_order(top, turned_home(self.machine, top), self.rotary)
         if isinstance(turned, str):
             return turned
-        over = {name: home(self.machine.axes[name]) for name in self.plane}
-        crossed = self._in_some_order(turned[-1], {**turned[-1], **over}, self.plane)
+        crossed = self._in_some_order(turned[-1], self._at_home(turned[-1]), self.plane)
         return crossed if isinstance(crossed, str) else _Out((lifted, *turned), crossed)
+
+    def _at_home(self, place: Positions) -> Positions:
+        """The place over the workpiece's origin."""
+        return {**place, **{name: home(self.machine.axes[name]) for name in self.plane}}
 
     def around(self, row: int) -> Way:
         """The way to a row from the one before, out of the nest. Raises `InputError` where one of the two has no way out."""
@@ -154,8 +200,8 @@ def _without_rests(way: Way) -> Way:
     return tuple(place for i, place in enumerate(way) if i == 0 or place != way[i - 1])
 
 
-Detour = Callable[[int, Callable[[Positions, Positions], bool]], Way | None]
-"""Intermediate positions of a seated move to a row, of whose legs a function says whether they are clear; None: there is none."""
+Detour = Callable[[int, Callable[[Sequence[tuple[Positions, Positions]]], Sequence[bool]]], Way | None]
+"""Intermediate positions of a seated move to a row, of whose legs a function says which are clear; None: there is none."""
 
 
 def cleared(
@@ -177,6 +223,7 @@ def cleared(
 
 def _cleared(machine: Machine, run: Run, around: set[int], post: Post, detour: Detour | None) -> Post:
     ways = Ways(machine, run, post.retract_mm)
+    ways.outs(sorted({0, run.rows - 1, *around, *(row - 1 for row in around)}))
     first, last = (ways.left_by(row).up for row in (0, run.rows - 1))
     led: dict[int, Way] = {0: first[:1], run.rows: last}
     via = dict(post.via.get(run.id, {}))

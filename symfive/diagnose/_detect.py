@@ -64,7 +64,7 @@ class Disagreement:
     def says(self) -> str:
         """The disagreement in one sentence."""
         seen = ", ".join(f"{with_std(v, s, self.unit)} ({label})" for label, (v, s) in list(self.values.items())[:4])
-        return f"{self.parameter} is not the same between the groups by {self.between}: {seen}"
+        return f"{self.parameter} differs between groups of runs by {self.between}: {seen}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,7 +91,7 @@ class Detection(OnScreen):
         """The tests in words, those that fail first."""
         ordered = sorted(self.tests, key=lambda t: t.p_value)
         return " ".join(t.says for t in ordered if t.p_value * len(self.tests) < self.level) or (
-            "Nothing is left that noise does not explain."
+            "Noise alone explains the residual."
         )
 
     def __str__(self) -> str:
@@ -171,9 +171,7 @@ def _lack_of_fit(fit: Identification, whitened: Mapping[str, Array]) -> list[Tes
         return []
     whole = sum(float(np.sum(table**2)) for table in whitened.values())
     ratio = max(whole - square, 0.0) / rest / (square / pure)
-    says = (
-        f"What is left is {np.sqrt(ratio):.3g} times the noise of {sum(map(len, groups))} runs that repeat each other."
-    )
+    says = f"The residual is {np.sqrt(ratio):.3g} times the scatter of {sum(map(len, groups))} repeated runs."
     return [Test("lack of fit", ratio, rest, float(f.sf(ratio, rest, pure)), says)]
 
 
@@ -198,7 +196,11 @@ def _whiteness(whitened: Mapping[str, Array]) -> Test:
             dof += lags
     p = float(chi2.sf(statistic, dof)) if dof else 1.0
     return Test(
-        "whiteness", statistic, dof, p, "What is left is not white from row to row: the noise model does not hold."
+        "whiteness",
+        statistic,
+        dof,
+        p,
+        "The residual is correlated from row to row: the noise model does not explain it.",
     )
 
 
@@ -224,7 +226,7 @@ def _tensions(fit: Identification) -> list[Test]:
         worst = fit.parameters[places[int(np.argmax(np.abs(away)))]].name
         p = float(chi2.sf(parts.sum(), int(kept.sum())))
         says = (
-            f"The {name} errors lie further from their priors than these allow, {worst} by {np.abs(away).max():.1f} σ."
+            f"The {name} errors are further from their priors than these allow: {worst} by {np.abs(away).max():.1f} σ."
         )
         tests.append(Test(f"tension, {name}", float(parts.sum()), float(kept.sum()), p, says))
     return tests

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from symfive.campaign import Campaign
+from symfive.diagnose._cross_validation import cross_validated
 from symfive.diagnose._detect import detect
-from symfive.diagnose._findings import doubted, findings_of
+from symfive.diagnose._findings import findings_of, model_averaged
 from symfive.diagnose._hold_out import HoldOut, held_out, proved, variations_withdrawn, withdraw, worse_held_out
 from symfive.diagnose._locate import located
-from symfive.diagnose._prove import prove
 from symfive.diagnose._result import Diagnosis
 from symfive.diagnose._split import Split, parted
 from symfive.diagnose._stretches import stretches_of
@@ -38,10 +38,10 @@ def diagnose(
     hold_out: str | Split | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Diagnosis:
-    """Find, name and model the physics that the baseline leaves out.
+    """The effects that the baseline model lacks: named, located, sized and identified with all parameters.
 
     `campaign` with readings, or the path of its folder; `false_alarms` is the rate at which the tests that need no name may fail
-    a clean campaign (names follow from probabilities and stated losses instead: `symfive.posterior.decide`); `exclude` takes
+    a clean campaign (names follow from probabilities and losses: `symfive.posterior.decide`); `exclude` takes
     effects (by id) out of the library, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) everything is
     learnt from the rest; a finding that makes the held-out part worse is withdrawn. Of recordings of more than 20,000 rows in all
     names are searched for in some rows (`stretches_of`); a finding that makes the others worse is withdrawn, and every value is
@@ -49,7 +49,7 @@ def diagnose(
     cannot have read, and where nothing is left to fit.
 
     The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened` and `decide` of
-    `symfive.posterior`; `withdraw`, `findings_of`, `prove`, `held_out`.
+    `symfive.posterior`; `withdraw`, `findings_of`, `cross_validated`, `held_out`.
     """
     whole = campaign = campaign_given(campaign)
     said = unreadable(campaign)
@@ -103,12 +103,12 @@ def diagnose(
         p_value=_p_value(posterior),
         noise_um=float(np.sqrt(np.mean([n.white**2 for n in after.noises.values()]))),
         findings=findings,
-        fit=prove(before, after),
+        fit=cross_validated(before, after),
         detection=detection,
         location=location,
         remaining=remaining,
         before=before,
-        after=doubted(posterior, first, after),
+        after=model_averaged(posterior, first, after),
         false_alarms=false_alarms,
         hold_out=proof,
         searched=searched,

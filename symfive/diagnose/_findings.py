@@ -31,7 +31,7 @@ from symfive.posterior import (
 )
 from symfive.threads import one_thread
 
-__all__ = ["amend", "doubted", "findings_of", "moved"]
+__all__ = ["amend", "findings_of", "model_averaged", "moved"]
 
 Array = NDArray[np.float64]
 LISTED = 1e-3
@@ -67,7 +67,7 @@ def moved(before: Identification, after: Identification, most: int = 8) -> dict[
     return {name: (before[name], after[name]) for _, name in sorted(ranked, reverse=True)[:most]}
 
 
-def doubted(posterior: Posterior, here: Identification, after: Identification) -> Identification:
+def model_averaged(posterior: Posterior, here: Identification, after: Identification) -> Identification:
     """The final fit, its covariance with what is not known of the names: Σ w Δ Δᵀ over the other subsets, Δ what each does to
     the other parameters of `here`, the fit of what the search saw, w its probability (J. A. Hoeting et al. 1999, (2))."""
     held = frozenset(range(posterior.moments.held))
@@ -161,7 +161,7 @@ def _finding(
     others = " and ".join(rival for rival, _ in test.each)
     return replace(
         draft, test=test, next_test=folder_of(effect.key, test) if test.useful else None,
-        says=f"{says} To tell it from {others}: {test.says}.",
+        says=f"{says} To separate it from {others}: {test.says}.",
     )  # fmt: skip
 
 

@@ -115,10 +115,10 @@ class Location(OnScreen):
         """Where to look, in one sentence."""
         found = self.significant
         if not found:
-            return "No place of the chain stands out of the noise."
-        first = f"The mismatch is best placed at: {found[0].says}"
+            return "No link of the chain is significant."
+        first = f"Most probable location of the mismatch: {found[0].says}"
         others = [f"{s.link}{f' of {s.axis}' if s.axis else ''}" for s in found[1:4]]
-        return first + (f"; it also shows at {', '.join(others)}." if others else ".")
+        return first + (f"; next: {', '.join(others)}." if others else ".")
 
     def __str__(self) -> str:
         suspects = [
@@ -137,7 +137,7 @@ def locate(
 ) -> Location:
     """Weigh every effect of the library against what a fit leaves, each by itself. `exclude` takes effects (by id) out."""
     detection = found if isinstance(found, Detection) else detect(found, progress=progress)
-    progress("weighing every effect by itself")
+    progress("fitting every effect by itself")
     fit, stated = detection.fit, candidates(detection.fit.model.campaign, exclude)
     here, _ = expanded(fit, [Form(effect=effect) for effect in fit.model.added], stated)
     moments = moments_about(here, stated)

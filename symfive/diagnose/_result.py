@@ -36,7 +36,7 @@ EXPLAINED = 1.1
 SHOWN_SHARE = 0.01
 """Geometry and set-up that explain less, beside the findings, are not mentioned."""
 WIDTH, HARD_SPACE = 100, "\u00a0"
-"""Longest line of the letter; a space at which none ends."""
+"""Longest line of the text; a space at which none ends."""
 
 
 @dataclass(frozen=True)
@@ -192,9 +192,9 @@ class Fit:
             elif after > BEYOND * self.rms_after_um:
                 sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
                 said.append(
-                    f"{one} is predicted to {sizes[0]} {unit} rms only, where the fit leaves {sizes[1]} {unit}: "
+                    f"{one} is predicted to {sizes[0]} {unit} rms only; the fitted readings leave {sizes[1]} {unit}: "
                     + (
-                        "the others do not determine what it needs, or something changes from run to run."
+                        "the other runs do not determine all that it needs, or the machine changes from run to run."
                         if what == "run"
                         else f"{beyond}."
                     )
@@ -273,23 +273,23 @@ class Diagnosis(OnScreen):
                 for o in self.observability
             ],
             "classes": [list(c) for c in self.classes],
-            "says": self.letter,
+            "says": self.summary,
         }
 
     @property
-    def letter(self) -> str:
-        """The verdict in plain words, a sentence a finding."""
-        return self._warned(" ".join([self._letter(), *self.excluded, *self.proof]))
+    def summary(self) -> str:
+        """The verdict in words, one sentence per finding."""
+        return self._warned(" ".join([self._summary(), *self.excluded, *self.proof]))
 
-    def _letter(self) -> str:
+    def _summary(self) -> str:
         if self.mismatch:
             return " ".join([*(f.says for f in self.findings), *self.doubts])
         left, ratio = plain_number(self.fit.rms_after_um, self.after.unit), plain_number(self.noise_ratio)
-        text = f"None of the {len(self.observability)} effects tested stands out of the residual ({left} {self.after.unit} rms)."
+        text = f"None of the {len(self.observability)} effects tested is significant (residual {left} {self.after.unit} rms)."
         if self.noise_ratio > EXPLAINED:
             return (
                 f"{text} It is {ratio} times the declared noise: slow noise of the instrument, or an effect that these "
-                "recordings cannot place."
+                "recordings cannot locate."
             )
         return f"{text} The model explains the readings down to the declared noise."
 
@@ -350,7 +350,7 @@ class Diagnosis(OnScreen):
             rest = " Part of the deviation is not explained." if self.unnamed else ""
             return f"{faults}: {'; '.join(names)}.{rest}"
         if self.mismatch:
-            return "The model does not explain these readings, and no effect could be placed."
+            return "The model does not explain these readings, and no effect of the catalogue does."
         if self.noise_ratio > EXPLAINED:
             return f"No fault found, but the residual is {plain_number(self.noise_ratio)} times the declared noise."
         return "No fault found: the model explains these readings down to the noise."
@@ -381,11 +381,9 @@ class Diagnosis(OnScreen):
                 f"runs left out in turn: rms {held} {unit}" if self.hold_out else f"held-out runs: rms {held} {unit}"
             )
         ratio = change(fit.chi2_dof_before, fit.chi2_dof_after)
-        lines.append(f"chi²/dof {ratio} to the declared noise ({expected_ratio(self.after.dof)})")
+        lines.append(f"chi²/dof {ratio} against the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:
-            lines.append(
-                "± is 1σ (k = 1) if the names are right; confidence: among the catalogue and unidentified effects"
-            )
+            lines.append("±: 1σ (k = 1), if the names are right. Confidence: among catalogue and unidentified effects.")
         return [*lines, *(line for said in self.proof for line in wrapped("", said))]
 
 

@@ -11,7 +11,7 @@ from symfive.numbers import in_words, name_words, percent, plain_number, rounded
 if TYPE_CHECKING:
     from symfive.diagnose._result import Finding
 
-__all__ = ["coordinate_words", "facts_of", "named", "place_words", "sentence_of"]
+__all__ = ["coordinate_words", "facts_of", "form_words", "named", "place_words", "sentence_of"]
 
 SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
 SHOWN_RIVAL = 0.01
@@ -29,6 +29,13 @@ def named(effect: str, axis: str | None) -> str:
     return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
 
 
+def form_words(key: str, machine: Machine) -> str:
+    """The key of a form in words, as `gravity sag of axis B (EXB, yielding)`."""
+    effect, *rest = key.split(".")
+    axis = rest.pop(0) if rest and rest[0] in machine.axes else None
+    return named(effect, axis) + (f" ({', '.join(rest).replace('_', ' ')})" if rest else "")
+
+
 def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     """A finding in words: heading → a short answer, without those that have none. Terminal and report print the same.
 
@@ -36,7 +43,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     """
     machine = after.model.machine
     words, numbers, vectors = _sizes(finding)
-    sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors, f"{percent(finding.share)} of the deviation's mean square"]
+    sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors]
     if (usual := _times_usual(finding, after)) > HUGE:
         sizes.append(f"{plain_number(usual)} times its usual size: check the units, or look for another cause")
     hidden = [f"geometry and set-up absorbed {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
@@ -50,9 +57,13 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         "what": _deed(finding),
         "where": f"in {place_words(finding, machine)}, over {coordinate_words(finding.coordinate)}, {_runs(finding, after)}",
         "how large": ", ".join(sizes),
-        "how sure": ", or ".join([_sure(finding) + _component_is_open(finding), *rivals[:SHOWN_RIVALS]]),
+        "how sure": ", or ".join([_sure(finding, machine) + _component_is_open(finding), *rivals[:SHOWN_RIVALS]]),
+        "costs": f"{percent(finding.share)} of the deviation (mean square)",
         "hidden by": "; ".join(hidden),
-        "not separated": ", ".join(finding.alias),
+        "not separated": f"from {', '.join(form_words(key, machine) for key in finding.alias)}"
+        if finding.alias
+        else "",
+        "what to do": _to_do(finding),
         "next test": ": ".join(test),
     }
     return {question: answer for question, answer in answers.items() if answer}
@@ -61,7 +72,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
 def sentence_of(finding: Finding, after: Identification) -> str:
     """One sentence: name, axis, the two main values, how sure, what hid it."""
     words, numbers, _ = _sizes(finding)
-    text = ", ".join([*words, *numbers[:2], _sure(finding)])
+    text = ", ".join([*words, *numbers[:2], _sure(finding, after.model.machine)])
     if (usual := _times_usual(finding, after)) > HUGE:
         text += f"; {plain_number(usual)} times its usual size: check the units, or look for another cause"
     if finding.moved:
@@ -78,13 +89,21 @@ def _deed(finding: Finding) -> str:
     return finding.effect.says
 
 
-def _sure(finding: Finding) -> str:
+def _to_do(finding: Finding) -> str:
+    """What a service engineer does about it; nothing before the test that separates its name from its rivals."""
+    action = finding.effect.action
+    return (
+        f"record the next test; if it confirms this cause, {action}" if action and finding.test is not None else action
+    )
+
+
+def _sure(finding: Finding, machine: Machine) -> str:
     """How probable the name is; where another one fits as well, that only experience puts it first."""
     said = f"confidence {percent(finding.confidence)}"
     if finding.nameless:
         said += " that it is there; its cause is open"
     if finding.by_experience and not finding.nameless:
-        said += f", by experience: it cannot be distinguished from {finding.alias[0]} in this test"
+        said += f", by experience: it cannot be distinguished from {form_words(finding.alias[0], machine)} in this test"
     return said
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
 from symfive.drawing._colours import SERIES
+from symfive.instruments import instruments_of
 from symfive.procedures import Nominal
 
 __all__ = ["SCRIPT", "poses_figure", "projected"]
@@ -25,8 +26,6 @@ TURN, TILT = -60.0, 25.0
 WIDE, TALL, REACH = 720, 480, 215.0
 MOST_POINTS, MOST_LINES, MOST_NAMES = 1200, 24, 24
 """Points of all runs, lines of a recording in motion, names below the drawing."""
-WITH_A_NEST = {"ball_bar", "r_test", "touch_probe"}
-WITH_A_BALL = {*WITH_A_NEST, "grid_encoder", "displacement", "tracker"}
 COLOURS = (f"var(--blue, {SERIES[0]})", f"var(--orange, {SERIES[1]})", *SERIES[2:])
 STYLE = """
 .poses path { fill: none; stroke: currentColor; stroke-linecap: round; stroke-width: 1.2; }
@@ -58,7 +57,9 @@ class _Poses:
     @property
     def nest(self) -> Array:
         """The ball or nest on the table, (1, 3); (0, 3) where the instrument has none."""
-        return np.array([self.run.table_ball] if WITH_A_NEST & set(self.run.instrument) else np.empty((0, 3)))
+        return np.array(
+            [self.run.table_ball] if any(i.on_a_post for i in instruments_of(self.run)) else np.empty((0, 3))
+        )
 
 
 def projected(points: Array, centre: Array, scale: float, turn: float = TURN, tilt: float = TILT) -> Array:
@@ -75,7 +76,7 @@ def poses_figure(campaign: Campaign) -> str:
     Table, frame, the balls on the table, the tool's ball at each pose by the exact nominal kinematics, the tool's direction,
     bars. Of long runs every so many a row is drawn, and the caption says so. Needs `SCRIPT` on the page to be turned.
     """
-    runs = [run for run in campaign.runs if WITH_A_BALL & set(run.instrument)]
+    runs = [run for run in campaign.runs if any(i.ball_drawn for i in instruments_of(run))]
     if not runs:
         return ""
     nominal = Nominal(campaign.machine)

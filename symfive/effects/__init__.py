@@ -8,7 +8,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from symfive.effects._base import LINKS, STAGES, Effect
-from symfive.effects._form import AXIS, BALL, CARRIED, FORCE, TOOL, Form, Scan, Tone, moving
+from symfive.effects._component import Component, component_of, location_of
+from symfive.effects._form import AXIS, BALL, CARRIED, FORCE, TOOL, Form, Scan, Tone, across, moving, reversing
 from symfive.effects._options import fits
 from symfive.effects._quantity import Quantity
 from symfive.effects.axis_growth import AxisGrowth
@@ -49,8 +50,9 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
 
 __all__ = [
-    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form", "Quantity", "Scan",
-    "Tone", "Unknown", "Varying", "baseline_effects", "make_effect", "moving",
+    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Component", "Effect", "Form",
+    "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "baseline_effects", "component_of", "location_of", "make_effect",
+    "moving", "reversing",
 ]  # fmt: skip
 
 _TABLE: tuple[type[Effect], ...] = (

@@ -40,7 +40,11 @@ class Effect:
     `id` is its name, `reported_as` the word of the vocabulary (docs/conventions.md, section 7) for it where
     that is another one, `stage` one of `STAGES`, `axis` the axis it belongs to (None: no axis). Further
     fields of a subclass say which of several forms is meant (a component, a run, a shape); `tag` tells two
-    effects of one kind and axis apart. `spread` multiplies the prior 1σ of its amplitudes.
+    effects of one kind and axis apart. A field `component` (`EYX`, `EA0C`) is the error to which it adds.
+    `spread` multiplies the prior 1σ of its amplitudes.
+
+    `says` what it does, `hidden_by` what absorbs it and `action` what a service engineer does about it are sentences of the
+    report, without a capital and a full stop.
 
     At the prior means of its parameters an effect does nothing; `typical` gives values at which it is of
     usual size. Its amplitudes are the parameters whose prior mean is 0; or all of them where it `departs` from what
@@ -51,6 +55,7 @@ class Effect:
     stage: ClassVar[str] = "structure"
     says: ClassVar[str] = ""
     hidden_by: ClassVar[str] = ""
+    action: ClassVar[str] = ""
     reported_as: ClassVar[str] = ""
     needs_axis: ClassVar[bool] = False
     dynamic_only: ClassVar[bool] = False
@@ -64,8 +69,8 @@ class Effect:
 
     @property
     def key(self) -> str:
-        """Prefix of its parameters' names, as `backlash.C`."""
-        return self._key(self.axis)
+        """Prefix of its parameters' names: id, axis and component, as `backlash.C`, `lateral_play.EYX`, `gravity_sag.B.EZB`."""
+        return self._key(self.axis, getattr(self, "component", None))
 
     def _key(self, *parts: str | None) -> str:
         return ".".join(part for part in (self.id, *parts, self.tag) if part)
@@ -173,12 +178,13 @@ class Effect:
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """Its parameters in the words of the vocabulary, with standard deviations (first order) and units.
 
-        `values` by parameter name in file units, `covariance` by pairs of names. Default: as they are,
-        without `key`.
+        `values` by parameter name in file units, `covariance` by pairs of names. Default: its `component`, if it has
+        one, and the parameters as they are, without `key`.
         """
-        return {
-            p.name.removeprefix(self.key + "."): own_quantity(p, values, covariance) for p in self.parameters(campaign)
-        }
+        component = getattr(self, "component", None)
+        found = {} if component is None else {"component": Quantity(component)}
+        mine = self.parameters(campaign)
+        return found | {p.name.removeprefix(self.key + "."): own_quantity(p, values, covariance) for p in mine}
 
     def amplitudes(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """Those of its parameters that say how large it is, of any unit."""

@@ -40,6 +40,9 @@ class Backlash(Effect):
     stage = "axis"
     says = "backlash between drive and axis"
     hidden_by = "servo mismatch where only one feed was run; location errors of a rotary axis"
+    action = (
+        "check the preload of the drive (screw, nut, coupling, worm); enter it as backlash compensation in the control"
+    )
     coordinate = "{axis} velocity sign"
     needs_axis = True
     shape: str = "play"

@@ -34,6 +34,7 @@ class Counterbalance(Effect):
     stage = "axis"
     says = "a vertical axis drops in one direction of motion"
     hidden_by = "backlash growing along the axis and its scale; the drive current separates up from down"
+    action = "check the counterbalance (pressure, chain) of the axis and its backlash"
     coordinate = "{axis} velocity sign"
     reported_as = "backlash"
     needs_axis = True

@@ -13,7 +13,6 @@ import numpy as np
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
 from symfive.effects._form import Form, Scan, Tone, goes_round, moving
-from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of
 from symfive.machine import ErrorTerm
@@ -52,6 +51,7 @@ class ErrorMotion(Effect):
     hidden_by = (
         "others with the same readings on one circle (straightness, pitch); a second place or height separates them"
     )
+    action = "enter it in the error table of the axis; if it exceeds the tolerance, check guideway or bearing"
     coordinate = "{axis}"
     component: str
     basis: str | tuple[str, ...] = "fourier"
@@ -59,11 +59,6 @@ class ErrorMotion(Effect):
     over: tuple[str, ...] = ()
     knots: tuple[tuple[float, ...], ...] = ()
     sigma: float | None = None
-
-    @property
-    def key(self) -> str:
-        """`error_motion.EAC`."""
-        return self._key(self.component)
 
     def prepare(self, campaign: Campaign) -> Self:
         machine = campaign.machine
@@ -154,10 +149,6 @@ class ErrorMotion(Effect):
             slope = np.zeros(len(slope))
         along = row.axis[axis.name] - zero
         return [value - c - k * along for value, c, k in zip(values, constant, slope, strict=True)]
-
-    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`component`, and each function's coefficient by its name (`cos2`: the harmonic 2 of cos)."""
-        return {"component": Quantity(self.component), **super().describe(campaign, values, covariance)}
 
 
 def _share_in_use(campaign: Campaign, axis: str) -> float:

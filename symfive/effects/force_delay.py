@@ -32,6 +32,7 @@ class ForceDelay(Effect):
     stage = "reading"
     says = "the recorded force is not of the same instant as the recorded motion"
     hidden_by = "mass, where the axis accelerates by steps only"
+    action = "correct the time stamps of the recording; the machine needs no repair"
     coordinate = "{axis} acceleration"
     reported_as = "latency"
     needs_axis = True

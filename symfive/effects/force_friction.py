@@ -47,6 +47,7 @@ class ForceFriction(Effect):
     stage = "reading"
     says = "friction in the drive force"
     hidden_by = "viscous friction and mass, where an axis moves at one speed"
+    action = "compare with an earlier recording; if friction has risen, check lubrication and preload"
     coordinate = "{axis} velocity sign"
     reported_as = "friction"
     needs_axis = True

@@ -40,6 +40,7 @@ class ForceRipple(Effect):
     stage = "reading"
     says = "the force of the drive changes periodically along the way"
     hidden_by = "a periodic force in time, where only one feed was run"
+    action = "check motor, screw and gear for a part with this period"
     coordinate = "{axis}"
     reported_as = "transmission_error"
     needs_axis = True

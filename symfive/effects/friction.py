@@ -40,6 +40,7 @@ class Friction(Effect):
     stage = "drive"
     says = "friction: lag and spike at reversal"
     hidden_by = "a reversal spike of a compensation that comes too late; pre-sliding behind the drive"
+    action = "check the lubrication; set the friction compensation of the control"
     coordinate = "{axis} velocity sign"
     needs_axis = True
     dynamic_only = True

@@ -52,16 +52,14 @@ class GravitySag(Effect):
     id = "gravity_sag"
     says = "the part carried by a tilting axis sags as gravity turns in its frame"
     hidden_by = "location errors of the rotary axes (99 % of it where the axis only tilts one way)"
+    action = (
+        "enter a compensation over the position of the tilting axis in the control; check its clamping and bearings"
+    )
     coordinate = "{axis}"
     needs_axis = True
     component: str
     parts: tuple[str, ...] = PARTS[:2]
     down: tuple[float, float, float] = DOWN
-
-    @property
-    def key(self) -> str:
-        """`gravity_sag.B.EZB`."""
-        return self._key(self.axis, self.component)
 
     def prepare(self, campaign: Campaign) -> Self:
         super().prepare(campaign)

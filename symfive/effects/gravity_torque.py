@@ -42,6 +42,7 @@ class GravityTorque(Effect):
     stage = "reading"
     says = "the weight of what an axis carries loads its drive"
     hidden_by = "Coulomb friction and offset, where the axis moves in one direction over a short way"
+    action = "set the weight compensation (torque feed-forward) of the drive; check the counterbalance"
     coordinate = "{axis}"
     reported_as = "gravity_sag"
     needs_axis = True

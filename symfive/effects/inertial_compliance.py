@@ -39,6 +39,7 @@ class InertialCompliance(Effect):
     id = "inertial_compliance"
     says = "deflection proportional to an axis' acceleration"
     hidden_by = "squareness and scale at one feed (all of it), a missing acceleration feed-forward at two"
+    action = "reduce acceleration or jerk for accurate contours; check the stiffness of the axis and the mounting of its scale"
     coordinate = "{axis} acceleration"
     needs_axis = True
     dynamic_only = True

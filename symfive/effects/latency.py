@@ -26,6 +26,7 @@ class Latency(Effect):
     stage = "drive"
     says = "delay of the instrument's clock"
     hidden_by = "a servo mismatch of all axes alike; the set-up where only one direction was run"
+    action = "synchronise the instrument with the control, or correct its time stamps; the machine needs no repair"
     coordinate = "time"
     dynamic_only = True
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Self
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
 from symfive.effects._form import Form, Scan, Tone, across, reversing
-from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.motion import Direction, Play, PreSliding
 from symfive.parameters import Parameter
@@ -34,14 +33,10 @@ class LateralPlay(Effect):
     id = "lateral_play"
     says = "the carriage moves sideways when it reverses"
     hidden_by = "radius and scale (99 % of it) where circles run in one direction only"
+    action = "adjust the gibs or the preload of the guideway"
     coordinate = "{axis} velocity sign"
     component: str
     shape: str = "step"
-
-    @property
-    def key(self) -> str:
-        """`lateral_play.EYX`."""
-        return self._key(self.component)
 
     @property
     def _moving(self) -> str:
@@ -89,6 +84,3 @@ class LateralPlay(Effect):
 
     def apply(self, row: Row) -> None:
         row.add_motion(self.component, -0.5 * self.parameter(row, "width") * row.signal(self.signals()[0]))
-
-    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        return {"component": Quantity(self.component), **super().describe(campaign, values, covariance)}

@@ -38,6 +38,7 @@ class LoadMoment(Effect):
     id = "load_moment"
     says = "an axis gives way under the moment of what it holds out"
     hidden_by = "squareness and error motions of the later axes, where only one of them moves"
+    action = "enter a compensation over the positions of both axes in the control; check the preload of the guideway"
     coordinate = "pose"
     reported_as = "gravity_sag"
     needs_axis = True
@@ -70,7 +71,7 @@ class LoadMoment(Effect):
         names = carriers(machine, name) if not own.rotary else (*carriers(machine, name), name)
         down = gravity_seen(row, names, self.down)
         hinge, beam = ca.SX(3, 1), ca.SX(3, 1)
-        for load, place in self._places(row).items():
+        for load, place in self._load_positions(row).items():
             moment = ca.cross(place - ca.DM(own.origin), down)
             hinge += self.parameter(row, f"w.{load}") * moment
             if not own.rotary:
@@ -84,7 +85,7 @@ class LoadMoment(Effect):
             for i, letter in enumerate("XYZ"):
                 row.add_motion(f"E{letter}{name}", shift[i])
 
-    def _places(self, row: Row) -> dict[str, Any]:
+    def _load_positions(self, row: Row) -> dict[str, Any]:
         """Where the loads stand in the frame of what the axis carries, mm."""
         machine, name = row.machine, str(self.axis)
         later, side = later_axes(machine, name), machine.structure.carries(name)

@@ -11,7 +11,6 @@ import casadi as ca
 from symfive.effects._base import Effect
 from symfive.effects._component import location_of
 from symfive.effects._form import Form, Scan, Tone, own_component
-from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 
@@ -32,14 +31,10 @@ class LocationError(Effect):
     id = "location_error"
     says = "a location error missing from the machine file"
     hidden_by = "set-up errors and the instrument's zero where poses are few"
+    action = "enter it in the control (symfive codegen), or align the axis"
     coordinate = "pose"
     component: str
     drift: bool = False
-
-    @property
-    def key(self) -> str:
-        """`location_error.EY0C`."""
-        return self._key(self.component)
 
     @property
     def over_time(self) -> bool:  # type: ignore[override]
@@ -72,6 +67,3 @@ class LocationError(Effect):
     def apply(self, row: Row) -> None:
         grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")) if self.drift else 1.0
         row.location[self.component] = row.location.get(self.component, 0.0) + self.parameter(row, "value") * grown
-
-    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        return {"component": Quantity(self.component), **super().describe(campaign, values, covariance)}

@@ -36,6 +36,7 @@ class ReversalSpike(Effect):
     stage = "axis"
     says = "a spike after each reversal"
     hidden_by = "friction; backlash where the rows after a reversal are few"
+    action = "set the friction compensation at reversal in the control"
     coordinate = "{axis} velocity sign"
     reported_as = "friction"
     needs_axis = True

@@ -36,6 +36,7 @@ class SensorError(Effect):
     stage = "reading"
     says = "gain or cross-sensitivity of the instrument"
     hidden_by = "everything proportional to the deviation; a known shift of 50 µm separates them"
+    action = "calibrate the instrument; the machine needs no repair"
     coordinate = "reading"
     shape: str = "gain"
     instrument: str = "r_test"

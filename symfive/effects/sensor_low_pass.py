@@ -33,6 +33,7 @@ class SensorLowPass(Effect):
     stage = "recording"
     says = "low-pass filter of the instrument"
     hidden_by = "latency and servo mismatch at slow motion"
+    action = "switch the filter of the instrument off, or measure at a lower feed; the machine needs no repair"
     coordinate = "time"
     reported_as = "latency"
     dynamic_only = True
@@ -70,7 +71,7 @@ class SensorLowPass(Effect):
 
 
 def _weighed(weights: Array, fresh: Array, former: Array) -> Array:
-    """Two tables (N, …) weighed by the columns of `weights` (N, 2)."""
+    """Two tables (N, …) weighted by the columns of `weights` (N, 2)."""
     spread = weights.reshape(*weights.shape, *(1,) * (fresh.ndim - 1))
     return np.asarray(spread[:, 0] * fresh + spread[:, 1] * former)
 

@@ -36,6 +36,7 @@ class ServoMismatch(Effect):
     stage = "drive"
     says = "the position loop differs from the machine file"
     hidden_by = "squareness with one direction of travel, backlash with one feed, location errors of a rotary axis"
+    action = "set equal position gains (Kv) of the axes in the control; correct the drives in the machine file"
     coordinate = "{axis} velocity"
     needs_axis = True
     dynamic_only = True

@@ -40,6 +40,7 @@ class SetupShift(Effect):
     over_time = True
     says = "the artefact moved within the run"
     hidden_by = "the run's set-up errors where it happened near its start or end"
+    action = "clamp the artefact again and repeat the run; the machine needs no repair"
     coordinate = "time"
     run: str
     t_s: float

@@ -31,6 +31,7 @@ class SpindleGrowth(Effect):
     over_time = True
     says = "the spindle grows along its axis as it warms"
     hidden_by = "the tool ball's height, a location error along the spindle, the bar's length"
+    action = "warm the spindle up before you measure or machine; enter its thermal compensation in the control"
     coordinate = "time"
     reported_as = "thermal_drift"
 

@@ -41,6 +41,7 @@ class StructuralResonance(Effect):
     id = "structural_resonance"
     says = "a lightly damped vibration excited by the motion"
     hidden_by = "vibration of the floor where damping is small; reversal spikes"
+    action = "reduce the jerk, or set a filter at this frequency in the control; check the mounting of the machine"
     coordinate = "{axis} acceleration"
     needs_axis = True
     dynamic_only = True

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 SHAPES = ("exponential", "mixture", "linear", "delayed")
 ONSETS = 9
-"""Places of a late onset that are looked at, a tenth of the campaign apart: closer than a time constant can be told."""
+"""Onset times of a late drift that are tried, a tenth of the campaign apart: closer than a time constant can be resolved."""
 SHORTEST = 0.1
 """Share of the campaign that is left after the onset, at least: of a part of the runs the onset may lie beyond their end."""
 
@@ -46,6 +46,7 @@ class ThermalDrift(Effect):
     hidden_by = (
         "location errors (89 % of it) and the bar's own growth; the first pose repeated at the end separates them"
     )
+    action = "warm the machine up or steady its temperature, then repeat the test"
     coordinate = "time"
     shape: str = "exponential"
     onset_s: float = 0.0

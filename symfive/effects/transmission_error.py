@@ -39,6 +39,7 @@ class TransmissionError(Effect):
     stage = "axis"
     says = "periodic error of worm, gear, screw or encoder"
     hidden_by = "straightness where the period is near the circle's diameter; vibration where only one feed was run"
+    action = "check screw, worm, gear and encoder for a part with this period; enter it in the error table of the axis"
     coordinate = "{axis}"
     needs_axis = True
     period: float = 0.0

@@ -72,6 +72,7 @@ class Unknown(Effect):
     id = "unknown"
     says = "an unidentified effect"
     hidden_by = "error motions over the same coordinates"
+    action = "measure at another position or feed to find the cause; correct it only in the range that was recorded"
     nameless = True
     over: tuple[str, ...]
     basis: str | tuple[str, ...] = "bspline"

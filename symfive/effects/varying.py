@@ -53,6 +53,7 @@ class Varying(Effect):
     reported_as = "unknown"
     says = "like a known effect, but its size changes along a coordinate"
     hidden_by = "the effect it resembles"
+    action = "look for a cause that changes along this coordinate; correct it only in the range that was recorded"
     of: Effect
     over: str
     span: tuple[float, ...] = ()

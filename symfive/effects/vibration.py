@@ -40,6 +40,7 @@ class Vibration(Effect):
     id = "vibration"
     says = "a tone at a fixed frequency in time"
     hidden_by = "a periodic error of a screw or gear where only one feed was run"
+    action = "find the source by its frequency (fan, pump, spindle, floor) and isolate it"
     coordinate = "time"
     dynamic_only = True
     frequency_hz: float

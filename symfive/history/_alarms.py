@@ -5,8 +5,8 @@ step is judged without itself. An error j moves x along a_j = U_j / spread. With
 combination is h_j = Σ⁻¹ a_j; the mixture says how probable an h_j·x as large is, and that becomes a standard normal score. All
 directions together are asked likewise. Of a visit that raised an alarm no more is learnt than its limit (R. A. Maronna 1976).
 
-The cause is the error that explains the most; equal chances beforehand make its probability proportional to exp(½ score²), and
-errors with the same a_j share it: that is what the visits cannot tell apart.
+The cause is the error that explains the most; equal prior probabilities make its probability proportional to exp(½ score²), and
+errors with the same a_j share it: the visits cannot distinguish these.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ __all__ = ["Alarm", "Cause", "Watch", "causes_of"]
 
 Array = NDArray[np.float64]
 PRESENT = 0.05
-"""An error with a smaller share in the determined directions is no candidate: the visits hardly see it."""
+"""An error with a smaller share in the determined directions is no candidate: the visits hardly determine it."""
 NAMED = 0.05
-"""Less probable causes are not spoken of."""
+"""Less probable causes are not reported."""
 MOST_CAUSES = 4
 KNOWN = 1.0 / 3.0
 """The 1σ of a learnt standard deviation's square, sqrt(2/n) of n readings, below which it is used for comparisons."""
@@ -38,7 +38,7 @@ CLEAR = 0.01
 
 @dataclass(frozen=True)
 class Cause:
-    """An error (or several that cannot be told apart, with their probabilities) and by how much it changed, file units."""
+    """An error (or several that cannot be distinguished, with their probabilities) and by how much it changed, file units."""
 
     names: tuple[str, ...]
     probabilities: tuple[float, ...]
@@ -69,16 +69,16 @@ class Watch:
         self._candidates = np.flatnonzero((basis**2).sum(axis=1) >= PRESENT)
         self._patterns = basis[self._candidates]
         self._pending: tuple[Array, Array, Array] | None = None
-        self._told: Array | None = None  # by the visit that is pending
-        self._last: tuple[_Look, Limits] | None = None
-        self.forget()
+        self._late_density: Array | None = None  # by the visit that is pending
+        self._last: tuple[_Scores, Limits] | None = None
+        self.restart()
 
-    def forget(self) -> None:
+    def restart(self) -> None:
         """Begin anew: the machine was changed, or an alarm was raised."""
-        self._drift, self._looks = np.zeros(len(self._candidates)), 0
-        self._before: _Look | None = None
+        self._drift, self._visits = np.zeros(len(self._candidates)), 0
+        self._before: _Scores | None = None
 
-    def look(self, steps: Steps, rate: float, years: Array, first: int) -> Alarm | None:
+    def first_alarm(self, steps: Steps, rate: float, years: Array, first: int) -> Alarm | None:
         """The first alarm that the visits raise, if any; the scatter is learnt from those up to it.
 
         n visits with their steps (n, r) and the `years` (n,) since the one before each, numbered from `first`. A visit is learnt
@@ -91,28 +91,31 @@ class Watch:
         late = self._pending is not None
         if self._pending is not None:
             chain = [np.concatenate([old[None], new]) for old, new in zip(self._pending, chain, strict=True)]
-        taught, visits = self.usual.taught(*chain), np.arange(len(x)) + late
+        updates, visits = self.usual.updates(*chain), np.arange(len(x)) + late
         states = np.maximum(visits - 1, 0)
-        looks, evidence = self._looked(taught.predictive(states, visits), steps, x, states)
+        visited, evidence = self._scored(updates.predictive(states, visits), steps, x, states)
         alarm = None
-        for number, look in enumerate(looks):
+        for number, scores in enumerate(visited):
             limits = Limits.of(rate, float(years[number]), len(self._candidates))
-            alarm = self._judged(look, limits, first + number)
-            self._before = look
+            alarm = self._judged(scores, limits, first + number)
+            self._before = scores
             if alarm is not None:
                 break
         at = number + late
         if alarm is None:
-            self.usual.learn(taught, at, evidence[at])
-            self._pending, self._told = (chain[0][at], chain[1][at], chain[2][at]), evidence[at + 1] - evidence[at]
+            self.usual.learn(updates, at, evidence[at])
+            self._pending, self._late_density = (
+                (chain[0][at], chain[1][at], chain[2][at]),
+                evidence[at + 1] - evidence[at],
+            )
         else:
             self._censored(chain, at, evidence, alarm)
-        self._last = look, limits
+        self._last = scores, limits
         return alarm
 
-    def _looked(
+    def _scored(
         self, expected: Predictive, steps: Steps, x: Array, states: NDArray[np.intp]
-    ) -> tuple[list[_Look], Array]:
+    ) -> tuple[list[_Scores], Array]:
         """Score of each error at each visit, also that of a step one visit before, and the evidence of the degrees at each state.
 
         The evidence is that of each error by itself, as many of them as there are directions.
@@ -124,54 +127,54 @@ class Watch:
         value = (combined @ x[..., None])[..., 0]
         seen = np.maximum(expected.seen.sum(axis=1), 1)
         power = steps.reading.sum(axis=1) / seen * np.minimum(seen / half, 1.0)
-        told = power[:, None] * expected.densities(combined[:, :half], value[:, :half]).sum(axis=1)
-        told = told if self._told is None else np.concatenate([self._told[None], told])
-        evidence = self.usual.evidence + np.concatenate([np.zeros_like(told[:1]), np.cumsum(told, axis=0)])
+        density = power[:, None] * expected.densities(combined[:, :half], value[:, :half]).sum(axis=1)
+        density = density if self._late_density is None else np.concatenate([self._late_density[None], density])
+        evidence = self.usual.evidence + np.concatenate([np.zeros_like(density[:1]), np.cumsum(density, axis=0)])
         weights = softmax(evidence[states], axis=1)
         chance = np.maximum(expected.chance(combined, value, weights), 1e-300)
         score = -np.sign(value) * ndtri(0.5 * chance)
         together = expected.together(x, weights)
-        looks = [
-            _Look(score[i], norm[i], both[i], combined[i], x[i], float(together[i]), weights[i], expected, i)
+        visited = [
+            _Scores(score[i], norm[i], both[i], combined[i], x[i], float(together[i]), weights[i], expected, i)
             for i in range(len(x))
         ]
-        return looks, evidence
+        return visited, evidence
 
-    def _judged(self, look: _Look, limits: Limits, number: int) -> Alarm | None:
+    def _judged(self, scores: _Scores, limits: Limits, number: int) -> Alarm | None:
         """The alarm of one visit, if any: a step at it or at the one before, several errors at once, a drift."""
         half, before = len(self._candidates), self._before
-        score = look.score[:half]
-        self._drift, self._looks = (1.0 - WEIGHT) * self._drift + WEIGHT * score, self._looks + 1
+        score = scores.score[:half]
+        self._drift, self._visits = (1.0 - WEIGHT) * self._drift + WEIGHT * score, self._visits + 1
         worst, since = float(np.abs(score).max()), number
         if before is not None:
-            two = before.norm[:half] * before.score[:half] + look.norm[half:] * look.score[half:]
-            two = np.abs(two) / np.maximum(np.hypot(before.norm[:half], look.norm[half:]), 1e-300)
+            two = before.norm[:half] * before.score[:half] + scores.norm[half:] * scores.score[half:]
+            two = np.abs(two) / np.maximum(np.hypot(before.norm[:half], scores.norm[half:]), 1e-300)
             if two.max() > worst:
                 worst, since = float(two.max()), number - 1
         if worst > limits.step:
-            shapes = [look.whitened(look.pattern[half:] if since < number else look.pattern[:half])]
-            errors = [look.whitened(look.x)]
+            shapes = [scores.whitened(scores.pattern[half:] if since < number else scores.pattern[:half])]
+            errors = [scores.whitened(scores.x)]
             if since < number and before is not None:
                 shapes.insert(0, before.whitened(before.pattern[:half]))
                 errors.insert(0, before.whitened(before.x))
             causes = self._causes(np.concatenate(shapes, axis=1), np.concatenate(errors))
             return Alarm("step", number, since, worst, limits.step, causes)
-        if look.together < limits.together:
-            said = -float(ndtri(max(look.together, 1e-300)))
+        if scores.together < limits.together:
+            said = -float(ndtri(max(scores.together, 1e-300)))
             limit = -float(ndtri(limits.together))
-            causes = self._causes(look.whitened(look.pattern[:half]), look.whitened(look.x))
+            causes = self._causes(scores.whitened(scores.pattern[:half]), scores.whitened(scores.x))
             return Alarm("several", number, number, said, limit, causes)
-        return self._drifting(look, limits, number)
+        return self._drifting(scores, limits, number)
 
-    def _drifting(self, look: _Look, limits: Limits, number: int) -> Alarm | None:
+    def _drifting(self, scores: _Scores, limits: Limits, number: int) -> Alarm | None:
         size = np.sqrt(WEIGHT / (2.0 - WEIGHT))
         worst = int(np.abs(self._drift).argmax())
         if abs(self._drift[worst]) <= limits.drift * size:
             return None
-        pattern = look.whitened(look.pattern[: len(self._candidates)])
-        spread = size * np.sqrt(1.0 - (1.0 - WEIGHT) ** (2 * self._looks))
+        pattern = scores.whitened(scores.pattern[: len(self._candidates)])
+        spread = size * np.sqrt(1.0 - (1.0 - WEIGHT) ** (2 * self._visits))
         errors = self._drift[worst] / spread * pattern[worst] / np.maximum(np.linalg.norm(pattern[worst]), 1e-300)
-        since = number - min(self._looks, round(1.0 / WEIGHT)) + 1
+        since = number - min(self._visits, round(1.0 / WEIGHT)) + 1
         score = abs(float(self._drift[worst])) / size
         return Alarm("drift", number, since, score, limits.drift, self._causes(pattern, errors)[:1])
 
@@ -179,27 +182,30 @@ class Watch:
         """Learn from the visits before an alarm, and of those that it blames what its limit allows."""
         share = min(alarm.limit / alarm.score, 1.0)
         before = max(at - 1, 0)
-        self.usual.learn(self.usual.taught(*(entry[: at + 1] for entry in chain)), before, evidence[before])
+        self.usual.learn(self.usual.updates(*(entry[: at + 1] for entry in chain)), before, evidence[before])
         if at:
             blamed = alarm.since < alarm.visit
             x, weight, variance = (entry[at - 1 : at] for entry in chain)
-            told = evidence[at - 1 if blamed else at]
-            self.usual.learn(self.usual.taught(x * (share if blamed else 1.0), weight, variance), 1, told)
-        self._pending, self._told = (chain[0][at] * share, chain[1][at], chain[2][at]), np.zeros(evidence.shape[1])
+            density = evidence[at - 1 if blamed else at]
+            self.usual.learn(self.usual.updates(x * (share if blamed else 1.0), weight, variance), 1, density)
+        self._pending, self._late_density = (
+            (chain[0][at] * share, chain[1][at], chain[2][at]),
+            np.zeros(evidence.shape[1]),
+        )
 
     def smallest(self) -> dict[str, float]:
         """The smallest step of each error that raises an alarm at a next visit like the last one; file units. One
         that only steps beyond the prior's 1σ would raise an alarm for is left out."""
         if self._last is None:
             return {}
-        look, limits = self._last
+        scores, limits = self._last
         half = len(self._candidates)
-        combined, square = look.combined[None, :half], look.norm[None, :half] ** 2
-        expected, chance = look.expected.of(look.place), 2.0 * ndtr(-limits.step)
+        combined, square = scores.combined[None, :half], scores.norm[None, :half] ** 2
+        expected, chance = scores.expected.of(scores.place), 2.0 * ndtr(-limits.step)
         low, high = np.full((1, half), -12.0), np.full((1, half), 1.0)  # decades of the prior's 1 sigma
         for _ in range(40):
             middle = 0.5 * (low + high)
-            missed = expected.chance(combined, 10.0**middle * square, look.weights[None]) > chance
+            missed = expected.chance(combined, 10.0**middle * square, scores.weights[None]) > chance
             low, high = np.where(missed, middle, low), np.where(missed, high, middle)
         return {
             self.names[i]: float(self.scale[i] * 10.0**size)
@@ -224,7 +230,7 @@ class Watch:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Scores:
     """One visit: scores and weights `norm` (2c,) of a step now and of one a visit before, of c errors with their `pattern` and
     the directions `combined` (2c, r); x (r,), and the chance of all of it; what was `expected` at this `place`, by which
     `weights` of the degrees."""
@@ -254,7 +260,7 @@ def causes_of(
     `count` normal scores.
     """
     chosen: list[int] = []
-    told: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
+    entries: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
     left = errors
     while len(chosen) < min(MOST_CAUSES, len(pattern)):
         free = pattern if not chosen else pattern - pattern @ np.linalg.pinv(pattern[chosen]) @ pattern[chosen]
@@ -268,7 +274,7 @@ def causes_of(
         odds /= odds.sum()
         alike = [best, *(int(i) for i in np.argsort(-odds) if i != best and odds[i] >= NAMED)]
         chosen.append(best)
-        told.append((tuple(alike), tuple(float(odds[i]) for i in alike)))
+        entries.append((tuple(alike), tuple(float(odds[i]) for i in alike)))
         coefficients, *_ = np.linalg.lstsq(pattern[chosen].T, errors, rcond=None)
         left = errors - coefficients @ pattern[chosen]
         if left @ left <= 2.0 * float(gammainccinv(0.5 * max(count - len(chosen), 1), CLEAR)):
@@ -276,4 +282,4 @@ def causes_of(
     if not chosen:
         return []
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(pattern[chosen] @ pattern[chosen].T)), 0.0))
-    return [(*entry, float(c), float(s)) for entry, c, s in zip(told, coefficients, spread, strict=True)]
+    return [(*entry, float(c), float(s)) for entry, c, s in zip(entries, coefficients, spread, strict=True)]

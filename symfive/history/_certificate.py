@@ -17,7 +17,7 @@ from typing import Any
 from symfive.errors import InputError
 from symfive.files import one_line, shown
 from symfive.history._visit import Visit
-from symfive.parameters import LEARNT
+from symfive.parameters import DETERMINED
 from symfive.version import __version__
 
 __all__ = ["FACTOR", "PLACES", "PROBABILITY", "TO_FILL", "UNITS", "Office", "certificate"]
@@ -69,7 +69,7 @@ class Office:
 def certificate(visit: Visit, office: Office) -> bytes:
     """The certificate as XML. Raises `InputError` where the visit determined no error in µm or µrad."""
     sure = [i for i, name in enumerate(visit.names)
-            if visit.units[i] in UNITS and visit.std[i] < LEARNT * visit.priors[i] and "." not in name]  # fmt: skip
+            if visit.units[i] in UNITS and visit.std[i] < DETERMINED * visit.priors[i] and "." not in name]  # fmt: skip
     if not sure:
         problem = "the results determine no error of the machine"
         raise InputError(problem, remedy="measure with a test that does; symfive assess tells which")
@@ -119,7 +119,7 @@ def _statements(parent: ET.Element, visit: Visit, office: Office) -> None:
     said = {"Unsigned": unsigned}
     if office.open:
         said["To be filled in"] = ", ".join(name.replace("_", " ") for name in office.open)
-    unsure = [n for i, n in enumerate(visit.names) if visit.std[i] >= LEARNT * visit.priors[i]]
+    unsure = [n for i, n in enumerate(visit.names) if visit.std[i] >= DETERMINED * visit.priors[i]]
     if unsure:
         said["Not determined"] = f"The measurement does not determine {', '.join(unsure)}; they have no value here."
     said["Uncertainty"] = (

@@ -9,7 +9,7 @@ The parallel sum Λ₁ : Λ₂ has as its range the intersection of both ranges 
 that one of the visits could not see has no part in the change, whatever the priors made of it there.
 
 A machine with a history scatters from visit to visit by more than its readings explain, and follows its temperature. Both are
-learnt (`Scatter`): with the scatter's covariance Σ a visit says (1 + ΛΣ)⁻¹ Λ, and what the temperature explains is taken off.
+learnt (`Scatter`): with the scatter's covariance Σ a visit says (1 + ΛΣ)⁻¹ Λ, and what the temperature explains is subtracted.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from scipy.special import gammaincc
 
 from symfive.errors import InputError
 from symfive.history._alarms import Cause, causes_of
-from symfive.history._information import said_by
+from symfive.history._information import information_of
 from symfive.history._visit import Finding, Visit
 from symfive.numbers import power_of_ten, with_std
 
@@ -106,7 +106,7 @@ def _size(finding: Finding | None) -> str:
 class Change:
     """The change from `first` to `second`: `rank` directions that both determine, `chance` that noise alone differs as much;
     `errors` name → (change, 1σ, unit) of those that both determine, `open` names of which that cannot be said; `causes` the
-    fewest errors that explain it, the clearest first; `findings` compared as physics; `learnt` whether the machine's
+    fewest errors that explain it, the clearest first; `findings` compared as physics; `scatter_known` whether the machine's
     own scatter and temperature were known and taken into account."""
 
     first: Visit
@@ -117,7 +117,7 @@ class Change:
     open: tuple[str, ...]
     causes: tuple[Cause, ...]
     findings: tuple[FindingChange, ...]
-    learnt: bool = False
+    scatter_known: bool = False
 
     @property
     def changed(self) -> bool:
@@ -128,7 +128,7 @@ class Change:
         """The change as JSON."""
         return {
             "from": self.first.when, "to": self.second.when, "changed": self.changed, "chance": self.chance, "rank": self.rank,
-            "own_scatter": self.learnt, "causes": [asdict(cause) for cause in self.causes],
+            "own_scatter": self.scatter_known, "causes": [asdict(cause) for cause in self.causes],
             "errors": {name: {"change": d, "std": s, "unit": u} for name, (d, s, u) in self.errors.items()},
             "not_comparable": list(self.open), "findings": [finding.says for finding in self.findings],
         }  # fmt: skip
@@ -138,11 +138,11 @@ class Change:
         if not self.rank:
             lines = [f"{head}: the two tests determine no common direction, so nothing can be compared."]
         elif self.changed:
-            noise = "the usual scatter" if self.learnt else "noise"
+            noise = "the usual scatter" if self.scatter_known else "noise"
             lines = [f"{head}: changed ({noise} alone does as much with a probability {_of(self.chance)})."]
             lines += [f"  {cause_words(cause)}" for cause in self.causes]
         else:
-            beyond = "the machine's usual scatter" if self.learnt else "the uncertainties"
+            beyond = "the machine's usual scatter" if self.scatter_known else "the uncertainties"
             lines = [f"{head}: no change beyond {beyond} ({self.rank} directions compared)."]
         lines += [f"  {name:<8} {with_std(d, s, u)}" for name, (d, s, u) in self.errors.items()]
         if self.open:
@@ -151,7 +151,7 @@ class Change:
 
 
 def cause_words(cause: Cause) -> str:
-    """A cause as one says it: `EX0C +2.1 ± 0.3 µm`, with those that cannot be told from it."""
+    """A cause in words, as `EX0C +2.1 ± 0.3 µm`, with those that cannot be distinguished from it."""
     sign = "+" if cause.change >= 0.0 else ""
     said = f"{cause.names[0]} {sign}{with_std(cause.change, cause.std, cause.unit)}"
     if len(cause.names) > 1:
@@ -172,10 +172,10 @@ def change_between(first: Visit, second: Visit, scatter: Scatter | None = None) 
     findings = _findings(first, second)
     if not names:
         return Change(first, second, 0, 1.0, {}, (), (), findings)
-    said = said_by([first, second], names)
-    (one, two), (s1, s2), k = said.information, said.score, len(names)
+    data = information_of([first, second], names)
+    (one, two), (s1, s2), k = data.information, data.score, len(names)
     if scatter is not None:
-        covariance, slope, spread = scatter.of(names, said.scale)
+        covariance, slope, spread = scatter.of(names, data.scale)
         warm = (first.temperature, second.temperature)
         rise = warm[1] - warm[0] if warm[0] is not None and warm[1] is not None else 0.0
         s2 = s2 - two @ slope * rise
@@ -186,17 +186,17 @@ def change_between(first: Visit, second: Visit, scatter: Scatter | None = None) 
     size, axes = np.linalg.eigh(0.5 * (information + information.T))
     size, axes = size[size >= 1.0], axes[:, size >= 1.0]
     x = (axes.T @ score) / np.sqrt(size)  # standard normal while nothing changed
-    change = axes @ (x / np.sqrt(size)) * said.scale
-    std = np.sqrt((axes**2) @ (1.0 / size)) * said.scale
+    change = axes @ (x / np.sqrt(size)) * data.scale
+    std = np.sqrt((axes**2) @ (1.0 / size)) * data.scale
     share = (axes**2).sum(axis=1)
     chance = float(gammaincc(0.5 * len(size), 0.5 * (x @ x))) if size.size else 1.0
     errors = {
-        n: (float(change[i]), float(std[i]), said.units[i]) for i, n in enumerate(names) if share[i] >= ITSELF
+        n: (float(change[i]), float(std[i]), data.units[i]) for i, n in enumerate(names) if share[i] >= ITSELF
     }  # fmt: skip
     found = causes_of(axes * np.sqrt(size), x, len(size)) if chance < UNLIKELY else []
     causes = tuple(
-        Cause(tuple(names[i] for i in which), p, c * float(said.scale[which[0]]), s * float(said.scale[which[0]]),
-              said.units[which[0]])
+        Cause(tuple(names[i] for i in which), p, c * float(data.scale[which[0]]), s * float(data.scale[which[0]]),
+              data.units[which[0]])
         for which, p, c, s in found
     )  # fmt: skip
     return Change(first, second, len(size), chance, errors, tuple(n for n in names if n not in errors), causes, findings,

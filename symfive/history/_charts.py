@@ -78,10 +78,10 @@ def charts_of(trend: Trend) -> list[Chart]:
 
 
 def _chart(trend: Trend, name: str) -> Chart:
-    i = trend.said.names.index(name)
-    unit, tolerance = trend.said.units[i], next(f.tolerance for f in trend.forecasts if f.name == name)
+    i = trend.data.names.index(name)
+    unit, tolerance = trend.data.units[i], next(f.tolerance for f in trend.forecasts if f.name == name)
     time = np.array([visit.time for visit in trend.visits])
-    value, std, path, band = trend.said.value[:, i], trend.said.std[:, i], trend.path[:, i], trend.band[:, i]
+    value, std, path, band = trend.data.value[:, i], trend.data.std[:, i], trend.path[:, i], trend.band[:, i]
     settled = band < 5.0 * np.nanmedian(band)  # right after a renewal the level is as open as the prior
     inside = [value - WIDTH * std, value + WIDTH * std, (path - band)[settled], (path + band)[settled]]
     limits = () if tolerance is None else (-tolerance, tolerance)

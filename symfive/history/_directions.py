@@ -2,7 +2,7 @@
 
 The basis U (k, r) is orthonormal in units of the priors. It begins with the eigenvectors of the first visit's information whose
 eigenvalue is at least one, and grows where a later visit determines more; it never turns, so that what was said of the past
-stays said. Along u a visit with information Λ and score η reads
+stays data. Along u a visit with information Λ and score η reads
 
     y = uᵀ r + uᵀ C (η - Λ r) / g,    g = uᵀ C Λ u,    variance uᵀ C Λ C u / g²,    C = (Λ + 1)⁻¹,
 
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.history._information import Said
+from symfive.history._information import Information
 
 __all__ = ["Readings", "readings_of"]
 
@@ -36,17 +36,17 @@ class Readings:
     known: Array
 
 
-def readings_of(said: Said) -> Readings:
+def readings_of(data: Information) -> Readings:
     """Basis and readings of a machine's visits in their order."""
-    basis, n, k = _basis(said.information), len(said.score), len(said.names)
-    total = np.concatenate([np.zeros((1, k, k)), np.cumsum(said.information, axis=0)[:-1]])
-    sums = np.concatenate([np.zeros((1, k)), np.cumsum(said.score, axis=0)[:-1]])
+    basis, n, k = _basis(data.information), len(data.score), len(data.names)
+    total = np.concatenate([np.zeros((1, k, k)), np.cumsum(data.information, axis=0)[:-1]])
+    sums = np.concatenate([np.zeros((1, k)), np.cumsum(data.score, axis=0)[:-1]])
     if n:
-        total[0], sums[0] = said.information[0], said.score[0]
+        total[0], sums[0] = data.information[0], data.score[0]
     known = np.linalg.solve(total + np.eye(k), sums[..., None])[..., 0]
-    covariance = np.linalg.inv(said.information + np.eye(k))
-    gain = covariance @ said.information
-    towards = np.einsum("nij,nj->ni", covariance, said.score - np.einsum("nij,nj->ni", said.information, known))
+    covariance = np.linalg.inv(data.information + np.eye(k))
+    gain = covariance @ data.information
+    towards = np.einsum("nij,nj->ni", covariance, data.score - np.einsum("nij,nj->ni", data.information, known))
     share = np.einsum("km,nkl,lm->nm", basis, gain, basis, optimize=True)
     spread = np.einsum("km,nkl,lm->nm", basis, gain @ covariance, basis, optimize=True)
     seen = share >= DETERMINED

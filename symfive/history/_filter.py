@@ -106,14 +106,21 @@ def follow(
     discount = np.exp(np.minimum(years[:, None] / np.array(MEMORIES), 50.0))[..., None]
     states, errors, sizes = [state], [], []
     for visit in range(len(value)):
-        told = float(years[visit]), discount[visit], value[visit], variance[visit], seen[visit], float(warmth[visit])
-        after, error, size = _followed(states[-1], *told, renewed)
+        visit_data = (
+            float(years[visit]),
+            discount[visit],
+            value[visit],
+            variance[visit],
+            seen[visit],
+            float(warmth[visit]),
+        )
+        after, error, size = _followed(states[-1], *visit_data, renewed)
         states.append(after)
         errors.append(error)
         sizes.append(size)
     error, size = np.array(errors), np.array(sizes)
     if not renewed:
-        states = _weighed(states, error, size, seen)
+        states = _with_evidence(states, error, size, seen)
     return _course(states, error, size, variance, warmth)
 
 
@@ -154,7 +161,7 @@ def _followed(
     return State(mean, c, scale, state.evidence, count, begun, gain), error, size
 
 
-def _weighed(states: list[State], error: Array, size: Array, seen: Flags) -> list[State]:
+def _with_evidence(states: list[State], error: Array, size: Array, seen: Flags) -> list[State]:
     """The states with the evidence of each memory: Student's log density of every forecast error so far."""
     count = np.array([state.count for state in states[:-1]])[:, None]
     scale = np.array([state.scale for state in states[:-1]])

@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 
 from symfive.history._directions import Readings
 from symfive.history._filter import State
-from symfive.history._information import Said
+from symfive.history._information import Information
 from symfive.history._visit import time_text
 
 __all__ = ["BAND", "YEAR", "Forecast", "errors_at", "forecasts_of", "years_ahead"]
@@ -68,21 +68,21 @@ def errors_at(
 
 
 def forecasts_of(
-    state: State, readings: Readings, said: Said, *, which: NDArray[np.bool_], warmth: float, ahead: Array, now: float,
+    state: State, readings: Readings, data: Information, *, which: NDArray[np.bool_], warmth: float, ahead: Array, now: float,
     tolerances: Mapping[str, float],
 ) -> tuple[Forecast, ...]:  # fmt: skip
     """The forecast of errors `which` (k,) from the instant `now` over the years `ahead`, at one temperature."""
     basis, known = readings.basis, readings.known[-1]
     mean, covariance, _ = state.chosen()
-    slope, slope_std = basis @ mean[:, 1] * said.scale, np.sqrt((basis**2) @ covariance[:, 1, 1]) * said.scale
+    slope, slope_std = basis @ mean[:, 1] * data.scale, np.sqrt((basis**2) @ covariance[:, 1, 1]) * data.scale
     years = ahead if tolerances else ahead[:1]
     levels, variances = state.ahead(years, warmth)
     every = np.broadcast_to(state.begun, levels.shape)
-    paths, spreads = errors_at(readings, said.scale, np.tile(known, (len(years), 1)), levels, variances, every)
+    paths, spreads = errors_at(readings, data.scale, np.tile(known, (len(years), 1)), levels, variances, every)
     factor = float(stdtrit(max(float(np.min(state.count, initial=np.inf)), 1.0), 0.5 + 0.5 * BAND))
     found = []
     for i in np.flatnonzero(which):
-        name, value, std = said.names[i], paths[:, i], spreads[:, i]
+        name, value, std = data.names[i], paths[:, i], spreads[:, i]
         tolerance = tolerances.get(name)
         dates: dict[str, float | None] = {}
         if tolerance is not None:
@@ -91,7 +91,7 @@ def forecasts_of(
             dates = {key: _crossing(curve, tolerance, ahead, now) for key, curve in curves.items()}
         found.append(
             Forecast(
-                name=name, unit=said.units[i], level=float(value[0]), level_std=float(std[0]), rate=float(slope[i]),
+                name=name, unit=data.units[i], level=float(value[0]), level_std=float(std[0]), rate=float(slope[i]),
                 rate_std=float(slope_std[i]), tolerance=tolerance,
                 beyond=tolerance is not None and abs(float(value[0])) > tolerance,
                 earliest=dates.get("earliest"), likely=dates.get("likely"), latest=dates.get("latest"),

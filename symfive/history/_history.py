@@ -58,7 +58,7 @@ class Rebuilt:
 class History:
     """The history in a folder, a context manager: an SQLite index of the records among the results, and the events.
 
-    `create` it where it is not there. Every method raises `InputError` for what a user can mend. Many processes may add at
+    `create` it where it is not there. Every method raises `InputError` for what a user can correct. Many processes may add at
     once.
     """
 

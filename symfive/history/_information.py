@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from symfive.history._visit import Visit
 from symfive.history._zero import shifts
 
-__all__ = ["FLAT", "Said", "said_by"]
+__all__ = ["FLAT", "Information", "information_of"]
 
 Array = NDArray[np.float64]
 FLAT = 1e3
@@ -31,7 +31,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Said:
+class Information:
     """What n visits say of k parameters in units of `scale` (k,): `information` (n, k, k), `score` (n, k), `seen` (n, k)
     whether the visit's model had the parameter, `value` and `std` (n, k) in file units, NaN where it had not."""
 
@@ -51,7 +51,7 @@ class Said:
         return covariance @ self.score[which].sum(axis=0), covariance
 
 
-def said_by(visits: Sequence[Visit], names: Sequence[str] | None = None) -> Said:
+def information_of(visits: Sequence[Visit], names: Sequence[str] | None = None) -> Information:
     """The information of visits of one machine about `names` (all that any of them has), from the zero of the first."""
     wanted = tuple(names) if names is not None else tuple(dict.fromkeys(n for v in visits for n in v.names))
     count, k = len(visits), len(wanted)
@@ -88,7 +88,7 @@ def said_by(visits: Sequence[Visit], names: Sequence[str] | None = None) -> Said
         score[np.ix_(at, where)] = data
         value[np.ix_(at, where)] = x * scale[where]
         std[np.ix_(at, where)] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) * scale[where]
-    return Said(wanted, tuple(units), scale, information, score, np.isfinite(value), value, std)
+    return Information(wanted, tuple(units), scale, information, score, np.isfinite(value), value, std)
 
 
 def _inverse(covariance: Array) -> Array:

@@ -28,7 +28,7 @@ STATES = 61
 
 @dataclass(frozen=True)
 class Limits:
-    """Of one visit while nothing changes: the largest standard normal score of a `step`, the least probability of all errors
+    """Alarm limits of one visit: the largest standard normal score of a `step`, the least probability of all errors
     `together`, the largest EWMA of scores of a `drift`, in units of its own standard deviation."""
 
     step: float

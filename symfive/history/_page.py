@@ -37,7 +37,7 @@ def machine_page(trend: Trend) -> str:
     return _filled(
         "machine.html", f"History of {trend.machine.name}", machine=trend.machine, visits=trend.visits, open=count,
         headline=f"{headline}.", sentences=sentences, changes=_changes(trend), charts=charts_of(trend),
-        undetermined=[n for n in trend.said.names if n not in trend.determined], errors=_errors(trend),
+        undetermined=[n for n in trend.data.names if n not in trend.determined], errors=_errors(trend),
         alarms=[_alarm(trend, number) for number in range(len(trend.alarms))][::-1], stated=stated,
         findings=_findings(trend.visits), events=list(trend.events)[::-1], visit_parts=_visits(trend.visits),
     )  # fmt: skip
@@ -78,7 +78,7 @@ def _changes(trend: Trend) -> list[dict[str, Any]]:
 def _change(title: str, change: Change) -> dict[str, Any]:
     head, *lines = str(change).split("\n")
     warm = (change.first.temperature, change.second.temperature)
-    if change.changed and not change.learnt and None not in warm and abs(warm[1] - warm[0]) >= 1.0:  # type: ignore[operator]
+    if change.changed and not change.scatter_known and None not in warm and abs(warm[1] - warm[0]) >= 1.0:  # type: ignore[operator]
         head += f" The machine had {warm[0]:.1f} °C before and {warm[1]:.1f} °C now: part of it may be temperature."
     shown = [line.strip() for line in lines[: len(change.causes)]] if change.changed else []
     return {"title": title, "head": head, "lines": [*shown, *(f"{finding.says}." for finding in change.findings)]}
@@ -88,8 +88,8 @@ def _errors(trend: Trend) -> dict[str, Any]:
     """The table of errors now."""
     rows = []
     for f in trend.forecasts:
-        i = trend.said.names.index(f.name)
-        last, std = float(trend.said.value[-1, i]), float(trend.said.std[-1, i])
+        i = trend.data.names.index(f.name)
+        last, std = float(trend.data.value[-1, i]), float(trend.data.std[-1, i])
         cells = [_cell(f.name), _cell(with_std(last, std, f.unit), last), _cell(with_std(f.level, f.level_std, f.unit), f.level),
                  _cell(with_std(f.rate, f.rate_std, f.unit), f.rate),
                  _cell(smallest_step(trend, f), trend.smallest.get(f.name, float("inf")))]  # fmt: skip

@@ -26,7 +26,7 @@ RESULTS = ("model.json", "identification.json", "diagnosis.json")
 
 @dataclass(frozen=True, kw_only=True)
 class Details:
-    """What the results do not tell: when, by whom, how warm; `None` and "" are not known.
+    """Details that the results do not contain: time, operator, temperature; `None` and "" mean unknown.
 
     `corrections` location errors (µm, µrad) that the control corrected while it was measured.
     """

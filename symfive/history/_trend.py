@@ -16,7 +16,7 @@ from symfive.history._change import ITSELF, Scatter
 from symfive.history._directions import Readings, readings_of
 from symfive.history._filter import REFERENCE, SPAN
 from symfive.history._forecast import YEAR, Forecast, errors_at, forecasts_of, years_ahead
-from symfive.history._information import Said, said_by
+from symfive.history._information import Information, information_of
 from symfive.history._limits import RATE
 from symfive.history._visit import Event, MachineId, Visit, time_text
 from symfive.history._watched import Watched, watch_visits
@@ -29,7 +29,7 @@ SPARK_POINTS = 60
 
 @dataclass(frozen=True)
 class Trend:
-    """The history of one machine: `said` what each visit says, (n, k); `alarms`; `forecasts` of the determined errors;
+    """The history of one machine: `data` the information of each visit, (n, k); `alarms`; `forecasts` of the determined errors;
     `come_back` the date (s) until which all tolerances hold with 95 %, None without tolerances; `horizon` the last date
     looked at; `rate` false alarms a year that the limits allow. `path` and `band` (n, k) are the level and its 1σ after each
     visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C; `watched` all that was watched;
@@ -39,7 +39,7 @@ class Trend:
     machine: MachineId
     visits: tuple[Visit, ...]
     events: tuple[Event, ...]
-    said: Said
+    data: Information
     determined: tuple[str, ...]
     alarms: tuple[Alarm, ...]
     forecasts: tuple[Forecast, ...]
@@ -69,7 +69,7 @@ class Trend:
             "first": self.visits[0].when, "last": self.visits[-1].when, "false_alarms_a_year": self.rate,
             "alarms": [alarm_data(alarm, self) for alarm in self.alarms], "open_alarms": len(self.open_alarms),
             "errors": [forecast.to_data() for forecast in self.forecasts], "temperature_C": self.temperature,
-            "not_determined": [name for name in self.said.names if name not in self.determined],
+            "not_determined": [name for name in self.data.names if name not in self.determined],
             "smallest_steps_alarmed": dict(self.smallest), "horizon": time_text(self.horizon),
             "measure_again_by": None if self.come_back is None else time_text(self.come_back),
         }  # fmt: skip
@@ -98,11 +98,11 @@ class Trend:
         blamed = [cause.names[0] for alarm in self.open_alarms[-1:] for cause in alarm.causes]
         restless = max(self.forecasts, key=lambda f: abs(f.rate) / max(f.rate_std, 1e-12)).name
         name = next((name for name in blamed if name in by_name), restless)
-        i = self.said.names.index(name)
+        i = self.data.names.index(name)
         which = np.unique(np.linspace(0, len(self.visits) - 1, SPARK_POINTS).round().astype(int))
-        which = which[np.isfinite(self.said.value[which, i])]
+        which = which[np.isfinite(self.data.value[which, i])]
         points = [
-            [self.visits[v].time, float(f"{self.said.value[v, i]:.5g}"), float(f"{self.said.std[v, i]:.3g}")]
+            [self.visits[v].time, float(f"{self.data.value[v, i]:.5g}"), float(f"{self.data.std[v, i]:.3g}")]
             for v in which
         ]
         return {"name": name, "unit": by_name[name].unit, "points": points}
@@ -135,22 +135,22 @@ def trend_of(
     if not visits:
         raise InputError("the machine has no visits", remedy="add results with symfive history add")
     visits = sorted(visits, key=lambda visit: visit.order)
-    said = said_by(visits)
+    data = information_of(visits)
     for name in tolerances or {}:
-        if name not in said.names:
+        if name not in data.names:
             problem = f"no visit identified {shown(name)}"
-            raise InputError(problem, remedy=f"use one of {', '.join(said.names[:12])}")
-    readings, warmth = readings_of(said), _warmth(visits)
+            raise InputError(problem, remedy=f"use one of {', '.join(data.names[:12])}")
+    readings, warmth = readings_of(data), _warmth(visits)
     if watched is None:
-        watched = watch_visits(visits, events, said, readings, warmth, rate)
-    path, band = errors_at(readings, said.scale, readings.known, watched.levels, watched.variances, watched.begun)
+        watched = watch_visits(visits, events, data, readings, warmth, rate)
+    path, band = errors_at(readings, data.scale, readings.known, watched.levels, watched.variances, watched.begun)
     determined = (readings.basis**2).sum(axis=1) >= ITSELF
     usual, last = float(warmth.mean()), visits[-1].time
     ahead = years_ahead((last - visits[0].time) / YEAR)
     forecasts = forecasts_of(
         watched.state,
         readings,
-        said,
+        data,
         which=determined,
         warmth=usual,
         ahead=ahead,
@@ -160,11 +160,11 @@ def trend_of(
     horizon = last + float(ahead[-1]) * YEAR
     dates = [f.earliest if f.earliest is not None else horizon for f in forecasts if f.tolerance is not None]
     return Trend(
-        machine=visits[-1].machine, visits=tuple(visits), events=tuple(events), said=said,
-        determined=tuple(n for n, is_ in zip(said.names, determined, strict=True) if is_), alarms=tuple(watched.alarms),
+        machine=visits[-1].machine, visits=tuple(visits), events=tuple(events), data=data,
+        determined=tuple(n for n, is_ in zip(data.names, determined, strict=True) if is_), alarms=tuple(watched.alarms),
         forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon, watched=watched,
         come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
-        scatter=_scatter(watched, readings, said), smallest=watched.smallest,
+        scatter=_scatter(watched, readings, data), smallest=watched.smallest,
     )  # fmt: skip
 
 
@@ -179,14 +179,14 @@ def _warmth(visits: Sequence[Visit]) -> Array:
     return np.array(found)
 
 
-def _scatter(watched: Watched, readings: Readings, said: Said) -> Scatter | None:
+def _scatter(watched: Watched, readings: Readings, data: Information) -> Scatter | None:
     """What the machine does beyond the stated uncertainties, in file units; the newest visit states them."""
     if watched.excess is None:
         return None
     mean, covariance, _ = watched.state.chosen()
-    basis, scale = readings.basis, said.scale
+    basis, scale = readings.basis, data.scale
     slopes = (basis * covariance[:, 2, 2]) @ basis.T / SPAN**2
     both = np.outer(scale, scale)
     return Scatter(
-        said.names, basis @ watched.excess @ basis.T * both, basis @ mean[:, 2] * scale / SPAN, slopes * both
+        data.names, basis @ watched.excess @ basis.T * both, basis @ mean[:, 2] * scale / SPAN, slopes * both
     )

@@ -1,7 +1,7 @@
 """How much a machine's forecasts usually err: a hierarchical estimate of the covariance, from a few visits on.
 
 The standardised errors x (r,) of a visit's forecast have the readings' stated covariance, which is 1, and whatever the
-machine does from visit to visit. Two layers say how that looks before much of it was seen:
+machine does from visit to visit. Two layers give its prior:
 
     errors of one kind scatter alike   Ψ = 1 + D^-½ Uᵀ diag(q) U D^-½,  q = a² for lengths, b² for angles, in units of the priors
     this machine differs from that     Σ | Ψ ~ inverse Wishart, so that x ~ t_d(0, Ψ) before the first visit,
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, gammaln, ndtr, softmax, stdtr
 
-__all__ = ["Predictive", "Taught", "Usual"]
+__all__ = ["Predictive", "Updates", "Usual"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -133,20 +133,20 @@ class Usual:
     def excess(self, variance: Array) -> Array:
         """Mean covariance (r, r) of the machine's scatter beyond the readings' stated variances (r,)."""
         nothing = np.zeros((1, len(variance)))
-        now = self.taught(nothing, nothing, variance[None]).predictive(np.array([0]), np.array([0]))
+        now = self.updates(nothing, nothing, variance[None]).predictive(np.array([0]), np.array([0]))
         size, axes = np.linalg.eigh(now.scale[0] - np.eye(len(variance)))
         return np.asarray(((axes * np.maximum(size, 0.0)) @ axes.T) * np.sqrt(np.outer(variance, variance)))
 
-    def taught(self, x: Array, weight: Array, variance: Array) -> Taught:
-        """What m visits would teach, one after the other: x (m, r), `weight` the reading's share of the forecast's variance, and
+    def updates(self, x: Array, weight: Array, variance: Array) -> Updates:
+        """The updates by m visits, one after the other: x (m, r), `weight` the reading's share of the forecast's variance, and
         the readings' stated `variance`, infinite where there is none."""
-        return Taught(self, x, weight, variance)
+        return Updates(self, x, weight, variance)
 
-    def learn(self, taught: Taught, count: int, evidence: Array) -> None:
-        """Learn from the first visits of what was taught, which leave this `evidence` (d + 1,) of the degrees."""
-        self.sum, self.count, self.evidence = taught.sums[count], taught.counts[count], evidence
-        self.reference = taught.first if self.reference is None else self.reference
-        weight = taught.weighed(count)
+    def learn(self, updates: Updates, count: int, evidence: Array) -> None:
+        """Learn from the first `count` visits of the updates, which leave this `evidence` (d + 1,) of the degrees."""
+        self.sum, self.count, self.evidence = updates.sums[count], updates.counts[count], evidence
+        self.reference = updates.first if self.reference is None else self.reference
+        weight = updates.scatter_probability(count)
         probable = weight > IMPROBABLE * weight.max()
         points = self._points[probable]
         self.squares, self._points = self.squares[probable], points
@@ -180,7 +180,7 @@ class Usual:
         return changed
 
 
-class Taught:
+class Updates:
     """The m + 1 states that m visits lead to: `sums` (m + 1, r, r) and `counts` (m + 1, r)."""
 
     def __init__(self, usual: Usual, x: Array, weight: Array, variance: Array) -> None:
@@ -195,7 +195,7 @@ class Taught:
         squares = (x[:, :, None] * x[:, None]).reshape(len(x), -1)
         self._distances = self._by_scatter(squares, np.arange(len(x)))
 
-    def weighed(self, state: int) -> Array:
+    def scatter_probability(self, state: int) -> Array:
         """How probable each scatter (c,) is at a state, at the readings' variances of the last visit."""
         return np.asarray(softmax(self._scatters(np.array([state]), np.array([len(self._x) - 1]))[0]))
 

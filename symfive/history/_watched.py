@@ -16,7 +16,7 @@ from symfive.history._alarms import Alarm, Cause, Watch
 from symfive.history._directions import Readings
 from symfive.history._filter import State, follow
 from symfive.history._forecast import YEAR
-from symfive.history._information import Said
+from symfive.history._information import Information
 from symfive.history._visit import Event, Visit
 
 __all__ = ["Watched", "watch_visits"]
@@ -73,13 +73,13 @@ class Watched:
 
 
 def watch_visits(
-    visits: Sequence[Visit], events: Sequence[Event], said: Said, readings: Readings, warmth: Array, rate: float
+    visits: Sequence[Visit], events: Sequence[Event], data: Information, readings: Readings, warmth: Array, rate: float
 ) -> Watched:
-    """Time goes by, the forecast is judged, the state follows; nothing looks ahead.
+    """Time goes by, the forecast is judged, the state follows; no visit uses a later one.
 
     Visits go through filter and watch in stretches. An alarm ends one: the level begins anew at its visit, as after a repair.
     """
-    state, watch = State.new(readings.basis.shape[1]), Watch(readings.basis, said.names, said.units, said.scale)
+    state, watch = State.new(readings.basis.shape[1]), Watch(readings.basis, data.names, data.units, data.scale)
     alarms, (levels, variances) = list[Alarm](), np.empty((2, *readings.value.shape))
     begun = np.zeros(readings.value.shape, dtype=bool)
     years, renewed = _intervals(visits), _renewals(visits, events)
@@ -94,9 +94,9 @@ def watch_visits(
         )
         length = min(2 * length, STRETCH)
         if alone:
-            watch.forget()
+            watch.restart()
         else:
-            alarm = watch.look(course.steps, rate, years[part], at)
+            alarm = watch.first_alarm(course.steps, rate, years[part], at)
             if alarm is not None:
                 alarms.append(alarm)
                 end, renewed[alarm.visit], length = alarm.visit, True, STRETCH // 4

@@ -20,7 +20,7 @@ def trend_text(trend: Trend) -> str:
     lines += ["", f"{'error':<9}  {'last visit':<22}  {'now':<22}  {'a year':<22}  alarm from"]
     rows = [_row(trend, f) for f in trend.forecasts]
     lines += listed(rows, "history.trend(machine).forecasts")
-    open_ = [name for name in trend.said.names if name not in trend.determined]
+    open_ = [name for name in trend.data.names if name not in trend.determined]
     if open_:
         lines.append(f"Not determined alone by these tests: {', '.join(open_[:12])}.")
     lines += [forecast_sentence(f, trend) for f in trend.forecasts if f.tolerance is not None]
@@ -36,8 +36,8 @@ def trend_text(trend: Trend) -> str:
 
 def _row(trend: Trend, forecast: Forecast) -> str:
     """An error: at the last visit; now, its rate and the smallest step alarmed from the second visit on."""
-    i = trend.said.names.index(forecast.name)
-    last = with_std(float(trend.said.value[-1, i]), float(trend.said.std[-1, i]), forecast.unit)
+    i = trend.data.names.index(forecast.name)
+    last = with_std(float(trend.data.value[-1, i]), float(trend.data.std[-1, i]), forecast.unit)
     now = with_std(forecast.level, forecast.level_std, forecast.unit)
     rate = with_std(forecast.rate, forecast.rate_std, forecast.unit)
     later = f"  {now:<22}  {rate:<22}  {smallest_step(trend, forecast)}" if len(trend.visits) > 1 else ""

@@ -49,14 +49,13 @@ def identify(
 ) -> Identification:
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
 
-    `campaign` with readings, the path of its folder, or its `Model`;
-    `effects` join the baseline. `free` names the only parameters that may
-    move, `fixed` holds some at given values (file units). `noise`: `estimate` finds the white part (never below the
-    declared one), a coloured part and outliers; `repeats` does so from differences of runs that repeat each other, where
-    these say that it is less; `declared` believes the data sheet. `solver`: `gauss_newton` or `ipopt`
-    (bounds by an interior point); `loss`: `square` or `huber` (IPOPT). `start` and `start_noise` (by run and instrument)
-    are where to begin. `refine`: where a bound binds and Gauss–Newton did not settle, IPOPT goes on. Runs of more than 50,000
-    rows are worked through window by window, and their residuals lie on disk.
+    `campaign` with readings, the path of its folder, or its `Model`; `effects` join the baseline. `free` names the only
+    parameters that may change; `fixed` holds some at given values (file units). `noise`: `estimate` finds white noise (never
+    below the declared one), coloured noise and outliers; `repeats` finds them from differences of repeated runs, where these
+    show less noise; `declared` takes the data sheet. `solver`: `gauss_newton` or `ipopt` (bounds by an interior point);
+    `loss`: `square` or `huber` (IPOPT). `start` and `start_noise` (by run and instrument) are the initial values. `refine`:
+    IPOPT continues where a bound is active and Gauss–Newton has not converged. Runs of more than 50,000 rows are identified
+    window by window, and their residuals stay on disk.
 
     Raises `InputError` where there are no readings. Source of the estimator: Gaussian prior and noise (A. Tarantola
     2005, ch. 3), restricted likelihood for the noise.

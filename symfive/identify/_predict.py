@@ -58,7 +58,7 @@ class Prediction(OnScreen):
 
 
 def fitted_model(result: Identification) -> FittedModel:
-    """What an identification leaves for later use: everything that is not one run's own."""
+    """The fitted model of an identification: all values and covariances except those of single runs."""
     from symfive.effects import baseline_effects
 
     keep = [i for i, p in enumerate(result.parameters) if p.run is None]
@@ -81,8 +81,7 @@ def predict(fitted: FittedModel | Identification | Path | str, campaign: Campaig
 
     `fitted` a fitted model, an identification, or the path of a `model.json`; `campaign` a campaign or the path of its folder.
     The machine's errors and the effects stay as fitted; zeros and set-up errors of a run are fitted on its own readings,
-    and stand at zero where it has none. Runs of more than 50,000 rows are worked through window by window, and what they should
-    read lies on disk.
+    and are zero where it has none. Runs of more than 50,000 rows are predicted window by window, and the result stays on disk.
     """
     fitted = fitted_model(fitted) if isinstance(fitted, Identification) else model_given(fitted)
     campaign = campaign_given(campaign)

@@ -234,7 +234,7 @@ class Identification(OnScreen):
     @property
     def _quality(self) -> str:
         return (
-            f"rms {plain_number(self.rms_um)} {self.unit}, χ²/dof {plain_number(self.chi2_dof)} to the declared noise, "
+            f"rms {plain_number(self.rms_um)} {self.unit}, χ²/dof {plain_number(self.chi2_dof)} against the declared noise, "
             f"rank {self.rank} of {len(self.parameters)} parameters; ± is 1σ"
         )
 

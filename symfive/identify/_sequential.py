@@ -33,10 +33,10 @@ class Stage:
 
 
 def identify_sequentially(campaign: Campaign | Path | str, stages: Sequence[Stage], **options: Any) -> Identification:
-    """Stage after stage as in Wang & Li 2016: each takes the errors found so far as exact and the rest as zero.
+    """Identify in stages as Wang & Li 2016: each stage takes earlier results as exact and all other errors as zero.
 
-    The uncertainties are those each stage states by itself: they leave out what earlier stages did not know, and what
-    later errors add. Compare with `identify`, which estimates all at once. `options` go to `identify`.
+    The uncertainties are those of each stage by itself: they ignore the uncertainty of earlier stages and the errors
+    identified later. Compare with `identify`, which estimates all at once. `options` go to `identify`.
     """
     campaign = campaign_given(campaign)
     model = Model(campaign)
@@ -77,7 +77,7 @@ def identify_by_position(
     sigma: float = 50.0,
     **options: Any,
 ) -> Identification:
-    """Errors of one axis as free values at each of its commanded positions (Oyama, Ibaraki & Otsubo 2010, (10)–(15)).
+    """Identify the errors of one axis as a free value at each commanded position (Oyama, Ibaraki & Otsubo 2010, (10)–(15)).
 
     Every component becomes a linear B-spline with a knot at every position: a value of its own there and straight
     lines between. `sigma` µm or µrad is the prior 1σ of each. The constant part stays with the location errors of the

@@ -33,8 +33,8 @@ class Motions:
 
     def axis(self, motion: Element) -> Array | None:
         """The direction in which, or about which, the component itself moves, (3,)."""
-        told, system = vector(motion, "Axis"), self._system(motion)
-        return None if told is None or system is None else np.asarray(system[:3, :3] @ told)
+        stated, system = vector(motion, "Axis"), self._system(motion)
+        return None if stated is None or system is None else np.asarray(system[:3, :3] @ stated)
 
     def origin(self, motion: Element) -> Array | None:
         """A point on the axis with all axes at zero, (3,) mm."""

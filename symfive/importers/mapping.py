@@ -87,7 +87,7 @@ def guessed_meanings(table: Table, machine: Machine) -> tuple[Meaning, ...]:
 
 
 def meanings(table: Table, machine: Machine, entries: Sequence[str]) -> tuple[Meaning, ...]:
-    """What the user said (`NAME=COLUMN[:UNIT]`, a column by number, range of numbers or name), else what the head says.
+    """The meaning of every column: as the user gives it (`NAME=COLUMN[:UNIT]`, by number, range or name), else from the header.
 
     Where a name is said its guess is dropped. Raises `InputError` for an unknown name, column or unit.
     """
@@ -100,7 +100,7 @@ def meanings(table: Table, machine: Machine, entries: Sequence[str]) -> tuple[Me
         if not _known(name, machine):
             there = ", ".join([*machine.axes, *ALIASES, "X_found", "dL", "dx", "X_dev"])
             raise InputError(f"--map {shown(entry)}: {shown(name)} has no meaning", remedy=f"use one of {there}")
-        said += [Meaning(name, i, unit or table.units[i], guessed=False) for i in _places(table, place)]
+        said += [Meaning(name, i, unit or table.units[i], guessed=False) for i in _column_numbers(table, place)]
     taken_names, taken_columns = {m.name for m in said}, {m.column for m in said}
     guesses = [
         m for m in guessed_meanings(table, machine) if m.name not in taken_names and m.column not in taken_columns
@@ -125,7 +125,7 @@ def _check_units(table: Table, machine: Machine, found: Sequence[Meaning]) -> No
         raise InputError(", ".join(problems), path=table.path, remedy=f"say it: {' and '.join(remedies)}")
 
 
-def _places(table: Table, place: str) -> list[int]:
+def _column_numbers(table: Table, place: str) -> list[int]:
     first, dash, last = place.partition("-")
     if dash and first.isdecimal() and last.isdecimal() and int(first) <= int(last):
         return [table.column(str(i)) for i in range(int(first), int(last) + 1)]

@@ -79,7 +79,7 @@ def read_mtconnect(path: Path | str, *, device: str = "", code: str = "") -> Mac
         motions = Motions(chosen)
         named = _named_by(code, components) if code else _named(axes)
         spindles = [c for c in components if c.spindle and c not in named.values()]
-        structure, how = _given(code, named, spindles, motions) if code else _told(named, spindles, motions)
+        structure, how = _given(code, named, spindles, motions) if code else _from_motions(named, spindles, motions)
         comments = [f"structure: {how}", *_remarks(components, named, motions)]
         tables = {name: _axis(name, named[name], structure, motions) for name in structure.axes}
     except InputError as error:
@@ -151,13 +151,15 @@ def _given(
     """The structural code that the user gives, and how it goes with the document."""
     structure = Structure.parse(code)
     try:
-        told, _ = _told(named, spindles, motions)
+        stated, _ = _from_motions(named, spindles, motions)
     except InputError:
         return structure, "as given, not from the document"
-    return structure, "as given" + ("" if told == structure else f"; the Motion elements tell {told.code}")
+    return structure, "as given" + ("" if stated == structure else f"; the Motion elements give {stated.code}")
 
 
-def _told(named: Mapping[str, _Component], spindles: Sequence[_Component], motions: Motions) -> tuple[Structure, str]:
+def _from_motions(
+    named: Mapping[str, _Component], spindles: Sequence[_Component], motions: Motions
+) -> tuple[Structure, str]:
     """The structural code of the Motion elements, and how it was found. Raises `InputError` where they leave it open."""
     remedy = "give it with --code, as in --code \"w C' B' X' Y' b Z t\""
     without = ", ".join(name for name, c in named.items() if c.motion is None)
@@ -192,7 +194,7 @@ def _remarks(components: Sequence[_Component], named: Mapping[str, _Component], 
     used = {id(c) for c in named.values()}
     rest = [c for c in components if id(c) not in used]
     if rest:
-        words = (next(iter(c.names), "a nameless one") + (" (a spindle)" if c.spindle else "") for c in rest)
+        words = (next(iter(c.names), "one without a name") + (" (a spindle)" if c.spindle else "") for c in rest)
         found.append(f"left out: {', '.join(words)}")
     if any(c.motion is not None for c in named.values()):
         system = f"coordinate system {shown(motions.frame)}" if motions.frame else "own coordinate system"
@@ -232,9 +234,9 @@ def _geometry(name: str, component: _Component, carried: bool, motions: Motions)
     comments = []
     letter = name[0].upper()
     usual = DEFAULT_DIRECTION[letter] if default_kind(letter) == component.kind else None
-    told = None if component.motion is None else motions.axis(component.motion)
-    if told is not None:
-        direction = (-told if carried else told) + 0.0
+    stated = None if component.motion is None else motions.axis(component.motion)
+    if stated is not None:
+        direction = (-stated if carried else stated) + 0.0
         table["direction"] = tuple(float(v) for v in direction)
         if usual is not None and direction @ usual < -0.99 * math.hypot(*direction):
             comments.append(f"check direction of {name}: by the document it moves against ISO 841")

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, polar_run
+from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 
@@ -34,20 +35,19 @@ SPHERE = SetupSigma(table_ball=1000.0, tool_ball=20.0)
 """A calibration sphere is put down by eye and a rule."""
 TURN_MM = 1e-6
 """Where the same target stands twice, reached from either side, the second command is so much further: it tells the side."""
-INSTRUMENTS = {
-    "dL": "ball_bar", "dx": "r_test", "dy": "r_test", "dz": "r_test", "du": "grid_encoder", "dv": "grid_encoder",
-    "dev": "laser", "act": "encoder", "force": "drive_force", "torque": "drive_force",
-}  # fmt: skip
-IN_FILE = {"act": {False: "mm", True: "deg"}, "force": {False: "N", True: "N"}, "torque": {False: "Nm", True: "Nm"}}
-"""Units in a campaign of what is not in µm, by whether the axis is rotary."""
+KINDS = {kind: (name, units) for name, found in INSTRUMENTS.items() for kind, *units in found.imported}
+"""What a column of readings may be called → the instrument, and its units in a campaign for a linear and for a rotary axis."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What no table of readings says. `centre` mm of the table ball in the workpiece frame, `tool_ball` mm in the tool frame,
-    `radius` mm of the circle (the bar's length), `feed` mm/min, `hold` positions of axes without a column, `axis` of a
-    positioning test, `noise_um` 1σ of a reading; `fitted` where the software removed centre and mean radius; `direction`
-    `ccw` or `cw` where the angles do not run as the circle did."""
+    """What a table of readings does not contain.
+
+    `centre` mm of the table ball in the workpiece frame, `tool_ball` mm in the tool frame, `radius` mm of the circle (the
+    bar's length), `feed` mm/min, `hold` positions of axes without a column, `axis` of a positioning test, `noise_um` 1σ of a
+    reading; `fitted` where the software removed centre and mean radius; `direction` `ccw` or `cw` where the angles do not
+    run as the circle did.
+    """
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tool_ball: tuple[float, float, float] | None = None
@@ -63,7 +63,7 @@ class Setting:
 
 
 def runs_of(machine: Machine, columns: Columns, setting: Setting, id: str) -> list[Run]:
-    """The runs that a table's columns (name → (N, n) in mm, degree, s, N, Nm) make: one, or one a sense of a circle.
+    """The runs that a table's columns (name → (N, n) in mm, degree, s, N, Nm) make: one, or one per direction of a circle.
 
     Raises `InputError` saying what lacks.
     """
@@ -212,13 +212,14 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
     `setting.hold` says, or at home."""
     readings, instruments = dict[str, Array](), dict[str, None]()
     for name in columns:
-        kind = name if name in INSTRUMENTS else name.partition("_")[2]
-        if kind not in INSTRUMENTS:
+        kind = name if name in KINDS else name.partition("_")[2]
+        if kind not in KINDS:
             continue
         axis = machine.axes.get(name.partition("_")[0])
-        unit = IN_FILE.get(kind, {}).get(axis is not None and axis.rotary, "um")
+        instrument, units = KINDS[kind]
+        unit = units[axis is not None and axis.rotary]
         readings[f"{name}_{unit}"] = _one(columns, name) * (1e3 if unit == "um" else 1.0)
-        instruments[INSTRUMENTS[kind]] = None
+        instruments[instrument] = None
     commands = {name: _one(columns, name) for name in columns if name in machine.axes}
     if not readings or not commands:
         there = ", ".join(columns) or "none"

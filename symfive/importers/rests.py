@@ -61,9 +61,12 @@ class Rest:
 
 @dataclass(frozen=True)
 class Matched:
-    """The run with the readings of the poses that were found, as `runs`: several, each with set-up errors of its own, where
-    without a missing pose the next one would seem approached from another side; rows of the plan that are `missing`, and found
-    ones that would be `alone` in their run; how many `rests` the recording has and how many of them are `unused`."""
+    """A planned run with the readings of the poses that were found.
+
+    `runs`: more than one, each with set-up errors of its own, where a missing pose contained a reversal, after which the next
+    pose would be on the wrong side of a backlash; `missing` rows of the plan; found rows that would be `alone` in their run;
+    `rests` of the recording and how many of them are `unused`.
+    """
 
     runs: tuple[Run, ...]
     missing: tuple[int, ...]
@@ -196,7 +199,7 @@ def rests_of(time: Array, readings: Array, *, dwell_s: float, reach_um: float = 
 def cut_at_rests(
     machine: Machine, run: Run, time: Array, readings: Mapping[str, Array], *, dwell_s: float = 2.0
 ) -> Matched:
-    """A static run of a plan with its readings, from a recording without a break.
+    """A static run of a plan with its readings, from one continuous recording.
 
     `time` (N,) s on any clock, `readings` (N,) µm by the plan's column names, `dwell_s` s of rest at each pose as the program has
     it. Raises `InputError` where the columns are not the plan's, fewer than half of the poses are found, the readings are below

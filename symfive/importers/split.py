@@ -28,7 +28,7 @@ STILL_SHARE = 0.02
 
 
 def rows_of(run: Run, rows: slice | NDArray[np.bool_]) -> Run:
-    """Some rows of a run."""
+    """The run with some of its rows only."""
     return replace(
         run, time=run.time[rows], commands={name: way[rows] for name, way in run.commands.items()},
         readings={name: values[rows] for name, values in run.readings.items()},
@@ -61,7 +61,7 @@ def cycles_of(run: Run) -> list[Run]:
 
 
 def turns_of(run: Run, machine: Machine, *, axis: str | None = None, step_deg: float | None = None) -> list[Run]:
-    """The whole turns: of the rotary axis that turns farthest (or of `axis`), else of the circle that the ball describes.
+    """The full revolutions: of the rotary axis that turns farthest (or of `axis`), else of the circle that the ball describes.
 
     With `step_deg` the rows of a rotary axis at constant speed are interpolated to every so many degrees from 0 on and the times
     are those of a uniform motion at its mean speed (two digits, as it was programmed), so that turns repeat each other row by
@@ -112,7 +112,7 @@ def _even_turns(run: Run, angle: Array, axis: str, step_deg: float) -> list[Run]
 
 
 def moved_pieces(run: Run) -> list[Run]:
-    """What lies between the rests of a recording. Raises `InputError` where it is no recording or nothing moves."""
+    """The motions between the rests of a recording. Raises `InputError` where it is no recording or nothing moves."""
     if not run.dynamic:
         raise InputError(f"run {run.id} is at rest at each row", remedy="use --split cycles, or import it as it is")
     speeds = np.stack([np.abs(np.gradient(way, run.time)) for way in run.commands.values()], axis=1)

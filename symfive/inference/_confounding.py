@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.parameters import Parameter
+from symfive.parameters import Parameter, parameter_words
 
 __all__ = ["Confounding", "confounded_combinations", "data_rank"]
 
@@ -37,8 +37,8 @@ class Confounding:
     def words(self) -> str:
         """The combination in one sentence."""
         if len(self.names) == 1:
-            return f"{self.names[0]} is not determined by these readings"
-        first, *others = self.names
+            return f"{parameter_words(self.names[0])} is not determined by these readings"
+        first, *others = map(parameter_words, self.names)
         shown = others if len(others) <= 6 else [*others[:5], f"{len(others) - 5} more"]
         return f"{first} cannot be separated from {', '.join(shown[:-1])}{' and ' if len(shown) > 1 else ''}{shown[-1]}"
 

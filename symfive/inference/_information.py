@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Information:
-    """Of the data, without the priors: `matrix` (k, k), `gradient` (k,) towards the readings, `square` Σ of whitened
+    """Information of the data, without the priors: `matrix` (k, k), `gradient` (k,) towards the readings, `square` Σ of whitened
     residuals squared, `count` readings that entered."""
 
     matrix: Array

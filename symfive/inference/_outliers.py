@@ -14,7 +14,9 @@ from symfive.inference._noise import Block
 from symfive.inference._whitening import Noise, Whitening, whiten
 from symfive.inference._windows import spans_of
 
-__all__ = ["Outlier", "isolated_outliers", "leverage_of", "one_by_one", "outlier_limit"]
+__all__ = [
+    "OUTLIER_LEVEL", "Outlier", "isolated_outliers", "leverage_of", "one_by_one", "outlier_limit", "short_groups",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]
@@ -113,10 +115,10 @@ def one_by_one(
         left[worst], found[key][row, j] = False, True
         pull = gram[:, worst] / share[worst]
         innovation, gram = innovation + pull * innovation[worst], gram + np.outer(pull, gram[worst])
-    return {key: _short(mask) | blocks[key].left_out for key, mask in found.items()}
+    return {key: short_groups(mask) | blocks[key].left_out for key, mask in found.items()}
 
 
-def _short(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def short_groups(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Those of some readings (N, ny) that stand in groups short enough to be outliers."""
     kept = np.zeros_like(mask)
     for j in range(mask.shape[1]):

@@ -12,8 +12,16 @@ from symfive.disk import new_table, release
 from symfive.effects import Effect
 from symfive.inference._information import Information, NormalEquations
 from symfive.inference._noise import Block, estimate_noise, long_run_variance, plain_noise
-from symfive.inference._outliers import Outlier, isolated_outliers, leverage_of, one_by_one, outlier_limit
-from symfive.inference._repeats import alike, repeats_say_so
+from symfive.inference._outliers import (
+    OUTLIER_LEVEL,
+    Outlier,
+    isolated_outliers,
+    leverage_of,
+    one_by_one,
+    outlier_limit,
+    short_groups,
+)
+from symfive.inference._repeats import alike, alone_among_repeats, repeats_say_so
 from symfive.inference._whitening import TRANSIENT, Noise, Whitening, whiten
 from symfive.inference._windows import predicted, spans_of, windows_of
 from symfive.instruments import INSTRUMENTS, instruments_of
@@ -312,7 +320,8 @@ class Problem:
 
     def flag_outliers(self, survey: Mapping[Key, Block], values: Array) -> bool:
         """Mark isolated readings beyond what noise gives and what the same reading showed at other times; True where the set
-        changed. They are judged by the fit under the present noise, to which `values` lead by one step."""
+        changed. They are judged by the fit under the present noise, to which `values` lead by one step; readings at rest that
+        repeat each other also by each other, which no mismatch of the model hides."""
         limit = outlier_limit(sum(block.residual.size for block in survey.values()))
         judged = {key: (block, np.broadcast_to(0.0, block.residual.shape)) for key, block in survey.items()}
         if all(block.whole for block in survey.values()):  # of a long recording no reading draws the fit
@@ -321,17 +330,28 @@ class Problem:
             judged = leverage_of(*self._refitted(without, values), self.noises)
         isolated = {key: isolated_outliers(block, self.noises[key], limit, h) for key, (block, h) in judged.items()}
         innovations = {key: table for key, (_, table) in isolated.items()}
-        beyond = [(key, row, j) for key, (found, _) in isolated.items() for row, j in found]
-        ways = alike(self.model, list(survey)) if beyond else {}
+        ways = alike(self.model, list(survey))
+        places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
+        beyond = {
+            (key, row, j): float(innovations[key][row, j])
+            for key, (found, _) in isolated.items()
+            for row, j in found
+            if not repeats_say_so(key, row, j, innovations, ways[key], limit)
+        }
+        static = {
+            key: block.residual for key, (block, _) in judged.items() if not self.model.campaign.run(key[0]).dynamic
+        }
+        declared = {key: self.noises[key].declared for key in static}
+        for key, over in alone_among_repeats(static, ways, declared, OUTLIER_LEVEL).items():
+            short = short_groups(np.abs(over) > 0.5)  # what is far off for longer is a mismatch, and so are its ends
+            for row, j in np.argwhere(short & (np.abs(over) > 1.0)).tolist():
+                beyond.setdefault((key, row, j), float(over[row, j]) * limit)
         fresh = {run: np.zeros(mask.shape, dtype=bool) for run, mask in self.left_out.items()}
         outliers: list[Outlier] = []
-        places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
-        for key, row, j in beyond:
-            if repeats_say_so(key, row, j, innovations, ways[key], limit):
-                continue
+        for (key, row, j), sigmas in sorted(beyond.items()):
             place = places[key] + j
             fresh[key[0]][row, place] = True
-            residual, sigmas = float(judged[key][0].residual[row, j]), float(innovations[key][row, j])
+            residual = float(judged[key][0].residual[row, j])
             outliers.append(Outlier(key[0], row, self.model.columns(key[0])[place].name, residual, sigmas))
         changed = any(not np.array_equal(fresh[run], self.left_out[run]) for run in fresh)
         for run, mask in fresh.items():

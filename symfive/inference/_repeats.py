@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,11 +13,16 @@ from symfive.model import Model
 from symfive.motion import approach
 from symfive.runs import Run
 
-__all__ = ["Alike", "alike", "repeats_say_so"]
+__all__ = ["Alike", "alike", "alone_among_repeats", "repeats_say_so"]
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]
 POSE_DIGITS = 9
+FEWEST = 3
+"""Readings of one kind of which one can be told to be the odd one."""
+POLISHINGS = 10
+EFFICIENCY = 0.37
+"""Of the median absolute deviation beside the standard deviation (F. R. Hampel 1974): so many degrees of freedom count."""
 
 
 @dataclass(frozen=True)
@@ -87,3 +93,49 @@ def repeats_say_so(
         if read.size and float(np.median(read)) * np.sign(own) > least:
             return True
     return False
+
+
+def alone_among_repeats(
+    residuals: Mapping[Key, Array], ways: Mapping[Key, Sequence[Alike]], least: Mapping[Key, float], level: float
+) -> dict[Key, Array]:
+    """By how much static readings differ from what the same place, reached from the same side, showed at other times (N, ny), in
+    units of the limit that noise exceeds with probability `level`: beyond ±1 a reading stands alone, whatever the model lacks.
+
+    Median polish (J. W. Tukey 1977) takes off what all readings of a place share and what all of a recording share; the scale is
+    the median absolute deviation of all that is left, at `least` the declared noise, the limit Student's.
+    """
+    found = {key: np.zeros(values.shape) for key, values in residuals.items()}
+    same = {id(way): way for key in residuals for way in ways[key][:1]}
+    for way in same.values():
+        keys = list(way.numbers)
+        number = np.concatenate([way.numbers[key] for key in keys])
+        owner = np.repeat(np.arange(len(keys)), [len(way.numbers[key]) for key in keys])
+        count = Counter(number.tolist())
+        several = np.array([count[n] >= FEWEST for n in number.tolist()])
+        if several.any():
+            values = np.concatenate([residuals[key] for key in keys])
+            beyond = np.zeros(values.shape)
+            floor = max(least[key] for key in keys)
+            for j in range(values.shape[1]):
+                beyond[several, j] = _beyond(values[several, j], number[several], owner[several], floor, level)
+            ends = np.cumsum([len(residuals[key]) for key in keys])[:-1]
+            found |= dict(zip(keys, np.split(beyond, ends), strict=True))
+    return found
+
+
+def _beyond(values: Array, place: NDArray[np.int64], owner: NDArray[np.int64], floor: float, level: float) -> Array:
+    """What median polish leaves of readings (n,), over the limit."""
+    from scipy.special import stdtrit
+
+    rest, groups = values.copy(), [np.unique(by, return_inverse=True)[1] for by in (place, owner)]
+    for _ in range(POLISHINGS):
+        for by in groups:
+            order = np.argsort(by, kind="stable")
+            medians = [float(np.median(rest[part])) for part in np.split(order, np.cumsum(np.bincount(by))[:-1])]
+            rest -= np.array(medians)[by]
+    dof = len(rest) - sum(int(by.max()) + 1 for by in groups) + 1
+    if dof < 1:
+        return np.zeros(len(rest))
+    scale = max(1.4826 * float(np.median(np.abs(rest))) * (len(rest) / dof) ** 0.5, floor)
+    limit = -float(stdtrit(max(EFFICIENCY * dof, 1.0), 0.5 * level / len(rest)))
+    return np.asarray(rest / (scale * limit))

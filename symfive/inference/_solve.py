@@ -45,8 +45,8 @@ def halved(evaluate: Callable[[Array], T], values: Array, origin: Array) -> tupl
 
 
 def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int = MAX_STEPS) -> tuple[Array, bool]:
-    """Iterate to the maximum for the present noise, at most `steps` times. Returns the best values at which the model was
-    evaluated and whether they are the maximum.
+    """Gauss–Newton iteration to the maximum for the present noise, at most `steps` times. Returns the best values at which
+    the model was evaluated and whether they are the maximum.
 
     A whole step that does not lower the cost is first followed by another from where it led: where a valley is curved, the step
     along it ends up on the wall, and straight down from there lies the valley again (R. Fletcher 1982, second-order correction).
@@ -136,7 +136,7 @@ def _step(
 
 
 def solve(problem: Problem, values: Array, *, noise: str, progress: Progress) -> tuple[Array, bool]:
-    """Alternate between parameters, noise and outliers until none of them moves."""
+    """Estimate parameters, noise and outliers in turn until none of them changes."""
     values, converged = gauss_newton(problem, values, STEP_TOLERANCE if noise == "declared" else 1e-2)
     if noise == "declared":
         return values, converged

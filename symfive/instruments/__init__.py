@@ -16,6 +16,7 @@ from symfive.instruments.encoder import Encoder
 from symfive.instruments.grid_encoder import GridEncoder
 from symfive.instruments.laser import Laser
 from symfive.instruments.r_test import RTest
+from symfive.instruments.straightedge import Straightedge
 from symfive.instruments.touch_probe import TouchProbe, touches_of
 from symfive.instruments.tracker import Tracker
 
@@ -37,6 +38,7 @@ _ALL = (
     Encoder(),
     DriveForce(),
     Tracker(),
+    Straightedge(),
 )
 INSTRUMENTS: dict[str, Instrument] = {instrument.name: instrument for instrument in _ALL}
 

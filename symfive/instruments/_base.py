@@ -31,6 +31,16 @@ class Instrument:
     plain_weights: ClassVar[bool] = False
     """Whether its residual is mostly what any model leaves out (friction that is no law) and not noise of a sensor: then
     every reading counts the same, and the uncertainty allows for the residual's correlation as it is."""
+    stands: ClassVar[str] = ""
+    """What the set-up sheet has mounted on the table at `table_ball`; nothing where it names no place."""
+    on_a_post: ClassVar[bool] = False
+    """Whether that is a ball or a nest on a post, which is drawn."""
+    seated: ClassVar[str] = "BALL"
+    """What a program tells the operator to seat before a run."""
+    ball_drawn: ClassVar[bool] = False
+    """Whether it reads where `tool_ball` is in the workpiece frame, so that its poses are drawn."""
+    imported: ClassVar[tuple[tuple[str, str, str], ...]] = ()
+    """Its columns in tables that are imported: `name`, of an axis behind `X_`, and the unit of a linear and of a rotary axis."""
 
     def check(self, run: Run, machine: Machine) -> None:
         """Raise `InputError` where the run lacks what the instrument needs."""
@@ -62,7 +72,7 @@ def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: Any) -
 
 
 def setup_vector(run: Run, name: str, sigma: float | tuple[float, float, float]) -> tuple[Parameter, ...]:
-    """Three of them, µm, of one `sigma` or one each; none where it is 0 (the coordinate is taken as exact)."""
+    """Three nuisance parameters of a run, µm, with one `sigma` or one each; none where it is 0 (exact)."""
     each = sigma if isinstance(sigma, tuple) else (sigma, sigma, sigma)
     return tuple(setup_parameter(run, f"{name}.{c}", "um", s) for c, s in zip("xyz", each, strict=True) if s)
 

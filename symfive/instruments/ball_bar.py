@@ -19,6 +19,11 @@ class BallBar(Instrument):
     """Change of the distance between two balls, µm; nuisances: both balls and the bar's length."""
 
     name = "ball_bar"
+    stands = "table ball"
+    on_a_post = True
+    seated = "BALL BAR"
+    ball_drawn = True
+    imported = (("dL", "um", "um"),)
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.length is None:

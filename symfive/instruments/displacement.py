@@ -29,6 +29,7 @@ class Displacement(Instrument):
     """
 
     name = "displacement"
+    ball_drawn = True
 
     def check(self, run: Run, machine: Machine) -> None:
         sensors = run.options.get("sensors")

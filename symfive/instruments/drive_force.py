@@ -95,6 +95,7 @@ class DriveForce(Instrument):
     """
 
     name = "drive_force"
+    imported = (("force", "N", "N"), ("torque", "Nm", "Nm"))
     on_control = True
     plain_weights = True
 

@@ -23,6 +23,7 @@ class Encoder(Instrument):
     """
 
     name = "encoder"
+    imported = (("act", "mm", "deg"),)
     on_control = True
 
     def axes(self, run: Run, machine: Machine) -> tuple[str, ...]:

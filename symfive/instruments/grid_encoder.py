@@ -25,6 +25,10 @@ class GridEncoder(Instrument):
     """
 
     name = "grid_encoder"
+    stands = "middle of the grid plate"
+    seated = "READING HEAD"
+    ball_drawn = True
+    imported = (("du", "um", "um"), ("dv", "um", "um"))
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.u is None or run.v is None:

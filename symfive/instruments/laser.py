@@ -22,6 +22,7 @@ class Laser(Instrument):
     """
 
     name = "laser"
+    imported = (("dev", "um", "um"),)
 
     def check(self, run: Run, machine: Machine) -> None:
         axis = str(run.options.get("axis", ""))

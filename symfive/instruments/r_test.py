@@ -36,6 +36,10 @@ class RTest(Instrument):
     """
 
     name = "r_test"
+    stands = "nest"
+    on_a_post = True
+    ball_drawn = True
+    imported = (("dx", "um", "um"), ("dy", "um", "um"), ("dz", "um", "um"))
 
     def check(self, run: Run, machine: Machine) -> None:
         given = run.options.get("directions")

@@ -34,6 +34,9 @@ class TouchProbe(Instrument):
     """
 
     name = "touch_probe"
+    stands = "sphere"
+    on_a_post = True
+    ball_drawn = True
 
     def check(self, run: Run, machine: Machine) -> None:
         if len(_linear(machine)) != 3:

@@ -28,6 +28,7 @@ class Tracker(Instrument):
     """
 
     name = "tracker"
+    ball_drawn = True
 
     def check(self, run: Run, machine: Machine) -> None:
         placement = run.options.get("placement", [0.0] * 6)

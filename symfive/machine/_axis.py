@@ -48,7 +48,7 @@ class Drive:
 
 @dataclass(frozen=True, kw_only=True)
 class Axis:
-    """One axis.
+    """One axis of the machine: direction, origin, travel and limits of motion.
 
     `direction` unit vector, `origin` a point on a rotary axis in mm, `travel` in mm or degree, `max_feed` in
     mm/min or degree/min, `max_acceleration` in mm/s² or degree/s².

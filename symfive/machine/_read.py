@@ -30,7 +30,7 @@ _TOP = ("schema", "name", "structure", "axes", "errors", "workspace", "model")
 def read_machine(path: Path | str) -> Machine:
     """Read a machine file. Keys that are not known are kept in `extra`; see `unknown_keys`.
 
-    Raises `InputError` with the line; a key that is close to a known one is taken as a slip.
+    Raises `InputError` with the line; a key that is close to a known one counts as a typing error.
     """
     return _from_toml(read_toml(Path(path)))
 

@@ -28,7 +28,7 @@ def default_kind(axis: str) -> str | None:
 
 @dataclass(frozen=True)
 class Structure:
-    """Which axis stands where: `workpiece` from the workpiece to the bed, `tool` from the bed to the tool."""
+    """The order of the axes: `workpiece` from the workpiece to the bed, `tool` from the bed to the tool."""
 
     workpiece: tuple[str, ...]
     tool: tuple[str, ...]

@@ -45,7 +45,7 @@ def refuse_slips(file: TomlFile, keys: tuple[str | int, ...], table: Mapping[str
 
 
 def error_names(axes: Mapping[str, Axis]) -> dict[str, float]:
-    """The location errors by which the axes of a machine lie wrong, each with a prior 1σ in µm or µrad.
+    """The location errors of a machine's axes by name, each with a prior 1σ in µm or µrad.
 
     Two positions and two tilts of a rotary axis (ISO 230-7), three squarenesses of the linear axes.
     """

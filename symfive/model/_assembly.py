@@ -163,7 +163,7 @@ def sensed_columns(run: Run, machine: Machine) -> tuple[int, ...]:
 
 
 def apply_errors(row: Row, effects: Sequence[Effect]) -> None:
-    """Let the effects on axes, the errors of the baseline and the effects on the structure act on a row."""
+    """Add the effects on axes, the errors of the baseline and the effects on the structure to a row, in this order."""
     machine = row.machine
     for stage in STAGES[:2]:
         for effect in effects:

@@ -27,7 +27,7 @@ SCHEMA = "symfive.model/1"
 
 @dataclass(frozen=True, repr=False)
 class FittedModel(OnScreen):
-    """A machine, the effects beyond its baseline, and the values of all parameters that are not one run's own.
+    """A machine, the effects added to its baseline, and the values of all parameters except those of single runs.
 
     `values` and `std` by name in the files' units; `covariance` (k, k) in the order of `names`.
     """

@@ -18,7 +18,7 @@ __all__ = ["signature"]
 def signature(
     effect: Effect, campaign: Campaign, size: Mapping[str, float] | None = None
 ) -> dict[str, NDArray[np.float64]]:
-    """Change of the readings when the effect joins the model, all else at rest: run id → (N, ny), in the
+    """Change of the readings when the effect joins the model, everything else unchanged: run id → (N, ny), in the
     columns' units.
 
     `size` gives its parameters by their names without the effect's `key` (file units), `{"width": 41.0}`;

@@ -10,11 +10,21 @@ from symfive.campaign import Campaign, Run
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
-from symfive.nc._cycles import CYCLES
 from symfive.nc._pace import CAUTION, able, pace
 from symfive.nc._post import Post, worded
-from symfive.nc._probing import can_probe, probing_steps
-from symfive.nc._route import Positions, Way, at_the_top, lifts, over_the_top, top_of, turned_home, upright_axis
+from symfive.nc._probing import cycle_of, probing_steps
+from symfive.nc._route import (
+    Positions,
+    Way,
+    at_the_top,
+    lifts,
+    one_by_one,
+    out_to_the_top,
+    over_the_top,
+    top_of,
+    turned_home,
+    upright_axis,
+)
 from symfive.nc._seat import Seat
 from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
 from symfive.nc._touch import Probing, touch_reach
@@ -28,9 +38,9 @@ from symfive.outputs import write_text
 
 __all__ = [
     "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able",
-    "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "outside_s",
-    "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home", "upright_axis",
-    "which_point", "write_programs",
+    "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "one_by_one", "out_to_the_top",
+    "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home",
+    "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
@@ -41,6 +51,11 @@ def dialect_of(name: str) -> Dialect:
     if name not in DIALECTS:
         raise InputError(f'NC dialect "{name}" is unknown', remedy=f"use one of {', '.join(DIALECTS)}")
     return DIALECTS[name]
+
+
+def can_probe(dialect: str, post: Post) -> None:
+    """Raises `InputError` where a control cannot probe as the user decided."""
+    cycle_of(dialect_of(dialect), post)
 
 
 def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], post: Post, number: int = 1) -> str:
@@ -70,7 +85,7 @@ def _written(
     if "touch_probe" not in run.instrument:
         return _text(machine, run, dialect, program_steps(machine, run, post), post, number)
     steps = probing_steps(machine, run, dialect, post, probing)
-    return _text(machine, run, CYCLES[dialect.name].prepared(dialect, post), steps, post, number)
+    return _text(machine, run, cycle_of(dialect, post).prepared(dialect, post), steps, post, number)
 
 
 def program(machine: Machine, run: Run, dialect: str, post: Post | None = None, probing: Probing | None = None) -> str:
@@ -97,7 +112,7 @@ def write_programs(
             name, steps = "+".join(r.id for r in runs), series_steps(machine, runs, own)
             files[f"{name}{dialect.suffix}"] = _text(machine, runs[0], dialect, steps, own, next(numbers))
         if any("touch_probe" in run.instrument for run in campaign.runs):
-            files |= CYCLES[dialect.name].beside
+            files |= cycle_of(dialect, own).beside
         for name, text in files.items():
             write_text(path := Path(folder) / dialect.name / name, text)
             written.append(path)

@@ -6,6 +6,10 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symfive.nc._touch import Cycle
 
 __all__ = ["Block", "Dialect", "Step", "plain", "program_name", "render", "word"]
 
@@ -72,7 +76,8 @@ def _block_a_turn(arc: Block) -> Sequence[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Dialect:
-    """A control's dialect. Templates take `{words}`, `{feed}`, `{seconds}`, `{text}`, `{name}` and the program's `{number}`.
+    """A control's dialect. Templates take `{words}`, `{feed}`, `{text}`, `{name}` and the program's
+    `{number}`, `dwell` `{seconds}` or `{milliseconds}`.
 
     After the `head`, `rotary` (where the machine has rotary axes: kinematics off) and `start` set every modal state that the
     program relies on: units, plane, absolute words, datum, no tool offset; `end` ends it.
@@ -88,6 +93,7 @@ class Dialect:
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
+    `cycle`: how the control probes; None where it is not known, then it takes no programs of a touch probe.
     """
 
     name: str
@@ -114,6 +120,7 @@ class Dialect:
     decimals: int = 5
     word: Callable[[str, float], str] = _plain_word
     verified: str = "not verified on a control"
+    cycle: Cycle | None = None
 
 
 SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
@@ -165,7 +172,9 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
     if step.kind == "orient":
         return [line.format(angle=step.text) for line in dialect.orient]
     if step.kind == "dwell":
-        return dialect.dwell.format(seconds=f"{step.seconds:.3f}").splitlines()
+        return dialect.dwell.format(
+            seconds=f"{step.seconds:.3f}", milliseconds=f"{1e3 * step.seconds:.0f}"
+        ).splitlines()
     if step.kind == "retract":
         axis = next(iter(step.positions))
         return [line.format(words=words, axis=axis) for line in dialect.retract]

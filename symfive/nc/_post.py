@@ -20,7 +20,7 @@ AT_POSE = ("dwell", "stop", "trigger")
 
 @dataclass(frozen=True, kw_only=True)
 class Post:
-    """What the user decides about the programs, and which ways they take.
+    """The user's choices for the programs, and the moves between poses.
 
     `tool_centre`: tool-centre point control by the dialect's own words, with the length of tool `tool_number`;
     `tool_centre_on`, `tool_centre_off`: your own lines instead (TRAORI, G43.4 H1, M128, M428 …), which call the length too;

@@ -2,7 +2,7 @@
 
 The tip stands off the sphere along the tool's axis, goes to the start of each touch around the sphere, touches fast, backs off,
 touches slowly, and the control writes down where its axes stood. Between two poses it leaves along the ways of the plan. All
-moves towards the sphere stop on contact. A control's words for that are one `Cycle` of `CYCLES`.
+moves towards the sphere stop on contact. A control's words for that are the `Cycle` of its dialect.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ from symfive.errors import InputError
 from symfive.instruments import touches_of
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, program_name
-from symfive.nc._cycles import CYCLES
 from symfive.nc._post import Post
 from symfive.nc._touch import Cycle, Move, Probing, Touch, probing_of
 from symfive.nc._writer import STANDSTILL, Writer
 
-__all__ = ["ProbeWays", "can_probe", "probing_steps"]
+__all__ = ["ProbeWays", "cycle_of", "probing_steps"]
 
 Array = NDArray[np.float64]
 LINE_BYTES = 64
@@ -34,25 +33,28 @@ STARTS_S = 0.5
 """Time of the starts and stops within one touch."""
 
 
-def can_probe(dialect: str, post: Post) -> None:
-    """Raises `InputError` where a control cannot probe as the user decided."""
-    cycle = CYCLES[dialect]
+def cycle_of(dialect: Dialect, post: Post) -> Cycle:
+    """How a control probes. Raises `InputError` where it cannot as the user decided, or where its words for it are not known."""
+    cycle = dialect.cycle
+    if cycle is None:
+        problem = f"{dialect.name}: its words for a touch are not known"
+        raise InputError(problem, remedy="choose another dialect, or give this one a Cycle (docs/howto/dialect.md)")
     if post.centred and not cycle.centred:
-        problem = f"{dialect}: under tool-centre control the touches are not stored as positions of the axes"
+        problem = f"{dialect.name}: under tool-centre control the touches are not stored as positions of the axes"
         raise InputError(problem, remedy="plan a touch probe without tool-centre control")
     if cycle.calls_probe and post.probe_tool is None:
-        problem = f"{dialect}: its touches need the probe called as a tool, and its number is not given"
+        problem = f"{dialect.name}: its touches need the probe called as a tool, and its number is not given"
         raise InputError(problem, remedy="give --probe-tool, the number of the touch probe in the tool table")
+    return cycle
 
 
 def probing_steps(
     machine: Machine, run: Run, dialect: Dialect, post: Post, probing: Probing | None = None
 ) -> list[Step]:
     """The steps of a probing program. Raises `InputError` for touches that come from below the stand-off, for further linear
-    axes, and where `can_probe` does."""
+    axes, and where `cycle_of` does."""
     if set(machine.axis_names) & set("UVW"):
         raise InputError("a probing program moves X, Y and Z", remedy="leave U, V and W out of the machine file")
-    can_probe(dialect.name, post)
     return _Prober(machine, run, dialect, post, probing).steps()
 
 
@@ -154,7 +156,7 @@ class _Prober(ProbeWays):
     def __init__(self, machine: Machine, run: Run, dialect: Dialect, post: Post, probing: Probing | None) -> None:
         super().__init__(machine, run, post, probing)
         self.dialect = dialect
-        self.cycle: Cycle = CYCLES[dialect.name]
+        self.cycle = cycle_of(dialect, post)
         self.log = self.probing.log or self.cycle.log.format(run=run.id, name=program_name(run.id))
 
     def steps(self) -> list[Step]:

@@ -13,8 +13,8 @@ from symfive.machine import Machine
 from symfive.procedures import Nominal, home
 
 __all__ = [
-    "Positions", "Way", "at_the_top", "lifts", "out_to_the_top", "over_the_top", "top_of", "turned_home", "upright_axis",
-    "usual_lift",
+    "Positions", "Way", "at_the_top", "lifts", "one_by_one", "out_to_the_top", "over_the_top", "top_of", "turned_home",
+    "upright_axis", "usual_lift",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]

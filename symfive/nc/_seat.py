@@ -99,7 +99,7 @@ class Seat:
             for i, n in enumerate(self.names)
             if self.machine.axes[n].rotary
         }
-        places = np.stack([self._way(ways.balls[leg, 0], ways.balls[leg, 1], share) for leg in legs])
+        places = self._ways(ways.balls[legs, 0], ways.balls[legs, 1], share)
 
         def what(pose: int) -> str:
             return self._words_of(ways, legs[pose // len(share)])
@@ -110,12 +110,14 @@ class Seat:
     def _words_of(self, ways: _Ways, leg: int) -> str:
         return f"the way to line {ways.rows[leg] + FIRST_LINE} of run {self.run.id}"
 
-    def _way(self, before: Array, after: Array, share: Array) -> Array:
-        """Places (n, 3) of the tool ball at shares of the way from one place to another."""
+    def _ways(self, before: Array, after: Array, share: Array) -> Array:
+        """Places (legs, n, 3) of the tool ball at shares of the ways from some places (legs, 3) to others."""
         table = np.asarray(self.run.table_ball)
-        if self.bar and float(np.linalg.norm(before - table)) > 1e-9:
-            return np.asarray(table + _arc(before - table, after - table, share))
-        return np.asarray(before + share[:, None] * (after - before))
+        straight = before[:, None] + share[:, None] * (after - before)[:, None]
+        out = np.linalg.norm(before - table, axis=1) > 1e-9
+        if self.bar and out.any():
+            straight[out] = table + _arcs(before[out] - table, after[out] - table, share)
+        return np.asarray(straight)
 
     def _middles(self, commands: Array, places: Array, centred: bool) -> Array:
         """Where the ball is in the middle of each straight block (rows, n, 3): straight is what the words of the program say, the
@@ -135,14 +137,16 @@ class Seat:
         return np.asarray(np.linalg.norm(there - places, axis=2).max(axis=1))
 
 
-def _arc(a: Array, b: Array, share: Array) -> Array:
-    """From vector a to b on the shorter arc, length interpolated (n, 3)."""
-    la, lb = np.linalg.norm(a), np.linalg.norm(b)
+def _arcs(a: Array, b: Array, share: Array) -> Array:
+    """From vectors a to b (legs, 3) on the shorter arcs, length interpolated (legs, n, 3)."""
+    la, lb = (np.linalg.norm(vector, axis=1, keepdims=True) for vector in (a, b))
     u, v = a / la, b / lb
-    across = v - (v @ u) * u
-    angle = float(np.arctan2(np.linalg.norm(across), u @ v))
-    if np.linalg.norm(across) < 1e-12:
-        across = np.cross(u, [0.0, 0.0, 1.0] if abs(u[2]) < 0.9 else [1.0, 0.0, 0.0])
-    across = across / np.linalg.norm(across)
-    size = (1.0 - share) * la + share * lb
-    return np.asarray(size[:, None] * (np.cos(share * angle)[:, None] * u + np.sin(share * angle)[:, None] * across))
+    cosine = np.sum(u * v, axis=1, keepdims=True)
+    across = v - cosine * u
+    sine = np.linalg.norm(across, axis=1, keepdims=True)
+    upright = np.where(np.abs(u[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    across = np.where(sine < 1e-12, np.cross(u, upright), across)
+    across = across / np.linalg.norm(across, axis=1, keepdims=True)
+    angle, size = share * np.arctan2(sine, cosine), (1.0 - share) * la + share * lb
+    turned = np.cos(angle)[..., None] * u[:, None] + np.sin(angle)[..., None] * across[:, None]
+    return np.asarray(size[..., None] * turned)

@@ -35,7 +35,7 @@ def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[
 
 
 def series_of(machine: Machine, runs: Sequence[Run]) -> list[tuple[Run, ...]]:
-    """Circles that one program can drive without taking the bar off: in the mounting of the one before, from where it ended."""
+    """Circles that one program can run without removing the bar: same mounting, each from the end of the one before."""
     series: list[list[Run]] = []
     for run in runs:
         if series and _goes_on(machine, series[-1][-1], run):
@@ -78,8 +78,8 @@ def _writer_of(machine: Machine, run: Run, post: Post) -> Writer:
 
 
 def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) -> Array:
-    """When the program of a static run reaches every pose (rows,), s from the first one: its ways as they are driven, the dwells,
-    stops of `HAND_S` where a bar is taken off and put on, and of `READ_S` where the operator reads; at least `least_s` a
+    """Times (rows,) at which the program of a static run reaches its poses, s from the first one: its moves, the dwells,
+    stops of `HAND_S` where a bar is removed and mounted, and of `READ_S` where the operator reads; at least `least_s` a
     pose, to 0.1 s. A touch probe needs its touches at every pose."""
     writer = _writer_of(machine, run, post)
     needed = [

@@ -10,7 +10,23 @@ from symfive.errors import InputError
 from symfive.nc._base import Dialect, word
 from symfive.nc._post import Post
 
-__all__ = ["Cycle", "Move", "Probing", "Touch", "probing_of", "touch_reach"]
+__all__ = [
+    "NO_CONTACT",
+    "NO_LOG",
+    "ON_ITS_WAY",
+    "STORED",
+    "Cycle",
+    "Move",
+    "Probing",
+    "Touch",
+    "probing_of",
+    "touch_reach",
+]
+
+ON_ITS_WAY, NO_CONTACT, NO_LOG = "PROBE TOUCHED ON ITS WAY", "NO CONTACT", "LOG NOT WRITTEN"
+"""What the control shows; 26 characters at most."""
+STORED = {"X": "#5061", "Y": "#5062", "Z": "#5063"}
+"""Where macro variables hold the place of the contact."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +118,11 @@ class Touch:
         return self.back_off * math.hypot(*self.away.values())
 
     @property
+    def backed_off(self) -> str:
+        """Words of the place `back_off` off the contact that macro variables hold."""
+        return " ".join(f"{axis}[{STORED[axis]}{self.back_off * d:+.5f}]" for axis, d in self.away.items())
+
+    @property
     def seconds(self) -> float:
         """Fast to the contact, back and slowly to it again."""
         fast = replace(self.fast, end=self.contact)
@@ -115,6 +136,10 @@ def _as_it_is(dialect: Dialect, post: Post) -> Dialect:
 @dataclass(frozen=True, kw_only=True)
 class Cycle:
     """How a control probes, in the words of its dialect.
+
+    What is stored is where the axes stood, in the words of the program and not corrected for the tip. A servo lag or a delay of
+    the signal is the same in all slow touches, along their direction: the effective radius of the sphere takes it.
+    docs/howto/touch-probe.md has the table of the controls.
 
     `guarded` a move that stops on contact, after which the program goes no further; `touched` fast touch, back, slow touch, the
     line of the log called by the name given; `opening` and `closing` lines around all touches; `prepared` the dialect with what

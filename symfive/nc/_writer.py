@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
+from symfive.instruments import Instrument, instruments_of
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
@@ -34,8 +35,6 @@ __all__ = ["LETTERS", "ORIENT_S", "STANDSTILL", "Writer"]
 
 Array = NDArray[np.float64]
 LETTERS = "XYZABCUVW"
-SEATED = {"ball_bar": "BALL BAR", "grid_encoder": "READING HEAD"}
-"""What the operator seats before a run, by instrument."""
 CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
 """Feed towards and away from the nest, and on the last millimetres."""
 HAND_S = 30.0
@@ -113,7 +112,7 @@ class Writer:
 
     @property
     def _ball(self) -> str:
-        return next((SEATED[name] for name in self.run.instrument if name in SEATED), "BALL")
+        return next((i.seated for i in instruments_of(self.run) if i.seated != Instrument.seated), Instrument.seated)
 
     def first_moves(self) -> list[Step]:
         """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose; a look at it; creep in."""

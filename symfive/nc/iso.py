@@ -5,9 +5,50 @@ look-ahead (`G5.1 Q1`, `G8 P1`, Haas `G187`) is on in production is switched on 
 
 Spindle orientation to an angle (`M19` with R, S or nothing) is the builder's: the program stops, the operator turns the spindle.
 `#3006` stops and shows its text (26 characters); `G28` drives to the reference point, which lies at the top of the tool's axis.
+`G31` skips what is left of a move; without contact `#5061` … hold its end. `DPRNT` prints eight digits. From the makers'
+documentation.
 """
 
+from __future__ import annotations
+
 from symfive.nc._base import Dialect
+from symfive.nc._touch import NO_CONTACT, ON_ITS_WAY, STORED, Cycle, Move, Touch
+
+REACHED_MM = 0.02
+"""Within this of its end a move was not stopped: three words rounded to 0.001 mm, and the control's window of arrival."""
+
+
+def _from_end(move: Move) -> str:
+    return "+".join(f"ABS[{STORED[axis]}{-value:+.3f}]" for axis, value in move.end.items())
+
+
+def _guarded(dialect: Dialect, move: Move) -> list[str]:
+    stopped = f"IF[[{_from_end(move)}]GT{REACHED_MM:g}]THEN #3000=1({ON_ITS_WAY})"
+    return [f"G31 {move.words(dialect)} F{move.feed:g}", stopped]
+
+
+def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
+    def touched(move: Move) -> list[str]:
+        missed = f"IF[[{_from_end(move)}]LT{REACHED_MM:g}]THEN #3000=2({NO_CONTACT})"
+        return [f"G31 {move.words(dialect)} F{move.feed:g}", missed]
+
+    printed = "".join(f"{axis}{number}[44]" for axis, number in STORED.items())
+    return [
+        *touched(touch.fast),
+        f"G1 {touch.backed_off} F{touch.fast.feed:g}",
+        *touched(touch.slow),
+        f"DPRNT[R{touch.row}T{touch.number}{printed}]",
+    ]
+
+
+CYCLE = Cycle(
+    guarded=_guarded,
+    touched=_touched,
+    opening=("G61", "POPEN"),
+    closing=("PCLOS", "G64"),
+    says="DPRNT writes the log to the device of parameter 0020 (a card: PRNT0000.DAT)",
+    cautions=("G31 may ignore feed override and dry run: stop it by feed hold",),
+)
 
 ISO = Dialect(
     name="iso",
@@ -25,4 +66,5 @@ ISO = Dialect(
     datum="G54 calls the datum, G49: no tool length offset",
     upper=True,
     tool_centre=("G43.4 H{tool}", "G49"),
+    cycle=CYCLE,
 )

@@ -2,15 +2,42 @@
 
 A circle is one block, `P` its turns. `G64 P Q` with small values: the planner splits arcs flatter than P into lines, which Q
 joins. `M19` needs a spindle that can be oriented (HAL pins `spindle.0.orient-…`) and waits 30 s for it.
+`G38.3` stops on contact and `G38.2` raises an error without one; `#5061` … hold the words at the contact. This ran on a control.
 """
 
+from __future__ import annotations
+
 from symfive.nc._base import Block, Dialect
+from symfive.nc._touch import STORED, Cycle, Move, Touch
 
 
 def _arc(arc: Block) -> list[str]:
     turns = f" P{arc.turns}" if arc.turns > 1 else ""
     return [f"{arc.code} {arc.words} {arc.offset}{turns} F{arc.feed}"]
 
+
+def _guarded(dialect: Dialect, move: Move) -> list[str]:
+    return [f"G38.3 {move.words(dialect)} F{move.feed:g}"]
+
+
+def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
+    return [
+        f"G38.2 {touch.fast.words(dialect)} F{touch.fast.feed:g}",
+        f"G1 {touch.backed_off} F{touch.fast.feed:g}",
+        f"G38.2 {touch.slow.words(dialect)} F{touch.slow.feed:g}",
+        f"(LOG,{touch.row},{touch.number},{','.join(STORED.values())})",
+    ]
+
+
+CYCLE = Cycle(
+    guarded=_guarded,
+    touched=_touched,
+    opening=("G61 G94", "(LOGOPEN,{log})"),
+    closing=("(LOGCLOSE)",),
+    log="{run}.txt",
+    says="the control writes {log}",
+    centred=True,
+)
 
 LINUXCNC = Dialect(
     name="linuxcnc",
@@ -30,4 +57,5 @@ LINUXCNC = Dialect(
     datum="G54 calls the datum, G49: no tool length offset",
     tool_centre_example="M428 and M429 in some configurations (a remap sets the kinematics), the other way round in others",
     verified="parsed by LinuxCNC's own interpreter",
+    cycle=CYCLE,
 )

@@ -24,7 +24,7 @@ def write_bytes(path: Path, data: bytes, *, to_edit: bool = False) -> None:
 
 
 def write_parts(path: Path, parts: Iterable[bytes], *, to_edit: bool = False) -> None:
-    """The same for a long file that is made part by part."""
+    """Write a long file part by part, as `write_bytes` does."""
     output = being_written.get()
     if output is not None and output.holds(path):
         with writing(path):
@@ -45,12 +45,12 @@ def write_parts(path: Path, parts: Iterable[bytes], *, to_edit: bool = False) ->
 
 
 def write_text(path: Path, text: str, *, to_edit: bool = False) -> None:
-    """The same for text in UTF-8."""
+    """Write text in UTF-8, as `write_bytes` does."""
     write_bytes(path, text.encode(), to_edit=to_edit)
 
 
 def write_json(path: Path, data: Any) -> None:
-    """The same for JSON; NaN and infinity are refused, dates become text."""
+    """Write JSON as `write_bytes` does; NaN and infinity are refused, dates become text."""
     write_text(path, json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False, default=str) + "\n")
 
 

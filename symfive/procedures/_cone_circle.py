@@ -38,7 +38,7 @@ def cone_circle(
     noise_um: float = 0.3,
     setup_sigma_um: SetupSigma = BALL_SETUP,
 ) -> tuple[Run, ...]:
-    """Once around a cone frustum as in the milling test (NAS 979; with a ball bar: Y. Ihara & K. Tanaka 2005; the tests
+    """The path once around a cone frustum, as in the milling test (NAS 979; with a ball bar: Y. Ihara & K. Tanaka 2005; the tests
     AK4, BK4, CK4 of ISO 10791-6), one run per direction.
 
     The tool's axis leans by `half_angle_deg` towards the cone's axis, which leans by `inclination_deg` (about Y of the tool)

@@ -40,7 +40,7 @@ def grid_encoder_lines(
     noise_um: float = 0.3,
     setup_sigma_um: SetupSigma = PLATE_SETUP,
 ) -> tuple[Run, ...]:
-    """Lines along a linear axis, at rest every `pitch` mm, one run per line and plate position.
+    """Static grid-encoder readings every `pitch` mm along lines of a linear axis, one run per line and plate position.
 
     With d the direction of motion and (v, w) the other two of the machine's x, y, z in cyclic order, line 1
     is read in the planes dv and dw, line 2 in dv, line 3 in dw (the paper's six readings; `every_reading`:

@@ -16,7 +16,7 @@ TOLERANCE = 1e-6
 
 
 def checked(machine: Machine, run: Run, *, place: str, feed: float | None = None, unit: str = "mm/min") -> Run:
-    """The run itself, once every axis can follow it. Raises `InputError` naming what to change.
+    """The run itself if every axis can follow it; otherwise raises `InputError` with what to change.
 
     `place` says which of the caller's options move the poses (for the remedy); `feed` in `unit` is the one of
     a dynamic run. A path scaled in time keeps its shape: speeds go with the feed, accelerations with its
@@ -35,7 +35,7 @@ def checked(machine: Machine, run: Run, *, place: str, feed: float | None = None
 
 
 def within_travel(machine: Machine, run: Run, *, place: str) -> Run:
-    """The run itself, once no axis leaves its travel. Raises `InputError` as `checked` does."""
+    """The run itself if no axis leaves its travel; otherwise raises `InputError` as `checked` does."""
     for name, axis in machine.axes.items():
         _check_travel(run, axis, run.commands[name], place)
     return run

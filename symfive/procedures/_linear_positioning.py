@@ -35,7 +35,7 @@ def linear_positioning(
     noise_um: float = 0.3,
     setup_sigma_um: SetupSigma = BALL_SETUP,
 ) -> tuple[Run, ...]:
-    """`cycles` times up and down through the targets, each approached from both sides; one run.
+    """A positioning test (ISO 230-2): `cycles` times through the targets and back, each approached from both sides; one run.
 
     `targets` mm, ascending; by default at least five per metre and at least five (ISO 230-2, 5.3.2), unevenly
     spaced over the travel. The axis goes `overrun` mm past the end targets before it turns back; those stops

@@ -34,7 +34,7 @@ POLE = 60.0
 
 
 def home(axis: Axis) -> float:
-    """Where an axis stands that a test does not use: at 0, or at the end of its travel that is nearest to 0."""
+    """Position of an axis that a test does not use: 0, or the end of its travel nearest to 0."""
     return float(np.clip(0.0, *axis.travel))
 
 

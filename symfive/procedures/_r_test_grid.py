@@ -42,8 +42,8 @@ def r_test_grid(
 
     `grid` axis → positions in degree, the last axis moving fastest, to and fro; by default every rotary axis
     in steps of `step_deg`, those that turn once around last. `nests` mm in the workpiece frame, by default
-    two at two heights and two radii, which tell tilt from shift. `returning` goes through all poses backwards
-    too, so that every pose is approached from both sides and drift shows. Rotary axes that are not in the
+    two at two heights and two radii, which separate tilt from offset. `returning` repeats all poses in reverse
+    order, so that every pose is approached from both sides and drift becomes visible. Rotary axes that are not in the
     grid and surplus linear axes stand at home. Works for table, head and nutating axes alike. Raises
     `InputError` where a pose cannot be reached.
     """

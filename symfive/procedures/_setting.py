@@ -99,7 +99,7 @@ def serpentine(grid: Mapping[str, Sequence[float]], *, returning: bool = False) 
     """All poses of a grid: the last axis moves fastest, to and fro; `returning` appends all of them
     backwards.
 
-    Each axis then approaches most poses from either side, which is what tells its backlash. Raises
+    Each axis then approaches most poses from either side, which makes its backlash visible. Raises
     `InputError`.
     """
     for name, values in grid.items():

@@ -39,7 +39,7 @@ def static_ball_bar(
     noise_um: float = 0.4,
     setup_sigma_um: SetupSigma = BALL_SETUP,
 ) -> tuple[Run, ...]:
-    """Ball-bar lengths at rest, one run per table ball.
+    """Static ball-bar readings, one run per position of the table ball.
 
     `poses` axis → positions in degree, one per row (`serpentine` makes them from a grid); by default one turn
     of the table (or of the head) in steps of 15°. `direction` of the bar from the table ball to the tool ball

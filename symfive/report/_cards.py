@@ -46,12 +46,11 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: Markup) -
 
 
 def _tiles(finding: Finding) -> list[tuple[str, str]]:
-    plausible = ", by experience" if finding.by_experience else ""
-    tiles = [
-        (f"confidence in the name{plausible}", percent(finding.confidence)),
-        ("visible share (the rest is absorbed)", percent(finding.visible)),
+    judged = ", by experience" if finding.by_experience else ""
+    return [
+        (f"confidence in the name{judged}", percent(finding.confidence)),
+        ("visible share (geometry and set-up absorb the rest)", percent(finding.visible)),
     ]
-    return tiles
 
 
 def _parameters(finding: Finding) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of
+from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of, form_words
 from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten
@@ -43,8 +43,8 @@ from symfive.report._visible import visible_parts
 __all__ = ["diagnosis_report"]
 
 NAME = "report.html"
-IN_SHORT = ("where", "how large", "how sure")
-"""What the verdict says of each finding; its card has the rest."""
+IN_SHORT = ("where", "how large", "how sure", "costs")
+"""What the verdict says of each finding, before what to do; its card has the rest."""
 Array = NDArray[np.float64]
 Drawn = Callable[[], tuple[Figure, Tips]]
 _READING = (
@@ -114,8 +114,9 @@ def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> 
         picture = _figure(f"finding-{number}-residual", f"{finding.title}: residual before and after", _READING,
                           partial(finding_figure, diagnosis, finding, visible, _others(parts, number - 1)), figures)  # fmt: skip
         facts = facts_of(finding, diagnosis.after)
-        alike = [f"cannot be distinguished from {', '.join(finding.alias)} in this test"] if finding.alias else []
-        short = "; ".join([*(facts[question] for question in IN_SHORT), *alike])
+        alike = [f"in this test not separated {facts['not separated']}"] if finding.alias else []
+        to_do = [f"to do: {facts['what to do']}"] if "what to do" in facts else []
+        short = "; ".join([*(facts[question] for question in IN_SHORT), *alike, *to_do])
         cards.append({"title": finding.title, "short": short, "card": card(number, finding, diagnosis, picture)})
     return cards
 
@@ -168,7 +169,11 @@ def _sensitivity(diagnosis: Diagnosis) -> dict[str, object]:
 
 def _worth(diagnosis: Diagnosis, findings: Sequence[Finding]) -> Markup:
     """Of each finding, under all names that it may have, and of each location error, each corrected alone."""
-    titles = [f"{f.title} (or {', '.join(f.alias)})" if f.alias else f.title for f in findings]
+    machine = diagnosis.after.model.machine
+    titles = [
+        f"{f.title} (or {', '.join(form_words(key, machine) for key in f.alias)})" if f.alias else f.title
+        for f in findings
+    ]
     return worth_section(diagnosis.after, titles, [f.effect for f in findings])
 
 

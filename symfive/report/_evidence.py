@@ -30,7 +30,7 @@ def fit_table(diagnosis: Diagnosis) -> str:
          aim),
         *((f"residual RMS, each {what} held out in turn", b, a, unit, aim)
           for what, (b, a) in fit.heldout_by.items()),
-        *((f"residual RMS of what no fit had seen ({part.label})", *part.rms["held_out"], unit, aim)
+        *((f"residual RMS of held-out readings ({part.label})", *part.rms["held_out"], unit, aim)
           for part in (diagnosis.searched, held) if part is not None),
         ("χ²/dof against the declared noise", fit.chi2_dof_before, fit.chi2_dof_after, "", band),
         ("χ²/dof against the estimated noise", before.chi2_dof_whitened, after.chi2_dof_whitened, "", band),
@@ -59,22 +59,22 @@ def tests_table(diagnosis: Diagnosis) -> str:
     detection = diagnosis.detection
     limit = detection.level / max(len(detection.tests), 1)
     rows: list[list[str | Cell]] = [
-        [t.name, Cell(power_of_ten(t.p_value), t.p_value), t.says if t.p_value < limit else "nothing beyond noise"]
+        [t.name, Cell(power_of_ten(t.p_value), t.p_value), t.says if t.p_value < limit else "passed"]
         for t in detection.tests
     ]
     return table("Does noise alone explain the residuals?", ["test", "p-value", "result"], rows)
 
 
 def suspects_table(diagnosis: Diagnosis) -> str:
-    """Where the mismatch may sit, every effect weighed by itself."""
+    """Where the mismatch may be: the best candidate of every link and axis, each fitted by itself."""
     found = diagnosis.location.significant
     if not found:
         return ""
     rows: list[list[str | Cell]] = [
         [s.link, s.axis or "–", s.coordinate, Cell(plain_number(s.nats), s.nats), s.effect.key] for s in found
     ]
-    heads = ["link", "axis", "over", "log evidence it adds", "by"]
-    return table("Where: each link and axis on its own, before any was fitted", heads, rows)
+    heads = ["link", "axis", "over", "log evidence gained", "best candidate"]
+    return table("Where: each link and axis by itself, before any finding is fitted", heads, rows)
 
 
 def observability_table(diagnosis: Diagnosis) -> str:

@@ -1,13 +1,13 @@
-"""A diagnosis in words: the letter that is printed, and the next step. Plain text: who shows it escapes it."""
+"""A diagnosis in words: the summary that is printed, and the next step. Plain text, to be escaped where it is shown."""
 
 from __future__ import annotations
 
-from symfive.diagnose import EXPLAINED, Diagnosis, named, wrapped
+from symfive.diagnose import EXPLAINED, Diagnosis, form_words, named, wrapped
 
 __all__ = ["FAINT_SIGMAS", "closing", "diagnosis_text"]
 
 FAINT_SIGMAS = 5.0
-"""An effect whose usual size stands out by less would hardly be found."""
+"""σ below which an effect of usual size would hardly be found."""
 SHOWN_FAINT = 8
 
 
@@ -25,27 +25,28 @@ def _next_step(diagnosis: Diagnosis) -> str:
         if finding.next_test and finding.test is not None:
             return f"record {finding.next_test}: {finding.test.says}"
     if diagnosis.unnamed:
-        return "repeat the runs at another place or feed; the cause needs more readings"
+        return "repeat the runs at another position or feed; these readings do not show the cause"
     if any(finding.alias for finding in diagnosis.findings):
-        return "use model.json: its correction holds, but the cause is not unique"
+        return "use model.json: its correction holds for every cause that this test does not separate"
     if diagnosis.doubts:
         return "record further runs and diagnose all together (--with) before you act on these findings"
     if diagnosis.findings and diagnosis.hold_out is not None:
-        return "the findings stand on readings that no fit has seen: diagnose all readings for the final values"
+        return "the findings predict the held-out readings: diagnose all readings for the final values"
     if diagnosis.findings:
         return "the corrected model is model.json; check it on a run that was not used here (symfive predict)"
     if diagnosis.noise_ratio > EXPLAINED:
-        return "repeat one run: if the two differ as much, it is noise, and larger than the data sheet says"
+        return "repeat one run: if both differ by as much as this residual, it is noise above the data sheet"
     return "use model.json; check it on a run that was not used here (symfive predict)"
 
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
-    """What `symfive diagnose` prints: the diagnosis, what could not be seen, the next step."""
+    """What `symfive diagnose` prints: the diagnosis, what this test cannot detect, the next step."""
     return "\n".join([str(diagnosis), *wrapped("", _sight(diagnosis)), "", *wrapped("", closing(diagnosis))])
 
 
 def _sight(diagnosis: Diagnosis) -> str:
-    faint = [o.form for o in diagnosis.observability if o.sigmas < FAINT_SIGMAS]
+    machine = diagnosis.after.model.machine
+    faint = [form_words(o.form, machine) for o in diagnosis.observability if o.sigmas < FAINT_SIGMAS]
     said = f"{len(diagnosis.observability)} effects were tested"
     if faint:
         more = f" and {len(faint) - SHOWN_FAINT} more" if len(faint) > SHOWN_FAINT else ""

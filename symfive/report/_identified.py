@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from symfive.diagnose import wrapped
 from symfive.identify import Identification
 from symfive.numbers import expected_ratio, plain_number, rounded, unit_words
-from symfive.report._words import confounded_machine, verdict
+from symfive.report._words import confounded_machine, meaning, verdict
 from symfive.worth import location_worths, worth_text
 
 __all__ = ["identification_text"]
@@ -13,22 +14,31 @@ __all__ = ["identification_text"]
 def identification_text(identification: Identification) -> str:
     """The verdict, value ± 1σ of the machine's parameters, fit, what the readings cannot separate, and what correcting each
     location error is worth."""
-    rows = [("parameter", "value", "1σ", "unit", "prior 1σ")]
+    machine, index = identification.model.machine, identification.model.index
+    rows = [("parameter", "value", "1σ", "unit", "prior 1σ", "meaning")]
     rows += [
-        (name, rounded(value, std, unit), rounded(std, std, unit), unit_words(unit), plain_number(prior, unit))
+        (name, rounded(value, std, unit), rounded(std, std, unit), unit_words(unit), plain_number(prior, unit),
+         meaning(identification.parameters[index[name]], machine))
         for name, value, std, unit, prior in identification.table()
-    ]
+    ]  # fmt: skip
     wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
-        f"{n:<{wide[0]}}  {v:>{wide[1]}}  {s:>{wide[2]}}  {u:<{wide[3]}}  {p:>{wide[4]}}".rstrip()
-        for n, v, s, u, p in rows
+        f"{n:<{wide[0]}}  {v:>{wide[1]}}  {s:>{wide[2]}}  {u:<{wide[3]}}  {p:>{wide[4]}}  {m}"
+        for n, v, s, u, p, m in rows
     ]
     unit = identification.unit
-    lines.append(
-        f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} to the declared "
-        f"noise ({expected_ratio(identification.dof)}), rank {identification.rank}"
-    )
+    lines += [
+        f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} against the declared "
+        f"noise ({expected_ratio(identification.dof)})",
+        f"The readings determine {identification.rank} of {len(identification.parameters)} parameters, set-up included.",
+    ]
     worth = worth_text(location_worths(identification))
     return "\n".join(
-        [verdict(identification), "", *lines, *confounded_machine(identification), *([worth] if worth else [])]
+        [
+            *wrapped("", verdict(identification)),
+            "",
+            *lines,
+            *confounded_machine(identification),
+            *([worth] if worth else []),
+        ]
     )

@@ -31,7 +31,7 @@ SENSES = ((1, BLUE, "moving up"), (-1, ORANGE, "moving down"))
 def residuals_over_coordinates(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
     """Every reading's residual against the coordinate of every axis that moves, all runs together.
 
-    Colours tell in which direction the axis moved (in a static run: from which side it came), so that play and
+    Colours give the direction of motion (in a static run: of the approach), so that backlash and
     hysteresis show as two lines and geometry as one; the lines are means over short pieces of travel, of which few rows
     (below `FEW_ROWS`) have none. A turning axis
     that makes more than one turn is folded into one. Raises `InputError` where no axis moves.

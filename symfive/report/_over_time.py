@@ -37,11 +37,11 @@ NAMED_OUTLIERS = 3
 
 
 def residuals_over_time(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
-    """What the fit leaves of every reading, run by run, on one common scale per unit.
+    """Residual of every reading, run by run, on one common scale per unit.
 
     Recordings: pale each reading, strong their running mean, in which anything but noise stands out. Static runs: a point
     for each pose. Grey: ±2σ of the noise that the run declares; dotted: ±2σ of the noise that the fit found, where it is
-    larger; ringed: outliers, which the fit left out (at the edge, with their value, where they lie outside the panel).
+    larger; ringed: outliers, which the fit excluded (at the edge, with their value, where they lie outside the panel).
     """
     return residuals_with_tips(identification, runs)[0]
 

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from symfive.drawing import BLUE, FAINT, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
-from symfive.parameters import LEARNT, Parameter
+from symfive.parameters import DETERMINED, Parameter
 from symfive.report._style import blank, footnote, rounded, short, styled, unit_words
 
 __all__ = ["parameters_chart"]
@@ -23,7 +23,7 @@ MOST_ROWS = 90
 def parameters_chart(identification: Identification, *, setup: bool = False) -> Figure:
     """Every parameter of the machine and the effects: value with its 95 % interval, on a bar of the prior's ±1σ.
 
-    One panel a unit. Hollow: the data say no more than the prior did. `setup=True` draws the runs' set-up instead.
+    One panel a unit. Hollow: the readings add nothing to the prior. `setup=True` draws the runs' set-up instead.
     Raises `InputError` where there is nothing to draw.
     """
     units: dict[str, list[Parameter]] = {}
@@ -57,8 +57,8 @@ def _draw(axes: Axes, identification: Identification, parameters: list[Parameter
     low, high = np.array([identification.interval(p.name) for p in parameters]).T
     mean, sigma = (np.array([getattr(p, name) for p in parameters]) for name in ("mean", "sigma"))
     axes.barh(rows, 2.0 * sigma, left=mean - sigma, height=0.62, color=FAINT, alpha=0.22, linewidth=0)
-    learnt = stds < LEARNT * sigma
-    for chosen, colour, face in ((learnt, BLUE, BLUE), (~learnt, ORANGE, "none")):
+    determined = stds < DETERMINED * sigma
+    for chosen, colour, face in ((determined, BLUE, BLUE), (~determined, ORANGE, "none")):
         axes.hlines(rows[chosen], low[chosen], high[chosen], color=colour, linewidth=2.0)
         axes.plot(values[chosen], rows[chosen], "o", color=colour, markerfacecolor=face, markersize=4.5)
     for row, (value, std) in enumerate(zip(values.tolist(), stds.tolist(), strict=True)):
@@ -76,8 +76,8 @@ def _draw(axes: Axes, identification: Identification, parameters: list[Parameter
 
 
 def _legend(figure: Figure) -> None:
-    learnt = Line2D([], [], color=BLUE, marker="o", markersize=4.5, linewidth=2.0, label="value, 95 % interval")
-    unlearnt = Line2D([], [], color=ORANGE, marker="o", markerfacecolor="none", markersize=4.5, linewidth=2.0,
+    determined = Line2D([], [], color=BLUE, marker="o", markersize=4.5, linewidth=2.0, label="value, 95 % interval")
+    undetermined = Line2D([], [], color=ORANGE, marker="o", markerfacecolor="none", markersize=4.5, linewidth=2.0,
                       label="no better than the prior")  # fmt: skip
-    figure.legend(handles=[learnt, unlearnt, Patch(color=FAINT, alpha=0.3, label="prior ±1σ")], ncols=3,
+    figure.legend(handles=[determined, undetermined, Patch(color=FAINT, alpha=0.3, label="prior ±1σ")], ncols=3,
                   loc="outside upper right")  # fmt: skip

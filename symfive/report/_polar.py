@@ -58,8 +58,8 @@ class _Scale:
 def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | None = None) -> Figure:
     """Circular tests: the deviation magnified on the circle of the run, both directions overlaid, before and after the fit.
 
-    Before: the radial deviation as read, the least-squares circle taken off (its centre and mean radius are set-up),
-    with the fitted model as a dark line; after: what is left. Runs of the same place and feed share a panel; all
+    Before: the radial deviation as read, minus the least-squares circle (its centre and mean radius are set-up),
+    with the fitted model as a dark line; after: the residual. Runs of the same place and feed share a panel; all
     panels of a kind have the same scale, and each states its magnification and what a ring is worth. The angle is that
     of the bar (or on the plate) in the workpiece frame where the ball goes round there, else the coordinate of the axis
     that turns. `source` with readings; of a `Campaign` only the left half is drawn. Raises `InputError` where no run

@@ -45,7 +45,7 @@ BESIDE = 0.6
 
 @styled
 def residual_spectrum(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
-    """Amplitudes that the fit left: over frequency for recordings, and over order per turn where something goes round.
+    """Amplitude of the residual: over frequency for recordings, over order per revolution for circles and turning axes.
 
     Columns of one instrument are added in squares; a long recording's spectrum is the mean of those of a few stretches (P. D.
     Welch 1967). The dashed line is what white noise of the declared size passes somewhere in one of a hundred spectra: peaks

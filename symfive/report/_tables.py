@@ -14,7 +14,7 @@ from symfive.inference import square_of
 from symfive.report._style import plain_number, rounded, unit_words
 from symfive.report._template import Markup, fragment
 from symfive.report._traces import traces_of
-from symfive.report._words import learnt, meaning
+from symfive.report._words import determined, meaning
 
 __all__ = ["Cell", "noise_table", "outlier_table", "parameter_table", "setup_table", "table"]
 
@@ -51,7 +51,7 @@ def parameter_table(identification: Identification) -> Markup:
     for p in (q for q in identification.parameters if q.run is None):
         value, std = identification[p.name], identification.uncertainty(p.name)
         low, high = identification.interval(p.name)
-        known = learnt(identification, p)
+        known = determined(identification, p)
         prior = f"{plain_number(p.mean, p.unit)} ± {plain_number(p.sigma)}"
         state = "held fixed" if std == 0.0 else "improved on the prior" if known else "no better than the prior"
         interval = f"{rounded(low, std, p.unit)} … {rounded(high, std, p.unit)}"
@@ -119,12 +119,12 @@ def setup_table(identification: Identification) -> Markup:
     for p in (q for q in identification.parameters if q.run is not None):
         quantity = p.name.removeprefix(f"setup.{p.run}.")
         value, std = identification[p.name], identification.uncertainty(p.name)
-        known = "" if learnt(identification, p) else " *"
+        known = "" if determined(identification, p) else " *"
         said = f"{rounded(value, std, p.unit)} ± {rounded(std, std, p.unit)}{known}"
         entries.setdefault(str(p.run), {})[quantity] = Cell(said, value)
         units.setdefault(quantity, unit_words(p.unit))
     rows: list[list[str | Cell]] = []
     for run, found in entries.items():
         rows.append([run, *(found.get(quantity, Cell("–", math.nan)) for quantity in units)])
-    heads = ["run", *(f"{quantity.replace('_', ' ')} / {unit}" for quantity, unit in units.items())]
+    heads = ["run", *(f"{quantity.replace('_', ' ').replace('.', ' ')} / {unit}" for quantity, unit in units.items())]
     return table("Set-up of each run: value ± 1σ (* no better than the prior)", heads, rows)

@@ -7,9 +7,9 @@ from scipy.special import chdtr, chdtrc
 from symfive.identify import UNCONVERGED, Identification
 from symfive.machine import Machine
 from symfive.numbers import expected_ratio, plain_number, unit_words
-from symfive.parameters import LEARNT, Parameter
+from symfive.parameters import DETERMINED, Parameter
 
-__all__ = ["confounded_machine", "confounded_setup", "fits", "learnt", "meaning", "verdict"]
+__all__ = ["confounded_machine", "confounded_setup", "determined", "fits", "meaning", "verdict"]
 
 LEVEL = 1e-3
 """How rarely declared noise alone may lead to "does not fit"."""
@@ -28,9 +28,9 @@ def fits(identification: Identification) -> str:
     return "nearly" if ratio <= NEAR else "no"
 
 
-def learnt(identification: Identification, parameter: Parameter) -> bool:
+def determined(identification: Identification, parameter: Parameter) -> bool:
     """Whether the readings determine it better than its prior."""
-    return identification.uncertainty(parameter.name) < LEARNT * parameter.sigma
+    return identification.uncertainty(parameter.name) < DETERMINED * parameter.sigma
 
 
 def verdict(identification: Identification) -> str:
@@ -54,12 +54,12 @@ def _fit(identification: Identification) -> str:
     much = f"χ²/dof {ratio:.3g} against the declared noise ({expected_ratio(identification.dof)})"
     return {
         "yes": f"The model explains the readings down to the declared noise: {left}{much}.",
-        "better": f"The model explains the readings, and better than the declared noise would allow: {left}{much}; "
+        "better": f"The residuals are smaller than the declared noise: {left}{much}; "
                   "the declared noise is probably too large.",
         "nearly": f"The model explains the readings almost down to the declared noise: {left}{much}, a small but "
                   "significant excess.",
         "no": f"The model does not explain the readings down to the declared noise: {left}{much}. Either "
-              "something is missing from the model or the noise is larger than declared; “symfive diagnose” finds out.",
+              "an effect is missing from the model, or the noise is larger than declared; “symfive diagnose” tells which.",
         "unknown": "There are too few readings to judge the fit.",
     }[fits(identification)]  # fmt: skip
 
@@ -72,13 +72,13 @@ def _noise(identification: Identification) -> list[str]:
     share, tau = f"{most.coloured / most.declared:.2g}", f"{most.time_constant:.2g}"
     unit = "s" if identification.model.campaign.run(run).has_clock else "rows"
     return [f"Part of the residual is slow (up to {share} times the declared noise, over about {tau} {unit}): drift, or an "
-            "effect of the axis positions. The uncertainties below treat it as noise; “symfive diagnose” "
-            "finds out whether it is."]  # fmt: skip
+            "effect of the axis positions. The uncertainties below treat it as noise; run “symfive diagnose” to find out "
+            "whether it is."]  # fmt: skip
 
 
 def _knowledge(identification: Identification) -> str:
     shared = [p for p in identification.parameters if p.run is None]
-    known = sum(learnt(identification, p) for p in shared)
+    known = sum(determined(identification, p) for p in shared)
     if not shared:
         return "The model has set-up parameters only."
     if known == len(shared):
@@ -86,7 +86,7 @@ def _knowledge(identification: Identification) -> str:
             return "The one parameter of the machine is determined better than by its prior."
         count = "Both" if known == 2 else f"All {known}"
         return f"{count} parameters of the machine and its effects are determined better than by their priors."
-    unknown = [p.name for p in shared if not learnt(identification, p)]
+    unknown = [p.name for p in shared if not determined(identification, p)]
     names = ", ".join(unknown[:6]) + (f" and {len(unknown) - 6} more" if len(unknown) > 6 else "")
     verb = "is" if known == 1 else "are"
     known_words = f"{known} {verb} determined better than by the prior"

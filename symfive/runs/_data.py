@@ -96,7 +96,7 @@ class SetupSigma:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Run(OnScreen):
-    """One test: what stood where, what was commanded and, once measured, what was read. Equal only to itself.
+    """One test: positions of the balls, commands and, once measured, readings. Equal only to itself.
 
     `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
     empty in a plan; all three stay on disk where they are given as `numpy.memmap`. `clock` is `recorded`, or `none` where it

@@ -33,7 +33,7 @@ EVALUATIONS: tuple[Callable[[Campaign], tuple[StandardValue, ...]], ...] = (
 
 
 def standard_values(source: Campaign | Identification) -> tuple[StandardValue, ...]:
-    """Every number of a standard that the readings hold; of an identification also the squareness that it found."""
+    """All values of the standards that follow from the readings; of an identification also its squarenesses."""
     if isinstance(source, Identification):
         return (*standard_values(source.model.campaign), *squareness_values(source))
     return tuple(value for evaluate in EVALUATIONS for value in evaluate(source))

@@ -41,7 +41,7 @@ def matching(values: Sequence[StandardValue], name: str) -> list[int]:
 
 
 def decided(values: Sequence[StandardValue], tolerances: Mapping[str, float]) -> dict[int, tuple[float, str]]:
-    """Place of a value → (tolerance in the value's unit, decision). The last of several tolerances for one value holds."""
+    """Index of a value → (tolerance in the value's unit, decision). The last of several tolerances for one value holds."""
     return {
         i: (limit, decision(values[i].value, values[i].u, limit))
         for name, limit in tolerances.items() for i in matching(values, name)
@@ -49,7 +49,7 @@ def decided(values: Sequence[StandardValue], tolerances: Mapping[str, float]) ->
 
 
 def with_uncertainties(values: Sequence[StandardValue], known: Mapping[str, float]) -> tuple[StandardValue, ...]:
-    """The values with expanded uncertainties (k = 2, the value's unit) from the user's own budget where he names them."""
+    """The values, with expanded uncertainties (k = 2, the value's unit) from the user's own budget where it has them."""
     new = list(values)
     for name, u in known.items():
         if not (math.isfinite(u) and u >= 0.0):

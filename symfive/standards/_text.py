@@ -16,7 +16,7 @@ Decisions = Mapping[int, tuple[float, str]]
 
 
 def standards_text(values: Sequence[StandardValue], decisions: Decisions | None = None) -> str:
-    """By runs: what the numbers hold for, each number with U (k = 2) and the decision, what limits them."""
+    """The values as text, by runs: conditions, each value with U (k = 2) and its decision, and limits."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for i, value in enumerate(values):
         key = (value.standard, value.runs, tuple(value.conditions.items()), value.limits)
@@ -38,7 +38,7 @@ def _decided(value: StandardValue, found: tuple[float, str] | None) -> str:
 
 
 def standards_data(values: Sequence[StandardValue], decisions: Decisions | None = None) -> dict[str, Any]:
-    """As JSON: `tolerance` and `decision` where one was given."""
+    """The values as data for JSON, with `tolerance` and `decision` where one was given."""
     rows = []
     for i, value in enumerate(values):
         row = value.to_data()

@@ -25,7 +25,7 @@ ACROSS = 1e-6
 
 
 def squareness_values(identification: Identification) -> tuple[StandardValue, ...]:
-    """S of each pair of perpendicular linear axes of which a tilt was identified, µm/m."""
+    """Squareness, µm/m, of each pair of perpendicular linear axes of which a tilt was identified."""
     machine = identification.model.machine
     linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
     values = []

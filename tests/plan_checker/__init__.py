@@ -45,6 +45,7 @@ from ._klartext import Klartext
 from ._path import Path
 from ._plan import Machine, Plan, Run, read_plan
 from ._sheet import sheet
+from .dialects import DIALECTS
 
 __all__ = ["Finding", "Path", "Plan", "check", "read_plan", "read_program"]
 
@@ -59,7 +60,7 @@ ALONG_THE_PATH = (_motion.travel, _motion.clearances, _motion.bar_length, _motio
 def read_program(machine: Machine, run: Run, file: File, dialect: str, reversed_axes: tuple[str, ...] = ()) -> Path:
     """One NC program as events and sampled path."""
     control = Control(machine, run, file, reversed_axes)
-    reader = Klartext(control) if dialect == "heidenhain" else GCode(control, dialect)
+    reader = Klartext(control) if DIALECTS[dialect].klartext else GCode(control, dialect)
     reader.read(file.read_text(encoding="ascii"))
     return Path(machine, run, dialect, control)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ._events import Arc, Control
 from ._touching import Touching
+from .dialects import DIALECTS
 
 WORD = re.compile(
     r"([A-Z])\s*(?:=\s*)?([-+]?(?:\d+\.?\d*|\.\d+))|([A-Z][A-Z0-9_]*)(?:\s*=\s*([A-Z_][A-Z0-9_]*|[-+]?[\d.]+))?"
@@ -17,7 +18,6 @@ WORD = re.compile(
 MACRO_TEXT = 26
 """Characters of #3006 that the screen shows."""
 PLANES = {"17": ("X", "Y"), "18": ("Z", "X"), "19": ("Y", "Z")}
-DATUMS = {"iso": r"5[4-9]", "linuxcnc": r"5[4-9](\.[123])?", "siemens": r"5[4-7]|50[5-9]|5[1-9]\d"}
 SETTINGS = re.compile(r"17|18|19|21|40|49|50|6[01]|61\.1|64|69|71|80|9[012]\.1|500|60[1-3]|64[25]|710|43(\.4)?|9[0134]")
 NAMED = set("TRAORI TRAFOOF STOPRE DIAMOF SOFT BRISK FFWON FFWOF COMPOF ORIMKS ORIWKS CYCLE800 TRANS ROT SUPA".split())  # noqa: SIM905
 BY_OPERATOR = re.compile(r"TURN SPINDLE TO ([-\d.]+) DEG")
@@ -43,7 +43,7 @@ class GCode:
     """One program: `read` goes through its lines and leaves events and findings in the control."""
 
     def __init__(self, control: Control, dialect: str) -> None:
-        self.control, self.dialect = control, dialect
+        self.control, self.words = control, DIALECTS[dialect]
         self.motion, self.plane, self.incremental = "", "17", False
         self.shown, self.last_comment = "", ""
         self.touching = Touching(control, dialect)
@@ -70,19 +70,17 @@ class GCode:
 
     def _split(self, number: int, line: str) -> Block:
         block = Block(number)
-        if found := re.search(r'MSG\(\s*"?(.*?)"?\s*\)', line) if self.dialect == "siemens" else None:
-            block.message, line = found[1], line[: found.start()] + line[found.end() :]
-        if found := re.search(r"#3006\s*=\s*1\s*\((.*?)\)", line) if self.dialect == "iso" else None:
-            if len(found[1]) > MACRO_TEXT:
-                self.control.fault(number, f"#3006 shows {MACRO_TEXT} characters, the text has {len(found[1])}", "stop")
-            block.message, line = found[1], line[: found.start()] + " M0 " + line[found.end() :]
-        if self.dialect == "siemens":
+        if found := re.search(self.words.message, line, re.I) if self.words.message else None:
+            block.message = found["text"]
+            if self.words.stops and len(found["text"]) > MACRO_TEXT:
+                self.control.fault(
+                    number, f"#3006 shows {MACRO_TEXT} characters, the text has {len(found['text'])}", "stop"
+                )
+            line = line[: found.start()] + (" M0 " if self.words.stops else " ") + line[found.end() :]
+        if self.words.comment == ";":
             line, _, block.comment = line.partition(";")
         else:
-            comments = re.findall(r"\(([^)]*)\)", line)
-            block.comment = " ".join(comments).strip()
-            if self.dialect == "linuxcnc" and comments and (said := re.match(r"\s*MSG\s*,\s*(.*)", comments[-1], re.I)):
-                block.message = said[1]
+            block.comment = " ".join(re.findall(r"\(([^)]*)\)", line)).strip()
             line = re.sub(r"\([^)]*\)", " ", line)
         line = line.upper().replace("()", "")
         rest = WORD.sub(lambda found: self._word(block, found), line)
@@ -113,7 +111,7 @@ class GCode:
             block.names.append(name)
 
     def _states(self, block: Block) -> None:
-        control, dialect = self.control, self.dialect
+        control = self.control
         for code in block.g:
             if code in ("90", "91"):
                 self.incremental = code == "91"
@@ -121,17 +119,17 @@ class GCode:
                 self.plane = code
             if code in ("93", "94"):
                 control.inverse_time = code == "93"
-            if code in ("43", "49"):
+            if code in ("43", self.words.no_length):
                 control.length_on = code == "43"
             if code == "43.4":
                 control.centred = True
-            if code == "49":
+            if code == self.words.no_length:
                 control.centred = False
-            if re.fullmatch(DATUMS[dialect], code):
+            if re.fullmatch(self.words.datum, code):
                 control.switch(block.line, "datum")
-            elif SETTINGS.fullmatch(code):
+            elif SETTINGS.fullmatch(code) or re.fullmatch(self.words.known, code):
                 control.switch(block.line, f"G{code}")
-            elif code not in ("0", "1", "2", "3", "4", "28", "30", "53", "75", "153"):
+            elif code not in ("0", "1", "2", "3", "4", "28", "30", "75", *self.words.machine):
                 control.fault(block.line, f"the checker does not know G{code}")
         for name in block.names:
             if name in ("TRAORI", "TRAFOOF"):
@@ -140,7 +138,7 @@ class GCode:
                 control.fault(block.line, f"the checker does not know {name}")
             if name != "SUPA":
                 control.switch(block.line, name)
-        if dialect == "siemens" and "D" in block.other:
+        if "D" in block.other:
             control.length_on = block.other["D"] != 0.0
             control.switch(block.line, f"D{int(block.other['D'] != 0.0)}")
         if "F" in block.other and "4" not in block.g:
@@ -170,17 +168,17 @@ class GCode:
         if "SPOS" in block.other:
             control.say("orient", block.line, f"{block.other['SPOS']:g}")
         if "4" in block.g:
-            seconds = block.other.get({"iso": "X", "linuxcnc": "P", "siemens": "F"}[self.dialect])
-            if self.dialect == "iso" and seconds is None:
+            seconds = block.other.get(self.words.dwell)
+            if self.words.dwell == "X" and seconds is None:
                 seconds = block.other.get("U", block.other.get("P", np.nan) / 1000.0)
             if seconds is None or not np.isfinite(seconds):
                 control.fault(block.line, "a dwell without a time")
             control.say("dwell", block.line, seconds=float(seconds or 0.0))
 
     def _text(self, block: Block) -> str:
-        """What this control shows while it stands: a message, on ISO controls also the comment at the stop."""
-        shown = self.shown if self.dialect != "iso" or block.message else block.comment or self.last_comment
-        if self.dialect != "siemens":
+        """What this control shows while it stands: a message, on some also the comment at the stop."""
+        shown = self.shown if not self.words.reads_comment or block.message else block.comment or self.last_comment
+        if not self.words.held:
             self.shown = ""
         return shown
 
@@ -198,7 +196,7 @@ class GCode:
                 )
             control.retract(block.line, dict.fromkeys(block.axes, 0.0))
             return
-        if set(block.g) & {"53", "153"} or "SUPA" in block.names:
+        if {*block.g, *block.names} & {*self.words.machine}:
             if self.motion != "0":
                 control.fault(block.line, "machine coordinates at a feed are not expected")
             control.retract(block.line, block.axes)
@@ -214,7 +212,7 @@ class GCode:
             control.move("feed", block.line, words, incremental=self.incremental, arc=arc)
 
     def _arc(self, block: Block, words: dict[str, float]) -> Arc | None:
-        """From I J K, incremental to the centre; P turns (LinuxCNC), TURN more turns (Siemens)."""
+        """From I J K, incremental to the centre; further turns as the dialect says them."""
         control, names = self.control, PLANES[self.plane]
         i, j = (control.machine.names.index(n) for n in names)
         start = control.here()
@@ -229,5 +227,6 @@ class GCode:
         sense = 1.0 if self.motion == "3" else -1.0
         sweep = float(next(b - a for a, b in pairwise(angles)) * sense) % (2.0 * np.pi)
         sweep = 2.0 * np.pi if sweep < 1e-6 or sweep > 2.0 * np.pi - 1e-6 else sweep
-        turns = block.other.get("TURN", 0.0) if self.dialect == "siemens" else block.other.get("P", 1.0) - 1.0
+        address, one = self.words.turns
+        turns = block.other.get(address, one) - one
         return Arc((i, j), centre, sense * (sweep + 2.0 * np.pi * turns))

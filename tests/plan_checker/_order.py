@@ -10,22 +10,14 @@ import numpy as np
 from ._events import BY_HAND, Event, Finding
 from ._path import OFF, ON, Path
 from ._touching import touches
-
-NEEDED = {
-    "iso": ("G17", "G21", "G40", "G80", "G90", "G49", "datum"),
-    "linuxcnc": ("G17", "G21", "G40", "G80", "G90", "G49", "datum"),
-    "siemens": ("G17", ("G71", "G710"), "G40", "G90", ("D0", "D1"), "datum"),
-    "heidenhain": ("MM", ("length off", "length on"), ("datum", "datum shift")),
-}
-"""States that a program sets before its first motion, by dialect; of those in brackets one."""
-TURNING = {"siemens": ("TRAFOOF",), "heidenhain": ("TCP off",)}
-"""Those that only machines with rotary axes need; G49 cancels it elsewhere."""
+from .dialects import DIALECTS
 
 
 def modal(path: Path) -> Iterator[Finding]:
     """Every modal state that the program relies on is set before the first motion."""
     first = next((e.line for e in path.events if e.motion), 1)
-    wanted_states = [*NEEDED[path.dialect], *(TURNING.get(path.dialect, ()) if path.machine.rotary.any() else ())]
+    words = DIALECTS[path.dialect]
+    wanted_states = [*words.needed, *(words.turning if path.machine.rotary.any() else ())]
     needed = [(wanted,) if isinstance(wanted, str) else wanted for wanted in wanted_states]
     if missing := [" or ".join(names) for names in needed if not set(names) & path.control.before_motion]:
         yield path.fault("modal", first, f"the first motion comes before these are set: {', '.join(missing)}")
@@ -310,7 +302,7 @@ def end(path: Path) -> Iterator[Finding]:
         ("G93", control.inverse_time),
         (
             "length offset",
-            control.length_on and path.dialect != "heidenhain",
+            control.length_on and not DIALECTS[path.dialect].klartext,
         ),  # there the tool in the spindle has its length
         ("tool-centre control", control.centred),
     ):

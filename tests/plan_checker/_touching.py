@@ -87,8 +87,8 @@ class Touching:
             self.pending = None
         elif self.pending is None and LOOKS.get(self.dialect) and LOOKS[self.dialect].fullmatch(line):
             return True  # just done
-        taken = getattr(self, f"_{self.dialect}")(number, line)
-        return bool(taken)
+        words = getattr(self, f"_{self.dialect}", None)  # of dialects that probe
+        return words is not None and bool(words(number, line))
 
     def substituted(self, line: str) -> str:
         """The line with the places of the last contact as numbers."""

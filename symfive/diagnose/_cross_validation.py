@@ -16,14 +16,14 @@ from symfive.inference import gauss_newton
 from symfive.model import Model
 from symfive.threads import one_thread
 
-__all__ = ["prove"]
+__all__ = ["cross_validated"]
 
 Array = NDArray[np.float64]
 FOLDS = 4
 
 
 @one_thread
-def prove(before: Identification, after: Identification) -> Fit:
+def cross_validated(before: Identification, after: Identification) -> Fit:
     """Quality before and after, over all readings and over what was held out of the fit in turn: runs (of a single run,
     quarters), and where the runs differ in them, a whole feed and a whole place at a time. Outliers, which either fit excludes,
     count in every rms."""
