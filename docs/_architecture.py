@@ -15,7 +15,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
     ),
     "plain data": ("machine", "runs"),
     "physics": ("kinematics", "motion", "row", "instruments", "effects"),
-    "campaigns": ("campaign", "plausible", "circles", "convert", "procedures", "importers"),
+    "campaigns": ("campaign", "plausible", "circles", "convert", "procedures", "importers", "toolpath"),
     "model": ("model", "given", "check", "simulate"),
     "verbs": ("inference", "identify", "nc", "drawing", "design", "codegen", "standards", "worth", "posterior", "diagnose"),
     "results": ("report", "results", "fleet", "history", "symfive", "cli"),

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import html
+import textwrap
 from collections.abc import Sequence
 
-__all__ = ["MOST", "OnScreen", "listed", "plural"]
+__all__ = ["MOST", "OnScreen", "listed", "plural", "wrapped"]
 
 MOST = 30
 """Entries of one kind that a screen holds beside all else."""
+WIDTH, HARD_SPACE = 100, "\u00a0"
+"""Longest line of the text; a space at which none ends."""
 
 
 class OnScreen:
@@ -35,3 +38,13 @@ def listed(entries: Sequence[str], where: str, most: int = MOST) -> list[str]:
 def plural(count: int, noun: str) -> str:
     """`1 run`, `2 runs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def wrapped(head: str, text: str) -> list[str]:
+    """Lines of the text behind its head, the further ones indented alike; what belongs to one number stays together."""
+    for mark in (" ± ", " → ", " %"):
+        text = text.replace(mark, mark.replace(" ", HARD_SPACE))
+    lines = textwrap.wrap(
+        text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False, break_on_hyphens=False
+    )  # fmt: skip
+    return [line.replace(HARD_SPACE, " ") for line in lines]

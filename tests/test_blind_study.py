@@ -570,7 +570,7 @@ def test_only_an_axis_in_front_of_it_tilts_a_table(structure, carriers):
 
 
 # --- the challenge -------------------------------------------------------------------------------------------
-def _finding(effect: str, axis: str | None, confidence: float, **more: Any) -> dict[str, Any]:
+def _said(effect: str, axis: str | None, confidence: float, **more: Any) -> dict[str, Any]:
     return {"effect": effect, "axis": axis, "confidence": confidence, **more}
 
 
@@ -583,21 +583,21 @@ OVER_TIME = {"names": [["unknown", None]], "coordinates": ["t"]}
     ("effects", "findings", "points", "wrong"),
     [
         ([], [], 1.0, False),
-        ([], [_finding("backlash", "C", 0.95)], 0.0, True),
+        ([], [_said("backlash", "C", 0.95)], 0.0, True),
         ([PLAY], [], 0.0, False),
-        ([PLAY], [_finding("backlash", "C", 0.95)], 1.0, False),
-        ([PLAY], [_finding("backlash", "B", 0.95)], 0.0, True),
-        ([PLAY], [_finding("backlash", "C", 0.95), _finding("friction", "C", 0.5)], 0.5, False),
-        ([PLAY], [_finding("backlash", "C", 0.7, rivals=[_finding("friction", "C", 0.3)])], 0.5, False),
-        ([PLAY], [_finding("backlash", "C", 0.97, rivals=[_finding("friction", "C", 0.03)])], 1.0, False),
-        ([PLAY, SAME_READINGS], [_finding("backlash", "C", 0.9)], 0.5, False),
-        ([SAME_READINGS], [_finding("scale_error", "Y", 0.9)], 0.5, False),
-        ([SAME_READINGS], [_finding("scale_error", "Y", 0.9, alias=["location_error.EC0X"])], 1.0, False),
-        ([SAME_READINGS], [_finding("scale_error", "Y", 0.9, alias=[{"effect": "location_error", "axis": "X"}])], 1.0, False),
-        ([OVER_TIME], [_finding("unknown", None, 0.99, coordinate="t")], 1.0, False),
-        ([OVER_TIME], [_finding("unknown", None, 0.99, where={"coordinate": "X, t"})], 1.0, False),
-        ([OVER_TIME], [_finding("unknown", None, 0.99, coordinate="X")], 0.0, False),
-        ([OVER_TIME], [_finding("thermal_drift", None, 0.99, coordinate="t")], 0.0, True),
+        ([PLAY], [_said("backlash", "C", 0.95)], 1.0, False),
+        ([PLAY], [_said("backlash", "B", 0.95)], 0.0, True),
+        ([PLAY], [_said("backlash", "C", 0.95), _said("friction", "C", 0.5)], 0.5, False),
+        ([PLAY], [_said("backlash", "C", 0.7, rivals=[_said("friction", "C", 0.3)])], 0.5, False),
+        ([PLAY], [_said("backlash", "C", 0.97, rivals=[_said("friction", "C", 0.03)])], 1.0, False),
+        ([PLAY, SAME_READINGS], [_said("backlash", "C", 0.9)], 0.5, False),
+        ([SAME_READINGS], [_said("scale_error", "Y", 0.9)], 0.5, False),
+        ([SAME_READINGS], [_said("scale_error", "Y", 0.9, alias=["location_error.EC0X"])], 1.0, False),
+        ([SAME_READINGS], [_said("scale_error", "Y", 0.9, alias=[{"effect": "location_error", "axis": "X"}])], 1.0, False),
+        ([OVER_TIME], [_said("unknown", None, 0.99, coordinate="t")], 1.0, False),
+        ([OVER_TIME], [_said("unknown", None, 0.99, where={"coordinate": "X, t"})], 1.0, False),
+        ([OVER_TIME], [_said("unknown", None, 0.99, coordinate="X")], 0.0, False),
+        ([OVER_TIME], [_said("thermal_drift", None, 0.99, coordinate="t")], 0.0, True),
     ],
 )  # fmt: skip
 def test_a_complete_group_without_a_false_member_scores_one(effects, findings, points, wrong) -> None:
@@ -635,7 +635,7 @@ def test_an_outsider_enters_by_files_alone(nine: None, written: Path, capsys: py
     for number in numbers:
         names = [effect["names"][0] for effect in told[number]["effects"]]
         (written / "all" / number).mkdir(parents=True)
-        said = {"findings": [_finding(effect, axis, 0.8) for effect, axis in names]}
+        said = {"findings": [_said(effect, axis, 0.8) for effect, axis in names]}
         (written / "all" / number / "diagnosis.json").write_text(json.dumps(said))
     (written / "nobody").mkdir()
     entries = [str(written / name) for name in ("all", "nobody")]

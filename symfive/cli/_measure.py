@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,11 +27,19 @@ from symfive.cli._common import (
     scheduler,
     tell,
 )
+from symfive.cli._plan_words import (
+    NO_SHIFT,
+    bars_of,
+    effects_of,
+    one_bar,
+    part_of,
+    rotary_of,
+    setup_sigma_of,
+    until_of,
+)
 
 if TYPE_CHECKING:
-    from symfive.campaign import SetupSigma
     from symfive.effects import Effect
-    from symfive.machine import Machine
 
 CIRCULAR_TEST = "iso-230-4"
 __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
@@ -58,7 +66,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.argument("machine", help="A machine file, or the name of a preset.")
 @output_path
 @click.option("--instrument", default="r_test", help="r_test, touch_probe or ball_bar.")
-@click.option("--criterion", default="D", help="D, A, E, G or V.")
+@click.option("--criterion", help="D (default), A, E, G (with --part the default) or V.")
 @click.option("--points", type=COUNT, default=40, help="Number of poses.")
 @click.option(
     "--for",
@@ -67,8 +75,36 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     show_default=False,
     help="Errors to determine, as EX0C,EY0C,EXC (default: all).",
 )
+@click.option(
+    "--part",
+    type=PATH,
+    help="A tool path, an NC program (ISO, LinuxCNC) or a CSV of poses: least expected error of the tool along it.",
+)
+@click.option(
+    "--part-tool", type=POSITIVE, help="With --part: mm from spindle nose to tip (default: middle of tool_length)."
+)
+@click.option(
+    "--part-zero",
+    default=NO_SHIFT,
+    help="With --part: the program's zero in the workpiece frame, X,Y,Z in mm.",
+)
+@click.option(
+    "--part-tool-centre",
+    is_flag=True,
+    help="With --part: X, Y and Z are the tip's place in the workpiece even without G43.4.",
+)
+@click.option(
+    "--part-datum",
+    is_flag=True,
+    help="With --part: its zero is touched on the machine, rotary axes at 0; the error there drops out.",
+)
 @dialects
 @click.option("--given", type=PATH, help="A campaign already measured; the plan complements it.")
+@click.option(
+    "--until",
+    multiple=True,
+    help="Fewest poses (at most --points) until NAME=1σ is expected, as EX0C=2um; may be repeated.",
+)
 @click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
 @click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
 @click.option("--setups", type=COUNT, help="Most positions of nest or balls.")
@@ -85,7 +121,11 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     "--zero-sigma", type=POSITIVE, help="1σ of an R-test nest's place in the workpiece frame, µm (usual: unknown)."
 )
 @click.option("--bar-length-sigma", type=POSITIVE, help="1σ of the bar's length, µm (usual: 0.5).")
-@click.option("--index", is_flag=True, help="Read the first pose of a run with the spindle at 0° and 180° (R-test).")
+@click.option(
+    "--index/--no-index",
+    default=None,
+    help="Read the first pose of a run with the spindle at 0° and 180° (R-test; with --part where it is worth it).",
+)
 @click.option("--survive", is_flag=True, help="Remain good if any one pose is lost.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
 @click.option(
@@ -157,11 +197,17 @@ def plan(
     machine: str,
     output: Path,
     instrument: str,
-    criterion: str,
+    criterion: str | None,
     points: int,
     wanted: str,
+    part: Path | None,
+    part_tool: float | None,
+    part_zero: str,
+    part_tool_centre: bool,
+    part_datum: bool,
     nc: tuple[str, ...],
     given: Path | None,
+    until: tuple[str, ...],
     minutes: float | None,
     per_minute: bool,
     setups: int | None,
@@ -174,7 +220,7 @@ def plan(
     table_ball_sigma: float | None,
     zero_sigma: float | None,
     bar_length_sigma: float | None,
-    index: bool,
+    index: bool | None,
     survive: bool,
     robust: str,
     circles: str | None,
@@ -208,8 +254,9 @@ def plan(
     quiet: bool,
 ) -> None:
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
-    from symfive.design import FEEDS, circular_test, plan_circles
+    from symfive.design import FEEDS, circular_test, plan_circles, plan_until
     from symfive.design import plan as make_plan
+    from symfive.errors import InputError
     from symfive.executors import executor
     from symfive.given import machine_given
     from symfive.nc import Post, can_probe
@@ -223,7 +270,7 @@ def plan(
             tool_number=tool,
             tool_centre_on=tool_centre_on,
             tool_centre_off=tool_centre_off,
-            reversed_axes=_rotary(data, reversed_axes),
+            reversed_axes=rotary_of(data, reversed_axes),
             machine_top=machine_top,
             dwell_s=dwell,
             at_pose=at_pose,
@@ -237,72 +284,39 @@ def plan(
         for dialect in dialects if instrument == "touch_probe" else ():
             can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
+        wished = until_of(until)
+        if wished and circles is not None:
+            raise InputError("circles have no --until", remedy="leave out --circles, or --until")
+        route = part_of(
+            data, part, circles, tool=part_tool, zero=part_zero, tool_centre=part_tool_centre, datum=part_datum
+        )
         result: Any
         if circles == CIRCULAR_TEST:
             result = circular_test(
-                data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=_one_bar(bars), sweep_deg=sweep,
+                data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=one_bar(bars), sweep_deg=sweep,
                 noise_um=noise_um,
             )  # fmt: skip
         elif circles is not None:
             result = plan_circles(
-                data, _effects(effects), family=circles, count=count, for_=names, criterion=criterion, robust=robust,
-                per_minute=per_minute, noise_um=noise_um, radii=bars or _bars_of(data), planes=planes or ("XY",),
+                data, effects_of(effects), family=circles, count=count, for_=names, criterion=criterion or "D", robust=robust,
+                per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
                 feeds=feeds or FEEDS,
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:
-                result = make_plan(
+                result = (partial(plan_until, asked=wished) if wished else make_plan)(
                     data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
                     setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um, frame=frame,
-                    setup_sigma=_setup_sigma(
+                    setup_sigma=setup_sigma_of(
                         tool_ball=tool_ball_sigma, tool_length=tool_length_sigma, table_ball=table_ball_sigma,
                         zero=zero_sigma, length=bar_length_sigma,
                     ),
                     index=index, survive=survive, robust=robust, prove=not no_proof, starts=starts, seed=seed, for_=names,
+                    part=route,
                     given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
         result.write(folder, nc=dialects, post=post)
     tell(result.to_data(), str(result), as_json)
-
-
-def _setup_sigma(**given: float | None) -> SetupSigma:
-    """Set-up errors as they were given, the others as usual."""
-    from symfive.campaign import SetupSigma
-
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    return SetupSigma(**chosen)
-
-
-def _rotary(machine: Machine, names: str) -> tuple[str, ...]:
-    from symfive.errors import InputError
-
-    found = tuple(name.strip() for name in names.split(",") if name.strip())
-    for name in found:
-        if name not in machine.axes or not machine.axes[name].rotary:
-            rotary = ", ".join(n for n, axis in machine.axes.items() if axis.rotary) or "none"
-            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {rotary}")
-    return found
-
-
-def _one_bar(bars: Sequence[float]) -> float | None:
-    from symfive.errors import InputError
-
-    if len(bars) > 1:
-        raise InputError(f"a circular test has one bar, {len(bars)} are given", remedy="give --bar once")
-    return bars[0] if bars else None
-
-
-def _bars_of(machine: Machine) -> tuple[float, ...]:
-    return machine.workspace.bar_lengths or (50.0,)
-
-
-def _effects(words: Sequence[str]) -> list[Effect]:
-    from symfive.effects import make_effect
-    from symfive.errors import InputError
-
-    if not words:
-        raise InputError("circles are chosen for effects and none is named", remedy="add --effect backlash:C")
-    return [make_effect(name, axis or None) for name, _, axis in (word.partition(":") for word in words)]
 
 
 @app.command(epilog="Example: symfive assess designs/plans/r-test-grid")

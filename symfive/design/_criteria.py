@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from symfive.errors import InputError
 
-__all__ = ["CRITERIA", "Criterion", "criterion_of"]
+__all__ = ["CRITERIA", "Criterion", "criterion_of", "name_of"]
 
 Array = NDArray[np.float64]
 SMOOTHING = 32.0
@@ -206,3 +206,8 @@ def criterion_of(name: str, count: int, places: Array) -> Criterion:
     if made is None:
         raise InputError(f'criterion "{name}" is unknown', remedy=f"use one of {', '.join(CRITERIA)}")
     return made(count, places)
+
+
+def name_of(criterion: str | Criterion) -> str:
+    """The name of a criterion that is given itself or by its name."""
+    return criterion if isinstance(criterion, str) else criterion.name

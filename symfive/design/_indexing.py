@@ -7,15 +7,18 @@ Along the axis nothing is learnt: that takes a tool of known length.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from symfive.design._information import Task
+from symfive.design._optimise import value_of
+from symfive.design._refine import Rows
 from symfive.design._space import Space
 from symfive.errors import InputError
 
-__all__ = ["indexed"]
+__all__ = ["indexed", "worth_indexing"]
 
 ACROSS = ("tool_ball.x", "tool_ball.y")
 
@@ -37,3 +40,15 @@ def indexed(space: Space, task: Task) -> Task:
     across = np.array([name in ACROSS for name in space.own])
     sigma[across] = (sigma[across] ** -2.0 + 2.0) ** -0.5
     return replace(task, own_sigma=sigma)
+
+
+def worth_indexing(space: Space, task: Task, rows: Rows) -> bool:
+    """Whether the run-out, read once a run, lowers ψ of a design by more than one pose a run less can raise it.
+
+    Of n poses in so many runs that is n/(n - runs) in the variance, where all of it is noise."""
+    try:
+        known = indexed(space, task)
+    except InputError:
+        return False
+    n, left = len(rows.z), len(rows.z) - rows.groups
+    return left > 0 and value_of(space, known, rows) + math.log(n / left) < value_of(space, task, rows)

@@ -19,12 +19,15 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._budget import affordable, most_per_minute, shortened
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._certificate import Certificate, certify
+from symfive.design._criteria import Criterion, name_of
 from symfive.design._dominance import what_dominates
 from symfive.design._exchange import Candidates
-from symfive.design._indexing import indexed
+from symfive.design._indexing import indexed, worth_indexing
 from symfive.design._information import Task
 from symfive.design._joint import chosen_with_moves
 from symfive.design._optimise import optimise, value_of
+from symfive.design._part import part_criterion
+from symfive.design._part_plan import PartPlan, compared, mountings_in, part_given
 from symfive.design._reach import Reach, with_ways_out
 from symfive.design._refine import Rows
 from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
@@ -40,12 +43,16 @@ from symfive.nc import LETTERS, Post
 from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
+from symfive.toolpath import ToolPath
 
 __all__ = ["Plan", "plan"]
 
 Array = NDArray[np.float64]
 FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
+INDEXED = "the spindle is indexed in every run: for this part that is worth more than the pose it takes (--no-index forbids it)"
+MOST_SHARES = 3
+"""Numbers of runs that all get the full search."""
 REPORTED_DRAWS, DRAWS = 2, 6
 """Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
 
@@ -59,7 +66,7 @@ class Plan(OnScreen):
     before which the spindle is drawn back; `lost` the efficiency left if the most important pose is lost;
     `over_prior` mean and worst efficiency when the machine's errors are drawn from the priors; `information_per_minute`
     nats of ψ a minute; `drift` efficiency left when a linear drift is a nuisance; `post` the ways of the programs, every one of
-    them clear; `notes` in plain words.
+    them clear; `part` what is expected along the part that it is for; `notes` in plain words.
     """
 
     machine: Machine
@@ -77,6 +84,7 @@ class Plan(OnScreen):
     information_per_minute: float
     drift: float
     post: Post = field(default_factory=Post)
+    part: PartPlan | None = None
     notes: tuple[str, ...] = ()
 
     def write(
@@ -104,8 +112,8 @@ class Plan(OnScreen):
         head = (
             f"{self.instrument} plan, {self.certificate.points} poses, {self.minutes:.0f} min: {self.certificate.says}"
         )
-        notes = listed(self.notes, "plan.notes", 10)
-        notes = [line for note in notes for line in wrap(note, 120, subsequent_indent="  ")]
+        notes = [*(() if self.part is None else self.part.says), *listed(self.notes, "plan.notes", 10)]
+        notes = [line for note in notes for line in wrap(note, 120, subsequent_indent="    ")]
         return "\n".join([head, *listed(runs, "plan.campaign.runs", 10), str(self.assessment), *notes])
 
     def to_data(self) -> dict[str, Any]:
@@ -122,11 +130,12 @@ def _different(run: Run) -> int:
 
 @one_thread
 def plan(
-    machine: Machine | Path | str, *, instrument: str = "r_test", criterion: str = "D", points: int = 40,
-    for_: Iterable[str] = (), given: Campaign | Path | str | None = None, setups: int | None = None,
+    machine: Machine | Path | str, *, instrument: str = "r_test", criterion: str | Criterion | None = None, points: int = 40,
+    for_: Iterable[str] = (), part: ToolPath | Path | str | None = None,
+    given: Campaign | Path | str | None = None, setups: int | None = None,
     lengths: Sequence[float] = (), minutes: float | None = None,
     per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
-    setup_sigma: SetupSigma | None = None, frame: str = "workpiece", index: bool = False, survive: bool = False,
+    setup_sigma: SetupSigma | None = None, frame: str = "workpiece", index: bool | None = None, survive: bool = False,
     robust: str = "nominal", starts: int = 6, anywhere: bool = True, prove: bool = True, seed: int = 0,
     pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
@@ -134,8 +143,11 @@ def plan(
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
     `machine` a machine, the path of its file, or the name of a preset;
-    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D, A, E, G or V (`I`); `for_` names of the parameters that
-    count (by default all of the machine's), the others and every set-up error being marginalised; `given` a campaign already
+    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D (default), A, E, G or V (`I`), or one of your own; `for_`
+    names of the parameters that count (by default all of the machine's), the others and every set-up error being marginalised;
+    `part` a tool path or its file (`symfive.toolpath`): G (default) and V are then the worst and the mean expected error of the
+    tool along it, with as many set-ups as fit into `minutes` (default: those of the D plan, which is made too and compared), and
+    the spindle is indexed where that is worth it; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
     many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
@@ -158,14 +170,33 @@ def plan(
     if not (noise_um > 0.0 and math.isfinite(noise_um)):
         raise InputError(f"noise_um = {noise_um:g} is not positive", remedy="give the instrument's 1σ in µm")
     options = _options_of(instrument, frame)
-    noise = noise_um / math.sqrt(repeats)
-    space = make_space(machine, instrument, noise_um=noise, setup_sigma=setup_sigma, options=options)
+    route = part_given(machine, part, tuple(for_))
+    criterion = criterion or ("D" if route is None else "G")
+    space = make_space(
+        machine, instrument, noise_um=noise_um / math.sqrt(repeats), setup_sigma=setup_sigma, options=options
+    )
+    sought = None if route is None else part_criterion(route, space, name_of(criterion))
+    ordinary = None
+    if route is not None:
+        setups = setups if minutes is None or setups is not None else mountings_in(minutes)
+        progress("the ordinary D plan")
+        ordinary = plan(
+            machine, instrument=instrument, points=points, given=given, setups=setups, minutes=minutes, returns=returns,
+            repeats=repeats, noise_um=noise_um, setup_sigma=setup_sigma, frame=frame, index=bool(index), starts=starts,
+            anywhere=False, prove=False, seed=seed, pool=pool, progress=progress,
+        )  # fmt: skip
+        minutes = minutes or ordinary.minutes
+        setups = setups or mountings_in(minutes)
     names = tuple(p.name for p in space.shared)
     wanted = interest_of(names, tuple(for_))
-    task = task_of(space, criterion, wanted, given)
-    task = indexed(space, task) if index else task
+    task = task_of(space, criterion if sought is None else sought, wanted, given)
     shares = affordable(machine, minutes, points, setups or (3 if instrument == "ball_bar" else 2), returns, repeats)
     points, runs = shares[-1]
+    decided = index is None and route is not None
+    if decided:
+        index = worth_indexing(space, task, optimise(space, task, points, runs, starts=1, seed=seed)[0])
+    index = bool(index)
+    task = indexed(space, task) if index else task
     refuse_unseen(space, task, points, names)
     progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
 
@@ -174,8 +205,8 @@ def plan(
     def lay(design: Rows) -> Schedule:
         return scheduled(space, design, returns=returns, repeats=repeats, noise_um=noise_um, index=index)
 
-    def best_of(count: int, at_most: int) -> tuple[Rows, tuple[float, ...]]:
-        design, psi = optimise(space, task, count, at_most, starts=starts, seed=seed, pool=pool, progress=progress)
+    def best_of(count: int, at_most: int, begun: int = starts) -> tuple[Rows, tuple[float, ...]]:
+        design, psi = optimise(space, task, count, at_most, starts=begun, seed=seed, pool=pool, progress=progress)
         return with_ways_out(reach, task, one_tool(space, task, rounded(space, design))), psi
 
     def fitted(design: Rows) -> Rows:
@@ -183,6 +214,9 @@ def plan(
             return design
         return shortened(space, task, design, lay(design), 60.0 * minutes, lay).rows
 
+    if len(shares) > MOST_SHARES:  # one start each tells how many runs are best
+        tried = [value_of(space, task, fitted(best_of(*share, 1)[0])) for share in shares]
+        shares = [shares[int(np.argmin(tried))]]
     found = [(fitted(design), psi) for design, psi in (best_of(*share) for share in shares)]
     rows, values = min(found, key=lambda design: value_of(space, task, design[0]))
     drawn = drawn_spaces(machine, space, REPORTED_DRAWS if robust == "nominal" else DRAWS)
@@ -214,7 +248,7 @@ def plan(
         schedule, post = _with_ways(lay, fewer)
     progress("certificate")
     certificate = _certified(space, task, schedule.rows, runs, anywhere, prove)
-    return _finished(
+    made = _finished(
         space,
         task,
         schedule,
@@ -222,10 +256,14 @@ def plan(
         certificate,
         values,
         given,
-        criterion,
+        name_of(criterion),
         wanted,
         over_prior(drawn, task, schedule.rows),
     )
+    if route is None or ordinary is None:
+        return made
+    chosen = (INDEXED,) if decided and index else ()
+    return replace(made, part=compared(route, space, task, ordinary, made), notes=(*chosen, *made.notes))
 
 
 def _options_of(instrument: str, frame: str) -> dict[str, str]:

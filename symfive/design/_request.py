@@ -10,7 +10,7 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.design._assess import machine_information, workspace_places
 from symfive.design._candidates import candidates_in, pose_grid, setup_options
-from symfive.design._criteria import criterion_of
+from symfive.design._criteria import Criterion, criterion_of
 from symfive.design._information import Task
 from symfive.design._space import Space
 from symfive.errors import InputError
@@ -67,8 +67,8 @@ def interest_of(names: Sequence[str], wanted: tuple[str, ...]) -> tuple[str, ...
     return tuple(found)
 
 
-def task_of(space: Space, criterion: str, wanted: Sequence[str], given: Campaign | None) -> Task:
-    """The task of a plan in this space, what a campaign measured before tells being known."""
+def task_of(space: Space, criterion: str | Criterion, wanted: Sequence[str], given: Campaign | None) -> Task:
+    """The task of a plan in this space, what a campaign measured before tells being known; `criterion` itself or its name."""
     names = [p.name for p in space.shared]
     interest = np.array([names.index(name) for name in wanted], dtype=np.int64)
     prior = np.eye(len(names))
@@ -77,6 +77,8 @@ def task_of(space: Space, criterion: str, wanted: Sequence[str], given: Campaign
             raise InputError("the campaign given is of another machine", remedy="give one measured on this machine")
         sigma = np.array([p.sigma for p in space.shared])
         prior = prior + machine_information(given, names) * np.outer(sigma, sigma)
+    if not isinstance(criterion, str):
+        return Task(criterion, prior, space.own_sigma, interest)
     places = (
         workspace_places(space)[:, :, interest] if criterion in ("G", "V", "I") else np.zeros((0, 3, len(interest)))
     )

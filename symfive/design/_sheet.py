@@ -27,7 +27,8 @@ __all__ = ["Sheet", "setup_sheet"]
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
     """What a sheet is about: the `campaign` without readings, `post` what the user decided about its programs, `facts` for the
-    head, `worth` a sentence, the `assessment` (without it nothing is expected), `notes` about the ways."""
+    head, `worth` a sentence, the `assessment` (without it nothing is expected), `notes` about the ways, `part` what to
+    expect along the part that it is for."""
 
     campaign: Campaign
     post: Post
@@ -35,6 +36,7 @@ class Sheet:
     worth: str = ""
     assessment: Assessment | None = None
     notes: Sequence[str] = ()
+    part: Mapping[str, Any] | None = None
 
 
 def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[str]) -> str:
@@ -52,6 +54,7 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
         title=f"Set-up sheet: {campaign.machine.name}", style=Markup(PAGE_STYLE + own), script=Markup(SCRIPT),
         structure=campaign.machine.structure.code, facts=_facts(sheet), unchecked=_unchecked(sheet), worth=sheet.worth, runs=runs,
         picture=Markup(poses_figure(campaign)), clearances=_clearances(sheet), notes=sheet.notes, programs=programs,
+        part=sheet.part,
         expected=_expected(sheet.assessment) if sheet.assessment is not None else None,
     )  # fmt: skip
 

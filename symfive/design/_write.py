@@ -44,6 +44,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         "criterion": {"name": plan.criterion, "for": list(plan.interest), "value": six_digits(certificate.value)},
         "certificate": {
             "says": certificate.says,
+            **({} if plan.part is None else {"part": list(plan.part.says)}),
             "efficiency": six_digits(certificate.efficiency),
             "efficiency_any_setup": None if certificate.anywhere is None else six_digits(certificate.anywhere),
             "bound": six_digits(certificate.bound),
@@ -58,6 +59,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         "efficiency_with_drift": six_digits(plan.drift),
         "efficiency_without_the_most_important_pose": six_digits(plan.lost),
         "efficiency_over_the_prior": {"mean": six_digits(plan.over_prior[0]), "worst": six_digits(plan.over_prior[1])},
+        **({} if plan.part is None else {"part": plan.part.to_data()}),
         "retract_mm": plan.post.retract_mm,
         "spindle_drawn_back_before_rows": {run: [i + FIRST_LINE for i in rows] for run, rows in plan.unsafe.items()},
         "seated_moves_by_way_of_further_positions_before_rows": {
@@ -79,6 +81,7 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
     worth = ". ".join([f"Certificate: {plan.certificate.says}", *(note[:1].upper() + note[1:] for note in others)])
     sheet = Sheet(
         campaign=plan.campaign, post=plan.post, facts=facts, worth=worth, assessment=plan.assessment, notes=ways,
+        part=None if plan.part is None else plan.part.shown(),
     )  # fmt: skip
     _write_files(sheet, folder, nc)
     write_json(folder / "plan.json", plan_data(plan))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,11 +19,10 @@ from symfive.effects import Effect, Quantity
 from symfive.identify import UNCONVERGED, Identification
 from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number
-from symfive.screen import OnScreen, listed
+from symfive.screen import OnScreen, listed, wrapped
 
 __all__ = [
     "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square", "named",
-    "wrapped",
 ]  # fmt: skip
 
 SCHEMA = "symfive.diagnosis/1"
@@ -35,8 +33,6 @@ EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
 SHOWN_SHARE = 0.01
 """Geometry and set-up that explain less, beside the findings, are not mentioned."""
-WIDTH, HARD_SPACE = 100, "\u00a0"
-"""Longest line of the text; a space at which none ends."""
 
 
 @dataclass(frozen=True)
@@ -385,13 +381,3 @@ class Diagnosis(OnScreen):
         if self.findings:
             lines.append("±: 1σ (k = 1), if the names are right. Confidence: among catalogue and unidentified effects.")
         return [*lines, *(line for said in self.proof for line in wrapped("", said))]
-
-
-def wrapped(head: str, text: str) -> list[str]:
-    """Lines of the text behind its head, the further ones indented alike; what belongs to one number stays together."""
-    for mark in (" ± ", " → ", " %"):
-        text = text.replace(mark, mark.replace(" ", HARD_SPACE))
-    lines = textwrap.wrap(
-        text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False, break_on_hyphens=False
-    )  # fmt: skip
-    return [line.replace(HARD_SPACE, " ") for line in lines]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from symfive.diagnose import EXPLAINED, Diagnosis, form_words, named, wrapped
+from symfive.diagnose import EXPLAINED, Diagnosis, form_words, named
+from symfive.screen import wrapped
 
 __all__ = ["FAINT_SIGMAS", "closing", "diagnosis_text"]
 

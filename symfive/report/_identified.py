@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from symfive.diagnose import wrapped
 from symfive.identify import Identification
 from symfive.numbers import expected_ratio, plain_number, rounded, unit_words
 from symfive.report._words import confounded_machine, meaning, verdict
+from symfive.screen import wrapped
 from symfive.worth import location_worths, worth_text
 
 __all__ = ["identification_text"]

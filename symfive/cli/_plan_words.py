@@ -1,0 +1,100 @@
+"""What the words of `symfive plan` mean: part, 1σ asked for, set-up errors, axes, bars, effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from symfive.campaign import SetupSigma
+    from symfive.effects import Effect
+    from symfive.machine import Machine
+    from symfive.toolpath import ToolPath
+
+__all__ = ["NO_SHIFT", "bars_of", "effects_of", "one_bar", "part_of", "rotary_of", "setup_sigma_of", "until_of"]
+
+NO_SHIFT = "0,0,0"
+
+
+def part_of(
+    machine: Machine, path: Path | None, circles: str | None, *,
+    tool: float | None, zero: str, tool_centre: bool, datum: bool,
+) -> ToolPath | None:  # fmt: skip
+    """The part's tool path. Raises `InputError` for options of a part without one, and with circles."""
+    from symfive.errors import InputError
+    from symfive.toolpath import read_tool_path
+
+    if path is None:
+        if tool is not None or tool_centre or datum or zero != NO_SHIFT:
+            problem = "--part-tool, --part-zero, --part-tool-centre and --part-datum belong to a part and none is given"
+            raise InputError(problem, remedy="add --part FILE")
+        return None
+    if circles is not None:
+        raise InputError("a plan for a part has poses, no circles", remedy="leave out --circles, or --part")
+    try:
+        x, y, z = (float(word) for word in zero.split(","))
+    except ValueError:
+        raise InputError(f'--part-zero "{zero}" is not X,Y,Z', remedy="write --part-zero 0,0,50") from None
+    return read_tool_path(path, machine, tool_length=tool, zero=(x, y, z), tool_centre=tool_centre, datum=datum)
+
+
+def until_of(words: Sequence[str]) -> dict[str, float]:
+    """NAME=1σ with its unit, as `EX0C=2um`, by name. Raises `InputError` for what is none, and for a unit of another kind."""
+    from symfive.errors import InputError
+
+    found = {}
+    for word in words:
+        name, _, size = word.partition("=")
+        number = size.replace("µ", "u").removesuffix("um").removesuffix("urad").strip()
+        unit = size.replace("µ", "u").strip().removeprefix(number).strip()
+        own = "urad" if name.strip()[1:2] in ("A", "B", "C") else "um"
+        if unit not in ("", own):
+            raise InputError(
+                f"--until {word}: the unit of {name} is {own}", remedy=f"write --until {name}={number}{own}"
+            )
+        try:
+            found[name.strip()] = float(number)
+        except ValueError:
+            raise InputError(f"--until {word} is not NAME=1σ", remedy="write --until EX0C=2um") from None
+    return found
+
+
+def setup_sigma_of(**given: float | None) -> SetupSigma:
+    """Set-up errors as they were given, the others as usual."""
+    from symfive.campaign import SetupSigma
+
+    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    return SetupSigma(**chosen)
+
+
+def rotary_of(machine: Machine, names: str) -> tuple[str, ...]:
+    from symfive.errors import InputError
+
+    found = tuple(name.strip() for name in names.split(",") if name.strip())
+    for name in found:
+        if name not in machine.axes or not machine.axes[name].rotary:
+            rotary = ", ".join(n for n, axis in machine.axes.items() if axis.rotary) or "none"
+            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {rotary}")
+    return found
+
+
+def one_bar(bars: Sequence[float]) -> float | None:
+    from symfive.errors import InputError
+
+    if len(bars) > 1:
+        raise InputError(f"a circular test has one bar, {len(bars)} are given", remedy="give --bar once")
+    return bars[0] if bars else None
+
+
+def bars_of(machine: Machine) -> tuple[float, ...]:
+    return machine.workspace.bar_lengths or (50.0,)
+
+
+def effects_of(words: Sequence[str]) -> list[Effect]:
+    from symfive.effects import make_effect
+    from symfive.errors import InputError
+
+    if not words:
+        raise InputError("circles are chosen for effects and none is named", remedy="add --effect backlash:C")
+    return [make_effect(name, axis or None) for name, _, axis in (word.partition(":") for word in words)]
