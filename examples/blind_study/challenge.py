@@ -21,7 +21,6 @@ workshops (T. Kurtoglu et al. 2009); a campaign without an effect scores 1 witho
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import secrets
 import shutil
@@ -42,9 +41,9 @@ from symfive.executors import executor, finished
 from . import stages
 from .cases import STRATA, case_ids
 from .others import coordinates
-from .rivals import FIT_ALL, RIVALS, named_by
+from .rivals import SIMPLE, System, said_of
 from .score import CONFIDENT, Name, key_name, names_of
-from .store import Store
+from .store import Store, digest
 
 SCHEMA = "symfive.challenge/1"
 LISTED = 0.05
@@ -79,7 +78,7 @@ def write(folder: Path, answers: Path, ids: Sequence[str], study: Path | None, s
             for number, id in numbers.items()
         }
         text = json.dumps({"schema": SCHEMA, "answers": told}, indent=1)
-        head = {"schema": SCHEMA, "campaigns": list(numbers), "answers_sha256": _digest(text)}
+        head = {"schema": SCHEMA, "campaigns": list(numbers), "answers_sha256": digest(text.encode())}
         (made / "challenge.json").write_text(json.dumps(head, indent=1))
         answers.write_text(text)
         made.rename(folder)
@@ -95,10 +94,6 @@ def _answer(answer: Mapping[str, Any]) -> dict[str, Any]:
     return {"case": answer["id"], "stratum": answer["stratum"], "effects": effects}
 
 
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 # --- enter ---------------------------------------------------------------------------------------------------
 def symfive(campaign: Path) -> dict[str, Any]:
     """The diagnosis of symfive."""
@@ -109,7 +104,7 @@ def symfive(campaign: Path) -> dict[str, Any]:
 
 def _rival(name: str) -> Callable[[Path], dict[str, Any]]:
     def entrant(campaign: Path) -> dict[str, Any]:
-        said = named_by(read_campaign(campaign), name)
+        said = said_of(System.of(read_campaign(campaign)), name)
         return {"findings": [{"effect": effect, "axis": axis, "confidence": 1.0} for effect, axis in said]}
 
     return entrant
@@ -117,7 +112,7 @@ def _rival(name: str) -> Callable[[Path], dict[str, Any]]:
 
 ENTRANTS: Mapping[str, Callable[[Path], dict[str, Any]]] = {
     "symfive": symfive,
-    **{name: _rival(name) for name in (*(f"BIC {rival}" for rival in RIVALS), FIT_ALL)},
+    **{name: _rival(name) for name in SIMPLE},
 }
 
 
@@ -199,7 +194,7 @@ def mark(answer: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> Mark
 def marks(challenge: Path, answers: Path, entry: Path) -> list[Mark]:
     """An entry's marks for all campaigns. Raises `InputError` where the answers are not those of the challenge."""
     head, text = _challenge(challenge), answers.read_text()
-    if _digest(text) != head["answers_sha256"]:
+    if digest(text.encode()) != head["answers_sha256"]:
         raise InputError(
             f"{answers} are not the answers of this challenge", remedy="its SHA-256 stands in challenge.json"
         )

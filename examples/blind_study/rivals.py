@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 Name = tuple[str, str | None]
 RIVALS = ("white", "whitened", "ARMA, clipped")
 FIT_ALL, PYSINDY = "fit all, rank", "PySINDy"
+SIMPLE = (*(f"BIC {rival}" for rival in RIVALS), FIT_ALL)
 MOST = 5
 LEVEL = 0.01
 """False names over all families, where all are fitted at once."""
@@ -308,16 +309,15 @@ def pysindy(system: System, python: str) -> tuple[list[Name], float]:
     return list(dict.fromkeys(system.families[owner[i]][0] for i in order)), seconds
 
 
-def named_by(campaign: Campaign, rival: str) -> list[Name]:
-    """What one of the simple rivals says of a campaign: "BIC …" or `FIT_ALL`."""
-    system = System.of(campaign)
+def said_of(system: System, rival: str) -> list[Name]:
+    """What one of the simple rivals says: `FIT_ALL`, or "BIC …"."""
     return fit_all(system) if rival == FIT_ALL else search(system, rival.removeprefix("BIC "))
 
 
 def compete(folder: Path, peers: str | None = None) -> dict[str, list[Name]]:
     """What every rival says of a campaign; PySINDy's only with a Python that has it, `peers`."""
     system = System.of(read_campaign(folder / "fit"))
-    said = {f"BIC {rival}": search(system, rival) for rival in RIVALS} | {FIT_ALL: fit_all(system)}
+    said = {rival: said_of(system, rival) for rival in SIMPLE}
     return said | ({PYSINDY: pysindy(system, peers)[0]} if peers else {})
 
 

@@ -35,14 +35,14 @@ class Store:
     def seal(self, id: str, answer: str) -> None:
         """Keeps an answer and the digest of it and of the recordings."""
         self._write(self._file("answers", id), answer)
-        self.put("seals", id, {"answer": _digest(answer.encode()), "recordings": self._recordings(id)})
+        self.put("seals", id, {"answer": digest(answer.encode()), "recordings": self._recordings(id)})
 
     def open(self, id: str) -> Any:
         """The answer, once its case has a verdict; ValueError where answer or recordings are not those sealed."""
         if not self.has("verdicts", id):
             raise ValueError(f"{id} has no verdict yet: its answer stays sealed")
         text, seal = self._file("answers", id).read_text(), self.get("seals", id)
-        if _digest(text.encode()) != seal["answer"]:
+        if digest(text.encode()) != seal["answer"]:
             raise ValueError(f"{id}: the answer is not the one that was sealed")
         if self._recordings(id) != seal["recordings"]:
             raise ValueError(f"{id}: the recordings are not those that were sealed")
@@ -50,7 +50,7 @@ class Store:
 
     def _recordings(self, id: str) -> str:
         files = sorted(p for p in self.case(id).rglob("*") if p.is_file())
-        return _digest(
+        return digest(
             b"\0".join(p.relative_to(self.case(id)).as_posix().encode() + b"\0" + p.read_bytes() for p in files)
         )
 
@@ -65,5 +65,6 @@ class Store:
         draft.replace(path)
 
 
-def _digest(data: bytes) -> str:
+def digest(data: bytes) -> str:
+    """SHA-256, hexadecimal."""
     return hashlib.sha256(data).hexdigest()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from symfive.design._information import Task
 from symfive.design._refine import Rows
+from symfive.design._setup_errors import NOISE_HARDLY, SETUP_ERRORS
 from symfive.design._space import Space
 from symfive.numbers import plain_number
 
@@ -22,22 +23,7 @@ __all__ = ["what_dominates"]
 Array = NDArray[np.float64]
 MORE = 4.0
 """So many times as many poses would halve every 1σ that noise causes."""
-STUCK = 0.95
-"""1σ left after that from which more poses count as useless: noise causes a tenth of the variance at most."""
-GROUPS = {
-    "the tool ball's run-out": (
-        ("tool_ball.x", "tool_ball.y"), "read it by spindle indexing (--index) or by an indicator (--tool-ball-sigma)",
-    ),
-    "the tool's length": (("tool_ball.z",), "measure it (--tool-length-sigma)"),
-    "the table ball's place": (
-        ("table_ball.x", "table_ball.y", "table_ball.z"), "measure it (--table-ball-sigma)",
-    ),
-    "the nest's place in the workpiece frame": (
-        ("zero.x", "zero.y", "zero.z"), "put it onto a calibrated place (--zero-sigma)",
-    ),
-    "the bar's length": (("length",), "calibrate it (--bar-length-sigma)"),
-}  # fmt: skip
-"""Set-up errors by what they are of, and what makes them known."""
+GROUPS = {error.name: error for error in SETUP_ERRORS}
 
 
 def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
@@ -46,19 +32,17 @@ def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
     read = task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups) - prior
     now = task.value(prior + read)
     more = task.value(prior + MORE * read)
-    if math.exp(0.5 * (more - now)) < STUCK:
+    if math.exp(0.5 * (more - now)) < NOISE_HARDLY:
         return []
     known = {
         name: task.value(prior + read + np.diag(exact)) for name, exact in _exactly(space, task, rows.groups).items()
     }
     name = min((n for n in known if n in GROUPS), key=lambda n: known[n])
-    if (
-        math.exp(0.5 * (known[name] - now)) > STUCK
-    ):  # nothing that stands on the table or in the spindle: an error itself
+    if math.exp(0.5 * (known[name] - now)) > NOISE_HARDLY:  # no error of the set-up: one of the machine itself
         name = min(known, key=lambda n: known[n])
     sigma = _sizes(space, task)
     remedy = (
-        GROUPS[name][1]
+        GROUPS[name].remedy
         if name in GROUPS
         else "no reading of this plan sees it apart from the set-up: another instrument may"
     )
@@ -72,8 +56,8 @@ def _exactly(space: Space, task: Task, groups: int) -> dict[str, Array]:
     """Information that makes one thing exactly known, on the diagonal (size,), by what it is."""
     layout = task.layout(groups)
     found: dict[str, Array] = {}
-    for name, (members, _) in GROUPS.items():
-        mine = np.array([n in members for n in space.own], dtype=bool)
+    for name, group in GROUPS.items():
+        mine = np.array([n in group.members for n in space.own], dtype=bool)
         if mine.any():
             own = np.where(mine, EXACT / task.own_sigma**2, 0.0)
             found[name] = np.concatenate([np.zeros(layout.shared), np.tile(own, groups)])
@@ -93,8 +77,8 @@ EXACT = 1e8
 def _sizes(space: Space, task: Task) -> dict[str, str]:
     """1σ of the set-up errors before the first reading, µm."""
     found = {}
-    for name, (members, _) in GROUPS.items():
-        mine = [s for n, s in zip(space.own, task.own_sigma, strict=True) if n in members]
+    for name, group in GROUPS.items():
+        mine = [s for n, s in zip(space.own, task.own_sigma, strict=True) if n in group.members]
         if mine:
             sigma = max(mine) * space.noise_um
             found[name] = f" ({plain_number(sigma)} µm)" if sigma < UNKNOWN_UM else " (not known)"

@@ -37,9 +37,8 @@ class Left:
     @classmethod
     def by(cls, plan: Plan, part: Part) -> Left:
         """What a plan leaves."""
-        return cls(
-            part.left_by(plan.assessment), plan.certificate.points, len(plan.campaign.runs), plan.minutes
-        )  # fmt: skip
+        expected = part.left_by(plan.assessment)
+        return cls(expected, plan.certificate.points, len(plan.campaign.runs), plan.minutes)
 
     def words(self) -> str:
         """Its size in words."""

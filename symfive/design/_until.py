@@ -18,6 +18,7 @@ from symfive.design._assess import assess
 from symfive.design._criteria import Worst
 from symfive.design._plan import Plan, plan
 from symfive.design._request import interest_of
+from symfive.design._setup_errors import NOISE_HARDLY, SETUP_ERRORS
 from symfive.design._space import make_space
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
@@ -30,14 +31,6 @@ __all__ = ["plan_until"]
 LEAST = 2
 NO_NOISE = 1e-3
 """Of the declared noise, and of a set-up error's 1σ, in place of none."""
-LIMITS = {
-    "tool_ball": ("the tool ball's run-out", "read it by spindle indexing (--index) or an indicator (--tool-ball-sigma)"),
-    "tool_length": ("the tool's length", "measure it (--tool-length-sigma)"),
-    "table_ball": ("the table ball's place", "measure it (--table-ball-sigma)"),
-    "zero": ("the nest's place", "put it onto a calibrated place (--zero-sigma)"),
-    "length": ("the bar's length", "calibrate it (--bar-length-sigma)"),
-}  # fmt: skip
-"""Set-up errors that may limit what is asked, and what makes them known."""
 
 
 def plan_until(
@@ -117,16 +110,15 @@ def _out_of_reach(most: Plan, limits: Mapping[str, float], given: Campaign | Non
     if still <= limits[name]:
         problem = f"{name} needs more than {count} poses for {asked}: {count} leave {here}, and the noise limits it"
         return InputError(problem, remedy="allow more poses (--points), or repeat readings (--repeats)")
-    known = {key: _without(most.campaign, given, name, noise=NO_NOISE, exact=key) for key in LIMITS}
-    best = min(known, key=lambda key: known[key])
+    known = {error: _without(most.campaign, given, name, noise=NO_NOISE, exact=error.sigma) for error in SETUP_ERRORS}
+    best = min(known, key=lambda error: known[error])
     least = f"{plain_number(still)} {unit}"
     words = f"{name} cannot be known to {asked} by these set-ups: {count} poses leave {here}, any number {least}"
-    if known[best] > 0.95 * still:
+    if known[best] > NOISE_HARDLY * still:
         problem = f"{words}, since the readings cannot separate it from other errors"
         return InputError(problem, remedy="use another instrument, or more set-ups (--setups)")
-    what, remedy = LIMITS[best]
-    problem = f"{words}; {what} limits it, and exactly known leaves {plain_number(known[best])} {unit}"
-    return InputError(problem, remedy=f"{remedy}, or allow more set-ups (--setups)")
+    problem = f"{words}; {best.name} limits it, and exactly known leaves {plain_number(known[best])} {unit}"
+    return InputError(problem, remedy=f"{best.remedy}, or allow more set-ups (--setups)")
 
 
 def _without(campaign: Campaign, given: Campaign | None, name: str, *, noise: float, exact: str = "") -> float:

@@ -11,7 +11,7 @@ from symfive.diagnose._next_test import next_test
 from symfive.diagnose._stretches import LONG
 from symfive.effects import Effect
 from symfive.model import Model
-from symfive.posterior import Expansion, Name, Posterior, Subset, Verdict, foretold, log_evidence
+from symfive.posterior import Expansion, Name, Posterior, Subset, Verdict, linear_estimate, log_evidence
 
 __all__ = ["asked", "folder_of"]
 
@@ -64,7 +64,7 @@ def _rivals(posterior: Posterior, verdict: Verdict) -> list[tuple[Effect, Mappin
     found = list[tuple[Effect, Mapping[str, float], float]]()
     for name in sorted(open_, key=lambda name: -verdict.rivals.get(name, 0.0))[:RIVALS]:
         subset, number = best[name]
-        effects, values = foretold(moments, subset, log_evidence(moments, subset))
+        effects, values = linear_estimate(moments, subset, log_evidence(moments, subset))
         effect = next(e for e in effects if e.key == moments.terms[number].effect.key)
         model = Model(moments.fit.model.campaign, effects)
         there = {p.name: values.get(p.name, p.initial) for p in model.parameters if p.run is None}

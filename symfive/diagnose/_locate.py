@@ -26,7 +26,7 @@ from symfive.posterior import (
     Sweep,
     candidates,
     expanded,
-    foretold,
+    linear_estimate,
     log_evidence,
     moments_about,
     nearest_width,
@@ -227,7 +227,7 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
     for (link, axis), (total, t, width) in sorted(best.items(), key=lambda item: -item[1][0]):
         nats = total - nothing
         together = (*beside, (t, width))
-        effects, values = foretold(moments, together, log_evidence(moments, together))
+        effects, values = linear_estimate(moments, together, log_evidence(moments, together))
         effect = effects[-1]
         log_p, direction = min(0.0, looks - nats), direction_of(moments.fit.model.machine, effect, values)
         coordinate, campaign = effect.coordinate.format(axis=axis), moments.fit.model.campaign

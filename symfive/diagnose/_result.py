@@ -239,7 +239,7 @@ class Diagnosis(OnScreen):
 
     @property
     def classes(self) -> tuple[tuple[str, ...], ...]:
-        """Effects that the campaign cannot tell apart."""
+        """Effects that the campaign cannot separate."""
         return self.location.classes
 
     def to_data(self) -> dict[str, Any]:

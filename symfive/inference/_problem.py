@@ -330,22 +330,22 @@ class Problem:
             judged = leverage_of(*self._refitted(without, values), self.noises)
         isolated = {key: isolated_outliers(block, self.noises[key], limit, h) for key, (block, h) in judged.items()}
         innovations = {key: table for key, (_, table) in isolated.items()}
-        ways = alike(self.model, list(survey))
-        places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
         beyond = {
-            (key, row, j): float(innovations[key][row, j])
-            for key, (found, _) in isolated.items()
-            for row, j in found
-            if not repeats_say_so(key, row, j, innovations, ways[key], limit)
+            (key, row, j): float(innovations[key][row, j]) for key, (found, _) in isolated.items() for row, j in found
         }
-        static = {
-            key: block.residual for key, (block, _) in judged.items() if not self.model.campaign.run(key[0]).dynamic
+        static = {k: block.residual for k, (block, _) in judged.items() if not self.model.campaign.run(k[0]).dynamic}
+        ways = alike(self.model, list(survey)) if beyond or static else {}
+        beyond = {
+            (key, row, j): sigmas
+            for (key, row, j), sigmas in beyond.items()
+            if not repeats_say_so(key, row, j, innovations, ways[key], limit)
         }
         declared = {key: self.noises[key].declared for key in static}
         for key, over in alone_among_repeats(static, ways, declared, OUTLIER_LEVEL).items():
             short = short_groups(np.abs(over) > 0.5)  # what is far off for longer is a mismatch, and so are its ends
             for row, j in np.argwhere(short & (np.abs(over) > 1.0)).tolist():
                 beyond.setdefault((key, row, j), float(over[row, j]) * limit)
+        places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
         fresh = {run: np.zeros(mask.shape, dtype=bool) for run, mask in self.left_out.items()}
         outliers: list[Outlier] = []
         for (key, row, j), sigmas in sorted(beyond.items()):

@@ -13,7 +13,7 @@ from symfive.posterior._coarse import coarsened, misfit
 from symfive.posterior._decide import SAME, Verdict, decide
 from symfive.posterior._evidence import log_evidence, solution
 from symfive.posterior._explore import Posterior, Subset, explore
-from symfive.posterior._fit import Expansion, baseline, fitted, foretold, over_all, refitted
+from symfive.posterior._fit import Expansion, baseline, fitted, linear_estimate, over_all, refitted
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._noise import grams, nodes_of
 from symfive.posterior._polish import expanded, polish
@@ -22,7 +22,7 @@ from symfive.posterior._terms import EXPECTED, Candidates, Name, Term, candidate
 
 __all__ = [
     "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term", "Verdict",
-    "baseline", "candidates", "coarsened", "decide", "expanded", "explore", "fitted", "foretold", "grams", "log_evidence",
+    "baseline", "candidates", "coarsened", "decide", "expanded", "explore", "fitted", "grams", "linear_estimate", "log_evidence",
     "misfit", "moments_about", "moments_of", "name_of", "nearest_width", "nodes_of", "over_all", "polish", "refitted", "solution",
     "widths_of",
 ]  # fmt: skip

@@ -98,7 +98,7 @@ def misfit(moments: Moments, subset: Subset) -> float:
 
 def left_over(moments: Moments, subset: Subset, plain: Weighed) -> float:
     """What all unidentified terms that a subset does not hold would explain together beyond what they find in noise, times the
-    probability that they do, from the evidence of each size and of none, even odds beforehand."""
+    probability that they do, from the evidence of each size and of none, prior odds even."""
     taken = {int(column) for number, _ in subset for column in moments.columns[number].where}
     free = [c.where for t, c in zip(moments.terms, moments.columns, strict=True) if t.effect.nameless and t.form.basis]
     columns = np.array(sorted({int(column) for where in free for column in where} - taken), dtype=np.int64)

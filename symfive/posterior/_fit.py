@@ -19,7 +19,9 @@ from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
 from symfive.threads import one_thread
 
-__all__ = ["WHITE", "Expansion", "baseline", "expansion", "fitted", "foretold", "over_all", "refitted", "settled"]
+__all__ = [
+    "WHITE", "Expansion", "baseline", "expansion", "fitted", "linear_estimate", "over_all", "refitted", "settled",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 STEPS, TOLERANCE = 15, 1e-2
@@ -73,14 +75,14 @@ def refitted(moments: Moments, subset: Subset) -> Expansion:
     weighed = log_evidence(moments, subset)
     forms = [replace(moments.terms[t].form, effect=effect) for t, effect in _effects(moments, subset).items()]
     still = dict(moments.fit.named)
-    effects, moved = foretold(moments, subset, weighed)
+    effects, moved = linear_estimate(moments, subset, weighed)
     at = {name: value for t, _ in subset for name, value in moments.terms[t].form.at.items()}
     starts = [moved, still, {**moved, **at}] if any(moments.terms[t].frees for t, _ in subset) else [moved]
     model, node = Model(moments.fit.model.campaign, effects), moments.nodes[weighed.node]
     return expansion(fitted(model, starts, node, weighed.kappa2, moments.fit), forms, node, weighed.kappa2)
 
 
-def foretold(moments: Moments, subset: Subset, weighed: Weighed) -> tuple[list[Effect], dict[str, float]]:
+def linear_estimate(moments: Moments, subset: Subset, weighed: Weighed) -> tuple[list[Effect], dict[str, float]]:
     """The effects of a subset, and all parameters by name where the moments put those that join."""
     values = dict(moments.fit.named)
     for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
