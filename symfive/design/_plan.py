@@ -179,7 +179,7 @@ def plan(
     ordinary = None
     if route is not None:
         setups = setups if minutes is None or setups is not None else mountings_in(minutes)
-        progress("the ordinary D plan")
+        progress("D plan for comparison")
         ordinary = plan(
             machine, instrument=instrument, points=points, given=given, setups=setups, minutes=minutes, returns=returns,
             repeats=repeats, noise_um=noise_um, setup_sigma=setup_sigma, frame=frame, index=bool(index), starts=starts,
@@ -221,7 +221,7 @@ def plan(
     rows, values = min(found, key=lambda design: value_of(space, task, design[0]))
     drawn = drawn_spaces(machine, space, REPORTED_DRAWS if robust == "nominal" else DRAWS)
     if per_minute:
-        progress("poses with most information per minute")
+        progress("selecting the poses with most information per minute")
         fewer = most_per_minute(space, task, rows, lay).rows
         again, psi = best_of(len(fewer.z), fewer.groups)
         before = task.value_of_marginal(task.prior)
@@ -229,12 +229,12 @@ def plan(
         better = rates[0] > rates[1]
         rows, values = (again, psi) if better else (fewer, values)
     if robust != "nominal":
-        progress("making it good on machines drawn from the priors")
+        progress("improving the plan for machines drawn from the priors")
         rows = rounded(space, robust_exchange(drawn, task, rows, _grid_in(space, rows), robust))
     if survive:
-        progress("making it survive the loss of a pose")
+        progress("improving the plan for the loss of one pose")
         rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
-    progress("moves between the poses")
+    progress("planning the moves between the poses")
 
     def laid(design: Rows) -> tuple[Schedule, Post]:
         return _with_ways(lay, with_ways_out(reach, task, design))
@@ -246,7 +246,7 @@ def plan(
         estimate = lay(schedule.rows)
         fewer = shortened(space, task, schedule.rows, estimate, estimate.seconds - over, lay).rows
         schedule, post = _with_ways(lay, fewer)
-    progress("certificate")
+    progress("computing the certificate")
     certificate = _certified(space, task, schedule.rows, runs, anywhere, prove)
     made = _finished(
         space,

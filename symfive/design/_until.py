@@ -60,7 +60,7 @@ def plan_until(
     quick = options | {"starts": 1, "anywhere": False, "prove": False}
 
     def reached(count: int) -> bool:
-        progress(f"{count} poses")
+        progress(f"planning with {count} poses")
         return not _unmet(plan(machine, points=count, **quick), limits)
 
     most = plan(machine, points=points, **quick)

@@ -69,8 +69,9 @@ def next_test(
         return best
     probable = dict(zip_longest((rival.key for rival in rivals), chances, fillvalue=1.0))
     pairs = [(a, b) for a, b in combinations(others, 2) if probable[a] + probable[b] > IMPROBABLE]
-    between = {f"{a} from {b}": parted(a, b, tests) for a, b in pairs}
-    chosen = in_addition(own | between, best.test.runs[0].id)
+    between = {pair: parted(*pair, tests) for pair in pairs}
+    every = own | {" from ".join(pair): part for pair, part in between.items()}
+    chosen = in_addition(every, best.test.runs[0].id)
     if len(chosen) == 1:
         return best
     runs = _in_turn([run for name in chosen for run in tests if run.id == name])

@@ -14,15 +14,15 @@ from symfive.diagnose._detect import Detection
 from symfive.diagnose._hold_out import WORSE, HoldOut
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._places import Interval
-from symfive.diagnose._words import coordinate_words, facts_of, named
-from symfive.effects import Effect, Quantity
+from symfive.diagnose._words import facts_of
+from symfive.effects import Effect, Quantity, coordinate_words, effect_words
 from symfive.identify import UNCONVERGED, Identification
 from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number
 from symfive.screen import OnScreen, listed, wrapped
 
 __all__ = [
-    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square", "named",
+    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square",
 ]  # fmt: skip
 
 SCHEMA = "symfive.diagnosis/1"
@@ -49,7 +49,7 @@ class RivalName:
         """As `error motion of axis B (EXB)`."""
         if self.effect == "unknown":
             return "none of the known effects"
-        return named(self.effect, self.axis) + (f" ({self.component})" if self.component else "")
+        return effect_words(self.effect, self.axis) + (f" ({self.component})" if self.component else "")
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,7 +95,7 @@ class Finding(OnScreen):
     def title(self) -> str:
         """The effect and its axis, as `Gravity sag of axis B`."""
         over = f"unidentified effect over {coordinate_words(self.coordinate)}"
-        said = over if self.nameless else named(self.name, self.axis)
+        said = over if self.nameless else effect_words(self.name, self.axis)
         return said[:1].upper() + said[1:]
 
     def __str__(self) -> str:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from symfive.effects import Effect, Form, Varying
+from symfive.effects import Effect, Form, Varying, form_words
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
@@ -71,7 +71,7 @@ def _first(before: Identification, candidates: Candidates, progress: Progress) -
     if not before.outliers:
         return first
     whole = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=()))
-    progress(f"with the {len(before.outliers)} readings that stand alone")
+    progress(f"including the {len(before.outliers)} isolated readings")
     return max((first, _Round.at(_at_ease(whole, candidates), candidates, progress, laws=True)), key=_Round.promise)
 
 
@@ -141,7 +141,7 @@ class _Round:
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, laws: bool = False) -> _Round:
         """About a fit; of `laws` alone though more is in the moments."""
-        progress(f"expansion about {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
+        progress(f"linearised about {_words(here) or 'the baseline'}")
         here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates)
         moments = moments_about(here, candidates)
         mass = evidence + log_prior(moments, held_by(moments))
@@ -173,8 +173,13 @@ class _Round:
         if self.posterior.named(subset) != self.posterior.named(held):
             gain = self.posterior.worth(subset, mass) - self.posterior.worth(held, self.mass)
         self.leads[there.keys] = gain, subset
-        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {gain:+.1f} nats")
+        self.progress(f"refitted with {_words(there) or 'no effect'}: log evidence {gain:+.1f}")
         return gain, there
+
+
+def _words(here: Expansion) -> str:
+    """The effects of an expansion in words."""
+    return ", ".join(form_words(form.effect.key, here.fit.model.machine) for form in here.held)
 
 
 def _searched(moments: Moments, candidates: Candidates) -> Posterior:
@@ -199,13 +204,14 @@ def _shaped(
 ) -> tuple[Expansion, float]:
     """The fit, and its evidence, with each of its effects, but for those `known` (keys), in the best of its shapes."""
     here, mass = expanded(here.fit, here.held, candidates)
+    machine = here.fit.model.machine
     for number in (k for k, form in enumerate(here.held) if form.effect.key not in known):
         for shape in here.held[number].shapes:
             trial = _reshaped(here, number, shape)
             if trial is None:
                 continue
             other, evidence = expanded(trial.fit, trial.held, candidates)
-            progress(f"{shape.key} in another shape: {evidence - mass:+.1f} nats")
+            progress(f"{form_words(shape.key, machine)} in another form: log evidence {evidence - mass:+.1f}")
             if evidence > mass + DECISIVE:
                 here, mass = other, evidence
     return here, mass
