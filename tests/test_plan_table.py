@@ -78,4 +78,4 @@ def test_check_names_a_nest_beside_the_table() -> None:
     machine = off_centre()
     (run,) = r_test_grid(machine, nests=((20.0, 40.0, 60.0),), grid={"C": (0.0, 5.0)}, seconds_per_pose=60.0)
     (said,) = (said for said in doubts(campaign_of(machine, (run,))) if "table_radius" in said)
-    assert said.startswith("run r-test-1: table_ball stands 280 mm from the table's centre (250, 200)")
+    assert said.startswith("run r-test-1: table_ball is 280 mm from the centre of the table (250, 200)")

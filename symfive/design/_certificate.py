@@ -80,7 +80,7 @@ class Certificate:
         whole, slack = (1.0 - math.exp(x) for x in (self.relaxed - self.value, self.bound - self.relaxed))
         return (
             f"certified below {WEAK:g}: weights on poses in the same set-ups would lower the variance by {100.0 * whole:.0f} %, "
-            f"which {self.points} whole poses cannot share out so, and the bound itself may be {100.0 * slack:.1f} % too low; "
+            f"which {self.points} whole poses cannot reach, and the bound itself may be {100.0 * slack:.1f} % too low; "
             "more poses raise the certificate"
         )
 

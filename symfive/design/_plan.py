@@ -50,7 +50,9 @@ __all__ = ["Plan", "plan"]
 Array = NDArray[np.float64]
 FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
-INDEXED = "the spindle is indexed in every run: for this part that is worth more than the pose it takes (--no-index forbids it)"
+INDEXED = (
+    "the spindle is indexed in every run: for this part this gains more than one further pose (--no-index forbids it)"
+)
 MOST_SHARES = 3
 """Numbers of runs that all get the full search."""
 REPORTED_DRAWS, DRAWS = 2, 6
@@ -369,7 +371,7 @@ def _removals(schedule: Schedule, name: str, count: int) -> str:
     seated = "bar on" if bar else "ball in the nest"
     return (
         f"run {name}: {what} before {count} of the poses{stops}; no clear move with the {seated} was found, and another pose "
-        "would tell less than the time is worth"
+        "would cost more information than time"
     )
 
 
@@ -384,7 +386,7 @@ def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
     axes = schedule.campaign.machine.axes.items()
     if silent := [name for name, axis in axes if axis.max_feed is None or axis.max_acceleration is None]:
         notes.append(
-            f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs drive as a slow machine"
+            f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs move as on a slow machine"
         )
     if len(values) > 1 and max(values) - min(values) > 0.05:
         notes.append("the starts ended in different local optima; the best is used")

@@ -73,7 +73,7 @@ def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
         out[[i for i, what in zip(chosen, met, strict=True) if what]] = True
         left = np.flatnonzero(~out)
         if not left.size:
-            raise InputError(f"no pose has a clear way out: {first} is in the way", remedy=REMEDY)
+            raise InputError(f"no pose has a clear exit path: {first} is in the way", remedy=REMEDY)
         place = {int(i): n for n, i in enumerate(left)}
         start = np.array([place.get(int(i), -1) for i in chosen])
         start[start < 0] = np.resize(np.arange(left.size)[::-1], int((start < 0).sum()))

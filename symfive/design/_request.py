@@ -33,7 +33,7 @@ def with_bars(machine: Machine, lengths: Sequence[float]) -> Machine:
     for length in lengths:
         if 0.0 < length <= BALL_MM:
             raise InputError(
-                f"a bar of {length:g} mm cannot be: the balls at its ends touch at {BALL_MM} mm",
+                f"a bar of {length:g} mm is impossible: its balls touch at {BALL_MM} mm",
                 remedy="give its length in mm",
             )
     return replace(machine, workspace=replace(machine.workspace, bar_lengths=tuple(float(v) for v in lengths)))
@@ -104,9 +104,10 @@ def refuse_unseen(space: Space, task: Task, points: int, names: Sequence[str]) -
             why = (
                 f"it cannot be separated from {partner}"
                 if partner
-                else "no reading depends on it, or the noise hides it"
+                else "no reading depends on it, or only below the noise"
             )
             remedy = f"leave it out, fix {partner} in the machine file" if partner else "leave it out"
             raise InputError(
-                f"no {space.instrument} plan can see {names[i]}: {why}", remedy=f"{remedy}, or use another instrument"
+                f"no {space.instrument} plan determines {names[i]}: {why}",
+                remedy=f"{remedy}, or use another instrument",
             )

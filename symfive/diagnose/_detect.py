@@ -225,9 +225,7 @@ def _tensions(fit: Identification) -> list[Test]:
         parts = (directions[:, kept].T @ away) ** 2 / size[kept]
         worst = fit.parameters[places[int(np.argmax(np.abs(away)))]].name
         p = float(chi2.sf(parts.sum(), int(kept.sum())))
-        says = (
-            f"The {name} errors are further from their priors than these allow: {worst} by {np.abs(away).max():.1f} σ."
-        )
+        says = f"The {name} errors are further from their priors than expected: {worst} by {np.abs(away).max():.1f} σ."
         tests.append(Test(f"tension, {name}", float(parts.sum()), float(kept.sum()), p, says))
     return tests
 

@@ -26,7 +26,7 @@ from symfive.threads import one_thread
 
 __all__ = ["diagnose"]
 
-UNSEEN = "the rows that the search did not see"
+UNSEEN = "the rows outside the search"
 
 
 @one_thread

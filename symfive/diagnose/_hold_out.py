@@ -47,7 +47,7 @@ class Withdrawn:
         """The effect and its axis."""
         if isinstance(self.effect, Varying):
             law = effect_words(self.effect.of.vocabulary, self.effect.of.belongs_to)
-            return f"that {law} changes over {coordinate_words(self.effect.over)}"
+            return f"the change of {law} over {coordinate_words(self.effect.over)}"
         if self.effect.nameless:
             return f"unidentified effect over {coordinate_words(self.effect.coordinate)}"
         return effect_words(self.effect.vocabulary, self.effect.belongs_to)
@@ -153,7 +153,7 @@ def withdraw(
     unit, gone = here.fit.file_unit, list[Withdrawn]()
 
     if not held_out_square(here.fit, campaign, split, unit)[1]:
-        problem = f"nothing that is held out reads in {unit_words(unit)}, as what is fitted does"
+        problem = f"no held-out reading has the unit {unit_words(unit)} of the fitted ones"
         raise InputError(problem, remedy="hold out runs of the same instrument")
     now, plain = (_held_out_rms(fit, campaign, split) for fit in (here.fit, before))
     while here.held:

@@ -183,14 +183,14 @@ class Fit:
                 continue
             one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"
             if after > (1.0 + WORSE) * before:
-                advice = "take them as a hint, not as proven" if what == "run" else beyond
+                advice = "treat them as a hint, not as proven" if what == "run" else beyond
                 said.append(f"{one} is predicted worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
             elif after > BEYOND * self.rms_after_um:
                 sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
                 said.append(
                     f"{one} is predicted to {sizes[0]} {unit} rms only; the fitted readings leave {sizes[1]} {unit}: "
                     + (
-                        "the other runs do not determine all that it needs, or the machine changes from run to run."
+                        "the other runs do not determine all its errors, or the machine changes from run to run."
                         if what == "run"
                         else f"{beyond}."
                     )

@@ -86,7 +86,7 @@ def _sure(finding: Finding, machine: Machine) -> str:
     """How probable the name is; where another one fits as well, that only experience puts it first."""
     said = f"confidence {percent(finding.confidence)}"
     if finding.nameless:
-        said += " that it is there; its cause is open"
+        said += " that it exists; its cause is unknown"
     if finding.by_experience and not finding.nameless:
         said += f", by experience: it cannot be distinguished from {form_words(finding.alias[0], machine)} in this test"
     return said
