@@ -48,7 +48,7 @@ class Withdrawn:
         if isinstance(self.effect, Varying):
             law = effect_words(self.effect.of.vocabulary, self.effect.of.belongs_to)
             return f"the change of {law} over {coordinate_words(self.effect.over)}"
-        if self.effect.nameless:
+        if self.effect.unidentified:
             return f"unidentified effect over {coordinate_words(self.effect.coordinate)}"
         return effect_words(self.effect.vocabulary, self.effect.belongs_to)
 

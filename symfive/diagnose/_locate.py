@@ -162,7 +162,7 @@ def _named(moments: Moments) -> dict[str, int]:
     """The number of each named effect, by key: of one that is looked at in several sizes the first."""
     found: dict[str, int] = {}
     for number, term in enumerate(moments.terms):
-        if not term.effect.nameless:
+        if not term.effect.unidentified:
             found.setdefault(term.effect.key, number)
     return found
 
@@ -210,7 +210,7 @@ def _classes(moments: Moments, node: int) -> tuple[tuple[str, ...], ...]:
 def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
     """The term of every link and axis that adds most evidence, those without a name left out, which belong to no link."""
     held = {t for t, _ in beside}
-    free = [t for t, term in enumerate(moments.terms) if t not in held and not term.effect.nameless]
+    free = [t for t, term in enumerate(moments.terms) if t not in held and not term.effect.unidentified]
     if not free:
         return ()
     nothing = log_evidence(moments, beside).total
@@ -219,7 +219,7 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
     first, sizes = swept.joined(free, usual)
     widths = [nearest_width(size, widths_of(moments, t)) for t, size in zip(free, sizes, strict=True)]
     second, _ = swept.joined(free, widths)
-    looks = float(np.log(2 * len(free)))
+    correction = float(np.log(2 * len(free)))
     best: dict[tuple[str, str | None], tuple[float, int, float]] = {}
     for t, plain, wide, width in zip(free, first, second, widths, strict=True):
         effect = moments.terms[t].effect
@@ -233,7 +233,7 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
         together = (*beside, (t, width))
         effects, values = linear_estimate(moments, together, log_evidence(moments, together))
         effect = effects[-1]
-        log_p, direction = min(0.0, looks - nats), direction_of(moments.fit.model.machine, effect, values)
+        log_p, direction = min(0.0, correction - nats), direction_of(moments.fit.model.machine, effect, values)
         coordinate, campaign = effect.coordinate.format(axis=axis), moments.fit.model.campaign
         found.append(Suspect(link, axis, coordinate, effect, nats, log_p, direction, campaign, values))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""The next test: of all that the user could record with the same instrument, the one that parts rivals best."""
+"""The next test: of all that the user could record with the same instrument, the one that separates rivals best."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HALF_DEG = 180.0 - 2.0 * RUN_UP_DEG
 LIFT_MM = 100.0
 FACTOR = 2.0
 IMPROBABLE = 0.05
-"""Two rivals that are less probable than this together need not be told from each other."""
+"""Two rivals that are together less probable than this need not be separated from each other."""
 MOST_ROTARY = 2
 """A grid over the rotary axes is a test for machine tools; for an arm of seven it is none."""
 
@@ -42,8 +42,8 @@ def next_test(
 
     `held` effects are in all models, and what cannot stand beside them is no rival any more; `values` parameters at which
     the first is true and `rival_values` those at which each rival is (default: of typical size). Of several rivals as many
-    as can be told apart at all count. Where the first may be wrong, the rivals have to be told from each other as well: what
-    the best test leaves gets a further one. `chances` of the rivals (default: all count).
+    as can be separated at all count. The first may be wrong, so rivals are separated from each other too: those that the best
+    test leaves get a further one. `chances` of the rivals (default: all count).
     """
     tests = list(possible_tests(campaign))
     if not tests or not rivals:

@@ -28,7 +28,7 @@ __all__ = [
 SCHEMA = "symfive.diagnosis/1"
 Array = NDArray[np.float64]
 BEYOND = 1.5
-"""Held-out readings predicted so many times worse than fitted ones are told."""
+"""Held-out readings predicted so many times worse than fitted ones are reported."""
 EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
 SHOWN_SHARE = 0.01
@@ -87,7 +87,7 @@ class Finding(OnScreen):
     test: Discrimination | None = None
 
     @property
-    def nameless(self) -> bool:
+    def unidentified(self) -> bool:
         """Whether no effect of the library has its shape; the parameters are then those of the nearest one."""
         return self.name == "unknown"
 
@@ -95,7 +95,7 @@ class Finding(OnScreen):
     def title(self) -> str:
         """The effect and its axis, as `Gravity sag of axis B`."""
         over = f"unidentified effect over {coordinate_words(self.coordinate)}"
-        said = over if self.nameless else effect_words(self.name, self.axis)
+        said = over if self.unidentified else effect_words(self.name, self.axis)
         return said[:1].upper() + said[1:]
 
     def __str__(self) -> str:

@@ -33,7 +33,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         sizes.append(f"{plain_number(usual)} times its usual size: check the units, or look for another cause")
     hidden = [f"geometry and set-up absorbed {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
-    if finding.effect.hidden_by and not finding.nameless:
+    if finding.effect.hidden_by and not finding.unidentified:
         hidden.append(f"in general: {finding.effect.hidden_by.rstrip('.')}")
     rivals = [f"{r.words} {percent(r.confidence)}" for r in finding.rivals if r.confidence >= SHOWN_RIVAL]
     test = [f"record {finding.next_test}"] if finding.next_test else []
@@ -69,7 +69,7 @@ def sentence_of(finding: Finding, after: Identification) -> str:
 
 def _deed(finding: Finding) -> str:
     """What its effect does; of an unidentified one, which effect it resembles."""
-    if finding.nameless and not finding.effect.nameless:
+    if finding.unidentified and not finding.effect.unidentified:
         return f"no known effect fits alone; it resembles {effect_words(finding.effect.vocabulary, finding.effect.belongs_to)}"
     return finding.effect.says
 
@@ -85,9 +85,9 @@ def _to_do(finding: Finding) -> str:
 def _sure(finding: Finding, machine: Machine) -> str:
     """How probable the name is; where another one fits as well, that only experience puts it first."""
     said = f"confidence {percent(finding.confidence)}"
-    if finding.nameless:
+    if finding.unidentified:
         said += " that it exists; its cause is unknown"
-    if finding.by_experience and not finding.nameless:
+    if finding.by_experience and not finding.unidentified:
         said += f", by experience: it cannot be distinguished from {form_words(finding.alias[0], machine)} in this test"
     return said
 
@@ -118,7 +118,7 @@ def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
 def _times_usual(finding: Finding, after: Identification) -> float:
     """How many times its usual size an effect has; 0 of an unidentified one."""
     effect = finding.effect
-    return 0.0 if finding.nameless else effect.times_usual(after.model.campaign, after.named)
+    return 0.0 if finding.unidentified else effect.times_usual(after.model.campaign, after.named)
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:

@@ -39,7 +39,7 @@ Keys = frozenset[tuple[str, str]]
 
 def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) -> tuple[Expansion, float]:
     """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy."""
-    covers = {form.effect.answers for form in held if not form.effect.nameless}
+    covers = {form.effect.answers for form in held if not form.effect.unidentified}
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
     moments = moments_of(fit, held, blocks)
     members = held_by(moments)
@@ -142,7 +142,7 @@ class _Round:
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, laws: bool = False) -> _Round:
         """About a fit; of `laws` alone though more is in the moments."""
         progress(f"linearised about {_words(here) or 'the baseline'}")
-        here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates)
+        here, evidence = expanded(here.fit, [_classified(form, here.fit) for form in here.held], candidates)
         moments = moments_about(here, candidates)
         mass = evidence + log_prior(moments, held_by(moments))
         searched = replace(candidates, vary=candidates.vary and not laws)
@@ -270,8 +270,8 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
     return mine - both > max(DECISIVE, 0.5 * (theirs - both))
 
 
-def _told(form: Form, fit: Identification) -> Form:
-    """The form; one that varies, under the name of its law if it varies by no more than a law is off anyway."""
+def _classified(form: Form, fit: Identification) -> Form:
+    """The form; a varying one under the name of its law if it varies by no more than the form error of laws."""
     effect = form.effect
     if not isinstance(effect, Varying):
         return form
