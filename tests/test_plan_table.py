@@ -52,7 +52,7 @@ def test_balls_of_every_procedure_stand_on_that_table() -> None:
     circles = plan_circles(machine, [make_effect("backlash", "X")], family="planar", count=1, refine=False)
     assert away(machine, circles.campaign.runs[0].table_ball) <= 150.0
     with pytest.raises(
-        InputError, match=r"would stand beside the table; keep it within table_radius = 150 mm about \(250"
+        InputError, match=r"would be beside the table; keep it within table_radius = 150 mm about \(250"
     ):
         plan_circles(machine, [make_effect("backlash", "X")], family="planar", count=1, centres=((0.0, 0.0, 100.0),))
 
