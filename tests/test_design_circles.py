@@ -157,9 +157,7 @@ def test_the_ball_stands_on_the_table(reach: float, refine: bool) -> None:
     balls = [run.table_ball for circle in found.considered for run in circle.runs]
     balls += [run.table_ball for run in found.campaign.runs]
     assert max(np.hypot(x, y) for x, y, _ in balls) <= reach
-    with pytest.raises(
-        InputError, match=r"no circle can be run.*would be beside the table; keep it within table_rad"
-    ):
+    with pytest.raises(InputError, match=r"no circle can be run.*would be beside the table; keep it within table_rad"):
         plan_circles(small, DRIVE[1:], radii=(100.0,), ratios=(1.8,), feeds=(500.0,))
 
 
