@@ -67,7 +67,7 @@ class Discrimination(OnScreen):
 
     @property
     def useful(self) -> bool:
-        """Whether the best candidate tells anything at all."""
+        """Whether the best candidate raises the separation."""
         return self.separation > USELESS * max(self.before, 1e-9)
 
     def __str__(self) -> str:

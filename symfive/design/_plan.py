@@ -152,10 +152,10 @@ def plan(
     the spindle is indexed where that is worth it; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
-    many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
+    many of the poses and runs as are most informative per minute; `returns` to the first pose of each run, against drift;
     `repeats` readings of each pose; `setup_sigma` 1σ of set-up errors; `frame` of an R-test's readings, `workpiece` of a nest on
     the table, `machine` or `tool` of a head in the spindle; `index`: the first pose of every run is read with the spindle at 0°
-    and 180°, which tells the tool ball's run-out; `survive` prefers a plan that stays good if any one pose is lost; `robust`
+    and 180°, which determines the tool ball's run-out; `survive` optimises for the loss of any one pose; `robust`
     `nominal`, or the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
     certificate also compares with all other set-ups (a few seconds); `prove`: whether its bound is proved (seconds, for some
     ball bars a quarter of a minute); `pool` any executor (`symfive.executors`), whose workers share the starts.
@@ -216,7 +216,7 @@ def plan(
             return design
         return shortened(space, task, design, lay(design), 60.0 * minutes, lay).rows
 
-    if len(shares) > MOST_SHARES:  # one start each tells how many runs are best
+    if len(shares) > MOST_SHARES:  # one start each finds the best number of runs
         tried = [value_of(space, task, fitted(best_of(*share, 1)[0])) for share in shares]
         shares = [shares[int(np.argmin(tried))]]
     found = [(fitted(design), psi) for design, psi in (best_of(*share) for share in shares)]

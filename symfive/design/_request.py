@@ -68,7 +68,7 @@ def interest_of(names: Sequence[str], wanted: tuple[str, ...]) -> tuple[str, ...
 
 
 def task_of(space: Space, criterion: str | Criterion, wanted: Sequence[str], given: Campaign | None) -> Task:
-    """The task of a plan in this space, what a campaign measured before tells being known; `criterion` itself or its name."""
+    """The task of a plan in this space, with the information of an earlier campaign; `criterion` itself or its name."""
     names = [p.name for p in space.shared]
     interest = np.array([names.index(name) for name in wanted], dtype=np.int64)
     prior = np.eye(len(names))

@@ -185,7 +185,7 @@ def _recording(nominal: Nominal, run: Run) -> dict[str, Any]:
 
 
 def _expected(assessment: Assessment) -> dict[str, Any]:
-    """What the readings will tell of the machine."""
+    """Expected uncertainty of the machine's errors."""
     sigma, centre = assessment.sigma, assessment.tool_centre_um
     sentences = [] if centre is None else [
         f"Tool centre point over the workspace: 1σ {centre[0]:.2g} µm on average, {centre[1]:.2g} µm at worst."
