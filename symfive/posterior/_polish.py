@@ -177,11 +177,6 @@ class _Round:
         return gain, there
 
 
-def _words(here: Expansion) -> str:
-    """The effects of an expansion in words."""
-    return ", ".join(form_words(form.effect.key, here.fit.model.machine) for form in here.held)
-
-
 def _searched(moments: Moments, candidates: Candidates) -> Posterior:
     return explore(moments, range(moments.held), general=candidates.vary)
 
@@ -276,6 +271,11 @@ def _classified(form: Form, fit: Identification) -> Form:
     if not isinstance(effect, Varying):
         return form
     return replace(form, effect=replace(effect, minor=effect.variation(fit.model.campaign, fit.named) <= SHARE))
+
+
+def _words(here: Expansion) -> str:
+    """The effects of an expansion in words."""
+    return ", ".join(form_words(form.effect.key, here.fit.model.machine) for form in here.held)
 
 
 def _sane(fit: Identification) -> bool:
