@@ -83,7 +83,7 @@ def test_nothing_that_acts_over_time_is_looked_for_where_there_is_none() -> None
     def looked_for(plan: Campaign) -> tuple[set[str], set[str]]:
         moments = moments_about(expanded(baseline(plan), (), candidates(plan))[0], candidates(plan))
         effects = [term.effect for term in moments.terms]
-        return {e.id for e in effects} & timed, {name for e in effects if e.nameless for name in e.over}
+        return {e.id for e in effects} & timed, {name for e in effects if e.unidentified for name in e.over}
 
     assert {"thermal_drift", "setup_shift"} <= looked_for(plan)[0] and "t" in looked_for(plan)[1]
     assert looked_for(unclocked(plan)) == (set(), looked_for(plan)[1] - {"t"})

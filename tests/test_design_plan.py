@@ -142,7 +142,7 @@ def test_the_sheet_says_what_to_mount_again() -> None:
     first, second = campaign.runs
     assert mounted_before(campaign.runs, first) is None and mounted_before(campaign.runs, second) is first
     table = pose_table(campaign, first, Post(unsafe={first.id: (2,)}, dwell_s=3.0))
-    assert [row for row, (_, before) in enumerate(table["rows"]) if "take the bar off, mount it again" in before] == [2]
+    assert [row for row, (_, before) in enumerate(table["rows"]) if "remove the bar, mount it again" in before] == [2]
     assert "bar of 100 mm; 3 s at rest, then read dL_um" in table["what"] and len(table["rows"]) == first.rows
     nest = r_test_grid(OYAMA)[0]
     table = pose_table(campaign_of(OYAMA, (nest,)), nest, Post(unsafe={nest.id: (1,)}))
@@ -235,7 +235,7 @@ def test_a_parameter_that_no_plan_can_see_is_named() -> None:
     machine = preset("oyama-2010")
     term = replace(machine.errors["EX0C"], name="EC0C")
     blind = replace(machine, errors={"EX0C": machine.errors["EX0C"], "EC0C": replace(term, sigma=1e-3)}, text="")
-    with pytest.raises(InputError, match="no r_test plan can see EC0C"):
+    with pytest.raises(InputError, match="no r_test plan determines EC0C"):
         plan(blind, for_=("EC0C",), starts=1)
     with pytest.raises(InputError, match="no workspace; add"):
         plan(replace(OYAMA, workspace=Workspace(), text=""), starts=1)

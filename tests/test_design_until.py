@@ -59,7 +59,7 @@ def test_what_was_measured_before_counts(finest: Plan) -> None:
     rest = plan_until(MACHINE, finer, given=first, **QUICK)
     assert rest.certificate.points < finest.certificate.points
     assert all(rest.assessment.sigma[name] <= asked for name, asked in finer.items())
-    with pytest.raises(InputError, match=r"already by the campaign given.*nothing is to be measured"):
+    with pytest.raises(InputError, match=r"already known.*by the campaign given.*no measurement is needed"):
         plan_until(MACHINE, {"EX0C": 1.01 * assess(first).sigma["EX0C"]}, given=first, **QUICK)
 
 
@@ -68,7 +68,7 @@ def test_what_was_measured_before_counts(finest: Plan) -> None:
     [
         ({"EZ0B": 5.0}, r"EZ0B cannot be known to 5 µm \(1σ\).*the tool's length limits it.*--tool-length-sigma"),
         ({"EX0C": 0.03}, r"needs more than 12 poses for 0.03 µm.*the noise limits it"),
-        ({"EX0C": 60.0}, r"is known to 50 µm already by its prior"),
+        ({"EX0C": 60.0}, r"is already known to 50 µm by its prior"),
         ({"EX0Q": 1.0}, "no parameter EX0Q"),
         ({"EX0C": float("nan")}, "not a finite number"),
         ({"EX0C": -1.0}, "not positive"),

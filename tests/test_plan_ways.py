@@ -66,7 +66,7 @@ def test_a_pose_without_travel_to_draw_back_is_refused_not_written() -> None:
     sentence = r"run r-test-1: at line 2 no travel is left to draw the tool back by 10 mm; move the ball or nest, or use another"
     with pytest.raises(InputError, match=sentence):
         program_steps(low, run, Post(unsafe={run.id: (1,)}))
-    with pytest.raises(InputError, match="on every way out of the pose of line 2; what clears such ways"):
+    with pytest.raises(InputError, match="on every exit path from the pose of line 2; what helps"):
         cleared(low, (run,), {})
 
 
@@ -331,7 +331,7 @@ def test_the_sheet_says_what_the_program_says(made: Plan, tmp_path) -> None:
     length = f"{-made.campaign.runs[0].tool_ball[2]:g} mm below it"
     for said in ("X Y Z are of the spindle nose, without a tool length", length, "cradle and drives of C, B"):
         assert said in page.replace("&#x27;", "'") and said in head, said
-    assert "First moves, not tested: Z alone to the top of its travel, machine coordinate 0" in page
+    assert "First moves, not checked for collisions: Z alone to the top of its travel, machine coordinate 0" in page
     assert "no tool offset, the control shows X" in page
 
 

@@ -93,8 +93,8 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
 def best_setups(
     space: Space, task: Task, count: int, points: int, poses: Array, among: Indices | None = None
 ) -> tuple[Array, Array]:
-    """The `count` set-ups that together tell most: greedy and exchange, first with the poses spread evenly in each, then
-    with those that tell most about what the set-ups chosen before leave uncertain.
+    """The most informative `count` set-ups: greedy and exchange, first with the poses spread evenly in each, then
+    with those that are most informative about what the chosen set-ups leave uncertain.
 
     The information of a run, its set-up errors marginalised, adds to that of the others, so set-ups compare at once.
     """

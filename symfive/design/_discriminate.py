@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
+from symfive.effects import form_words
 from symfive.errors import EvaluationError, InputError
 from symfive.inference import halved
 from symfive.model import Linearisation, Model
@@ -55,19 +56,19 @@ class Separation:
 class Discrimination(OnScreen):
     """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
     the `table` of all candidates, best first. Of several rivals `each` with its separation by the best test; `separation` and
-    `before` are the smallest of those that it separates. `also`: rivals that it separates from each other, where that took
-    several runs."""
+    `before` are the smallest of those that it separates. `also`: pairs of rivals that it separates from each other, where that
+    took several runs."""
 
     test: Campaign
     separation: float
     before: float
     table: tuple[Separation, ...]
     each: tuple[tuple[str, float], ...] = ()
-    also: tuple[str, ...] = ()
+    also: tuple[tuple[str, str], ...] = ()
 
     @property
     def useful(self) -> bool:
-        """Whether the best candidate tells anything at all."""
+        """Whether the best candidate raises the separation."""
         return self.separation > USELESS * max(self.before, 1e-9)
 
     def __str__(self) -> str:
@@ -82,12 +83,14 @@ class Discrimination(OnScreen):
         does = "together separate" if name != self.table[0].name else "separates"
         if len(self.each) < 2:
             return f"{name} {does} the two by {self.separation:.1f}σ (today {self.before:.1f}σ)"
-        apart = [f"{rival} by {sigmas:.1f}σ" for rival, sigmas in self.each if sigmas >= APART]
-        alike = [rival for rival, sigmas in self.each if sigmas < APART]
+        machine = self.test.machine
+        apart = [f"{form_words(rival, machine)} by {sigmas:.1f}σ" for rival, sigmas in self.each if sigmas >= APART]
+        alike = [form_words(rival, machine) for rival, sigmas in self.each if sigmas < APART]
         if not apart:
             return f"{name} {does} them by {self.separation:.1f}σ (today {self.before:.1f}σ)"
         rest = f"; no test here separates it from {' or '.join(alike)}" if alike else ""
-        rest = f", besides {', '.join(self.also)}{rest}" if self.also else rest
+        pairs = [" from ".join(form_words(rival, machine) for rival in pair) for pair in self.also]
+        rest = f", and {', '.join(pairs)}{rest}" if pairs else rest
         return f"{name} {does} it from {' and '.join(apart)} (today {self.before:.1f}σ){rest}"
 
 

@@ -64,7 +64,7 @@ def optimise(
             running[start], values[start] = rows, value
             feasible += [(value, rows)] if reachable else []
         progress(
-            f"{len(running)} of {starts} starts refined by {steps} steps: ψ = {min(values[s] for s in better):.5f}"
+            f"{len(running)} of {starts} starts refined by {steps} steps: criterion ψ = {min(values[s] for s in better):.5f}"
         )
     if points > small:
         many = _many(space, task, _best(feasible), points)
@@ -73,7 +73,7 @@ def optimise(
         before = _best(feasible)
         _rounded_relaxed(space, task, before, feasible)
         gained = value_of(space, task, before) - value_of(space, task, _best(feasible))
-        progress(f"relaxed design rounded: ψ = {value_of(space, task, _best(feasible)):.5f}")
+        progress(f"relaxed design rounded: criterion ψ = {value_of(space, task, _best(feasible)):.5f}")
         if gained < WORTH:
             break
     return _best(feasible), tuple(values)

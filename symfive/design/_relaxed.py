@@ -111,7 +111,7 @@ def _multiplied(task: Task, whole: Array, prior: Array, points: float, weights: 
         seen = sensitivity(task.pull(inverse(prior + _gathered(whole[live], weights[live]))), whole[live])
         gain = weights[live] * np.maximum(seen, 0.0) ** power  # rounding leaves some below 0
         if not gain.any():
-            break  # no pose tells anything of what is known worst
+            break  # no pose is informative about what is known worst
         weights[live] = gain
         weights *= points / weights.sum()
         floor = NEGLIGIBLE * weights.max()
@@ -185,7 +185,7 @@ def _of_log_det(whole: Array, information: Array) -> tuple[Array, Array]:
 def marginal_sensitivity(
     pull: Array, rows: Array, prior: Array, points: float, steps: int = INNER, enough: tuple[float, float] = (-math.inf, 0.0)
 ) -> tuple[float, float, Array]:  # fmt: skip
-    """The poses of one set-up that tell most about G = `pull` (shared, shared), the set-up's own errors marginalised.
+    """The poses of one set-up that are most informative about G = `pull` (shared, shared), the set-up's own errors marginalised.
 
     Returns the largest |(J + Jₒ B)ᵀ G^½|² over the poses and tr(G Bᵀ Pₒ B) at the best matrix B found (see `_anywhere`), and
     the weights (n,) of the poses; `rows` (n, shared + own, ny), `prior` (own, own) information about the set-up. Once neither

@@ -74,7 +74,7 @@ class Unknown(Effect):
     says = "an unidentified effect"
     hidden_by = "error motions over the same coordinates"
     action = "measure at another position or feed to find the cause; correct it only in the range that was recorded"
-    nameless = True
+    unidentified = True
     over: tuple[str, ...]
     basis: str | tuple[str, ...] = "bspline"
     order: int | tuple[int, ...] = 8

@@ -88,7 +88,7 @@ class Writer:
             Step(
                 kind="comment", text=f"table ball {_numbers(run.table_ball)} mm, tool length {-run.tool_ball[2]:g} mm"
             ),
-            Step(kind="comment", text="work offset: the workpiece frame's origin, all rotary axes at 0"),
+            Step(kind="comment", text="work offset: origin of the workpiece frame, all rotary axes at 0"),
         ]
         if run.length is not None:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from symfive.effects import Effect, Form, Varying
+from symfive.effects import Effect, Form, Varying, form_words
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
@@ -39,7 +39,7 @@ Keys = frozenset[tuple[str, str]]
 
 def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) -> tuple[Expansion, float]:
     """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy."""
-    covers = {form.effect.answers for form in held if not form.effect.nameless}
+    covers = {form.effect.answers for form in held if not form.effect.unidentified}
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
     moments = moments_of(fit, held, blocks)
     members = held_by(moments)
@@ -71,7 +71,7 @@ def _first(before: Identification, candidates: Candidates, progress: Progress) -
     if not before.outliers:
         return first
     whole = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=()))
-    progress(f"with the {len(before.outliers)} readings that stand alone")
+    progress(f"including the {len(before.outliers)} isolated readings")
     return max((first, _Round.at(_at_ease(whole, candidates), candidates, progress)), key=_Round.promise)
 
 
@@ -142,8 +142,8 @@ class _Round:
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, laws: bool = True) -> _Round:
         """About a fit; the moments hold all that may join."""
-        progress(f"expansion about {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
-        here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates)
+        progress(f"linearised about {_words(here) or 'the baseline'}")
+        here, evidence = expanded(here.fit, [_classified(form, here.fit) for form in here.held], candidates)
         moments = moments_about(here, candidates)
         posterior = explore(moments, range(moments.held), general=candidates.vary and not laws)
         return cls(here, posterior, evidence + log_prior(moments, held_by(moments)), candidates, progress, laws)
@@ -174,7 +174,7 @@ class _Round:
         if self.posterior.named(subset) != self.posterior.named(held):
             gain = self.posterior.worth(subset, mass) - self.posterior.worth(held, self.mass)
         self.leads[there.keys] = gain, subset
-        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {gain:+.1f} nats")
+        self.progress(f"refitted with {_words(there) or 'no effect'}: log evidence {gain:+.1f}")
         return gain, there
 
 
@@ -196,13 +196,14 @@ def _shaped(
 ) -> tuple[Expansion, float]:
     """The fit, and its evidence, with each of its effects, but for those `known` (keys), in the best of its shapes."""
     here, mass = expanded(here.fit, here.held, candidates)
+    machine = here.fit.model.machine
     for number in (k for k, form in enumerate(here.held) if form.effect.key not in known):
         for shape in here.held[number].shapes:
             trial = _reshaped(here, number, shape)
             if trial is None:
                 continue
             other, evidence = expanded(trial.fit, trial.held, candidates)
-            progress(f"{shape.key} in another shape: {evidence - mass:+.1f} nats")
+            progress(f"{form_words(shape.key, machine)} in another form: log evidence {evidence - mass:+.1f}")
             if evidence > mass + DECISIVE:
                 here, mass = other, evidence
     return here, mass
@@ -261,12 +262,17 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
     return mine - both > max(DECISIVE, 0.5 * (theirs - both))
 
 
-def _told(form: Form, fit: Identification) -> Form:
-    """The form; one that varies, under the name of its law if it varies by no more than a law is off anyway."""
+def _classified(form: Form, fit: Identification) -> Form:
+    """The form; a varying one under the name of its law if it varies by no more than the form error of laws."""
     effect = form.effect
     if not isinstance(effect, Varying):
         return form
     return replace(form, effect=replace(effect, minor=effect.variation(fit.model.campaign, fit.named) <= SHARE))
+
+
+def _words(here: Expansion) -> str:
+    """The effects of an expansion in words."""
+    return ", ".join(form_words(form.effect.key, here.fit.model.machine) for form in here.held)
 
 
 def _sane(fit: Identification) -> bool:
