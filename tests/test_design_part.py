@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import plant
 import pytest
+from lean import location_only
 
 from symfive.campaign import SetupSigma
 from symfive.cli import main
@@ -48,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def made(folder: Path) -> Plan:
-    return plan("table-bc", part=folder / "cone.ngc", minutes=15.0, **QUICK)
+    return plan(location_only("table-bc"), part=folder / "cone.ngc", minutes=15.0, **(QUICK | {"points": 10}))
 
 
 def _plant_errors(machine: Machine, part: Part, values: Sequence[float]) -> np.ndarray:

@@ -12,10 +12,10 @@ from symfive.campaign import SetupSigma
 from symfive.cli import main
 from symfive.design import Plan, assess, plan, plan_until
 from symfive.errors import InputError
-from symfive.machine import Machine, preset
+from symfive.machine import Machine, preset, write_machine
 from symfive.simulate import simulate
 
-QUICK: dict[str, Any] = {"points": 12, "starts": 1, "anywhere": False, "prove": False}
+QUICK: dict[str, Any] = {"points": 12, "setups": 1, "starts": 1, "anywhere": False, "prove": False}
 
 
 def _few_errors() -> Machine:
@@ -85,9 +85,13 @@ def test_a_measured_tool_lifts_the_limit() -> None:
 
 
 def test_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tmp_path / "plan"
+    folder, whole = tmp_path / "plan", preset("tsutsumi-2007")
+    few = replace(whole, errors={n: whole.errors[n] for n in ("EXX", "EA0C")}, text="")
+    write_machine(few, tmp_path / "machine.toml")
     quick = ["--points", "8", "--starts", "1", "--no-proof", "-q", "-o", str(folder)]
-    assert main(["plan", "tsutsumi-2007", "--until", "EXX=5um", "--until", "EA0C = 20 µrad", *quick]) == 0
+    assert (
+        main(["plan", str(tmp_path / "machine.toml"), "--until", "EXX=5um", "--until", "EA0C = 20 µrad", *quick]) == 0
+    )
     assert "fewest found" in capsys.readouterr().out and (folder / "setup.html").exists()
     for words, said in (
         (["EX0C=1urad"], "the unit of EX0C is um"),

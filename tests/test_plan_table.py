@@ -37,7 +37,7 @@ def away(machine: Machine, ball: tuple[float, float, float]) -> float:
 @pytest.mark.parametrize("instrument", ["r_test", "ball_bar"])
 def test_balls_of_a_plan_stand_on_the_table_of_an_axis_off_the_origin(instrument: str) -> None:
     machine = off_centre()
-    made = plan(machine, instrument=instrument, points=6, setups=2, starts=1, returns=0, anywhere=False)
+    made = plan(machine, instrument=instrument, points=6, setups=2, starts=1, returns=0, anywhere=False, prove=False)
     radius = machine.workspace.table_radius
     assert radius is not None
     assert all(away(machine, run.table_ball) <= radius + 1e-6 for run in made.campaign.runs)

@@ -252,7 +252,7 @@ def test_what_a_refit_says_of_a_subset_is_no_claim_for_others_of_its_names(momen
 
 def test_what_is_more_general_than_laws_is_asked_after_them() -> None:
     """A place times the side from which it came holds every play of that axis, and would stand in its place."""
-    campaign = bars({"X": 6.0})
+    campaign = bars({"X": 6.0}, angles=200)
     stated, here = candidates(campaign), Expansion(baseline(campaign), (), nodes_of(1.0)[0], 1.0)
     general = {form.effect.key for form in stated.forms if form.general}
     first, later = (
