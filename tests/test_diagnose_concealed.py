@@ -116,6 +116,7 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
 
 
+@pytest.mark.slow
 def test_heat_that_comes_late_is_not_taken_for_slow_noise(tmp_path):
     """Six circles within a few minutes: in each the drift is hardly more than a set-up that lies elsewhere."""
     machine = plant.planar_table()
@@ -514,6 +515,7 @@ def test_what_is_not_known_of_a_name_is_in_the_uncertainty_of_the_geometry(tmp_p
     assert model_averaged(unsure, here.fit, here.fit).uncertainty(name) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_readings_that_stand_alone_may_be_physics(tmp_path: Path) -> None:
     """A lateral play of Z that shows in a tenth of the readings: each of them alone looks like an outlier of the instrument."""
     case = make_case(9911, "alias-002")
