@@ -84,7 +84,7 @@ def _opened(laws: _Round, first: _Round) -> _Round:
         other = _settled(start)
         if other.whole > now.promise():
             return other
-    return _settled(now, CLEAR)
+    return _settled(now)
 
 
 def _at_ease(before: Identification, candidates: Candidates) -> Expansion:
@@ -95,18 +95,17 @@ def _at_ease(before: Identification, candidates: Candidates) -> Expansion:
     return replace(here, fit=fit)
 
 
-def _settled(now: _Round, least: float = 0.0) -> _Round:
-    """The expansion at which nothing moves any more, from `now` on; what it holds is given up for a gain of more than `least`
-    nats only."""
+def _settled(now: _Round) -> _Round:
+    """The expansion at which nothing moves any more, from `now` on."""
     been = dict[Keys, _Round]()
     for number in range(ROUNDS):
         been[now.here.keys] = now
         better = (now.exact(subset) for subset in _ahead(now.posterior))
-        ahead = next((there for gain, there in better if gain > least and there.keys not in been), None)
+        ahead = next((there for gain, there in better if gain > 0.0 and there.keys not in been), None)
         if ahead is None:
             rivals = [each for each in map(now.exact, _rivals(now.posterior)) if each[1].keys not in been]
             best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
-            ahead = ahead if best > least else None
+            ahead = ahead if best > 0.0 else None
         if ahead is None or number == ROUNDS - 1:
             break
         now = _Round.at(settled(ahead), now.candidates, now.progress, laws=now.laws)
