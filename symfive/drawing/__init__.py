@@ -1,6 +1,5 @@
 """What pages share: their frame and style, the picture of a campaign's poses in space, and the colours of all pictures."""
 
-from symfive.drawing._chart import Panel, Scale, drawing, label, ordered_colours
 from symfive.drawing._colours import BLUE, FAINT, GREEN, GRID, INK, ORANGE, PAPER, PURPLE, SERIES
 from symfive.drawing._page import PAGE_STYLE, page, templates
 from symfive.drawing._poses import SCRIPT, poses_figure
@@ -17,11 +16,6 @@ __all__ = [
     "PURPLE",
     "SCRIPT",
     "SERIES",
-    "Panel",
-    "Scale",
-    "drawing",
-    "label",
-    "ordered_colours",
     "page",
     "poses_figure",
     "templates",
