@@ -170,26 +170,6 @@ def test_identify_loads_what_it_uses(tmp_path, campaign):
     assert not modules & {"symfive._api", "symfive.design", "symfive.diagnose", "symfive.executors"}
 
 
-def test_a_plan_with_its_figures_loads_no_matplotlib(tmp_path):
-    words = [
-        "plan",
-        "table-bc",
-        "--points",
-        "4",
-        "--setups",
-        "1",
-        "--starts",
-        "1",
-        "--no-proof",
-        "-q",
-        "-o",
-        str(tmp_path / "p"),
-    ]
-    modules, done = loaded(f"from symfive.cli import main; main({words!r})")
-    assert done.returncode == 0 and len(list((tmp_path / "p" / "figures").glob("*.svg"))) == 3, done.stderr
-    assert not modules & {"matplotlib", "PIL", "scipy"}
-
-
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_is_shown_for_every_shell(symfive, shell):
     answer = symfive("--show-completion", shell)
