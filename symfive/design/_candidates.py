@@ -99,11 +99,15 @@ def best_setups(
     The information of a run, its set-up errors marginalised, adds to that of the others, so set-ups compare at once.
     """
     setups, lengths = setup_options(space)
-    candidates = candidates_in(space, setups, lengths, poses)
-    available = [int(g) for g in np.unique(candidates.group)]
-    if among is not None:
-        available = [g for g in available if g in among] or available
-    rows = [candidates.rows[candidates.group == g] for g in available]
+    tried = np.arange(len(setups)) if among is None else np.sort(among)
+    try:
+        candidates = candidates_in(space, setups[tried], lengths[tried], poses)
+    except InputError:
+        if among is None:
+            raise
+        return best_setups(space, task, count, points, poses)  # none of these holds a pose
+    available, place = np.unique(candidates.group, return_inverse=True)
+    rows = [candidates.rows[place.ravel() == i] for i in range(len(available))]
     weights = [np.full(len(r), points / count / len(r)) for r in rows]
     own = np.diag(task.own_sigma**-2.0)
     best: tuple[float, list[int]] = (math.inf, [])
@@ -117,7 +121,7 @@ def best_setups(
         best = (value, chosen)
         pull = task.pull(inverse(information))
         weights = [marginal_sensitivity(pull, r, own, points / count, INNER)[2] for r in rows]
-    picked = [available[i] for i in sorted(best[1])]  # one place twice: mounted anew, which averages its set-up errors
+    picked = tried[available[sorted(best[1])]]  # one place twice: mounted anew, which averages its set-up errors
     return setups[picked], lengths[picked]
 
 
