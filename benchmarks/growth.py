@@ -90,7 +90,7 @@ def effects(every: Sequence[int] = EVERY) -> Growth:
     """Effects in the catalogue, and seconds to locate a mismatch with them; the others are excluded."""
     campaign = read_campaign(SAG_AND_DRIFT)
     detection = detect(campaign)
-    whole = [form.effect for form in candidates(campaign).forms if not form.effect.nameless]
+    whole = [form.effect for form in candidates(campaign).forms if not form.effect.unidentified]
     ids = list(dict.fromkeys(effect.id for effect in whole))
     found = []
     for stride in every:

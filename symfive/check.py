@@ -128,7 +128,7 @@ def _effect_problems(machine: Machine, runs: tuple[Run, ...], path: Path) -> lis
 def _nothing_free(path: Path) -> InputError:
     problem = "no error is declared, so that nothing can be identified"
     return InputError(
-        problem, path=_machine_path(path), remedy="write what may be wrong into [errors]", keys=("errors",)
+        problem, path=_machine_path(path), remedy="list the errors to identify under [errors]", keys=("errors",)
     )
 
 

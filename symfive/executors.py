@@ -6,7 +6,6 @@ So results depend neither on the executor, nor on the number of workers, nor on 
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import multiprocessing
 import os
@@ -126,6 +125,8 @@ def connect(scheduler: str) -> Executor:
     The scheduler gives the tasks of a worker that died to the others (its setting `allowed-failures`: three deaths are
     forgiven). A worker must have one thread: Matplotlib, for one, may not run in two. Raises `InputError`.
     """
+    import asyncio
+
     try:
         import distributed
     except ImportError:
@@ -155,6 +156,8 @@ def connect(scheduler: str) -> Executor:
 
 async def _greet(scheduler: str) -> Any:
     """What the scheduler says of itself and its workers."""
+    import asyncio
+
     from distributed import Security, rpc
 
     async with asyncio.timeout(ANSWER_S):

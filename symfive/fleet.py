@@ -166,7 +166,7 @@ def fleet(
             progress(f"{len(rows)} of {len(tasks)}: {name}: {rows[number].verdict}")
     except KeyboardInterrupt as interrupt:
         done = sum(not row.failed for row in rows.values())
-        interrupt.add_note(f"{done} of {len(tasks)} campaigns are complete, and the same command goes on")
+        interrupt.add_note(f"{done} of {len(tasks)} campaigns are complete; repeat the command to continue")
         raise
     table = Fleet("diagnose" if diagnose else "identify", tuple(rows[number] for number in range(len(tasks))))
     write_text(root / "fleet.csv", table.csv())

@@ -74,7 +74,7 @@ def _beyond(run: Run, instrument: str, away: Array, stroke: float) -> str:
     most = plain_number(1e-3 * float(np.max(np.abs(away))))
     return (
         f"run {run.id}: with its balls and commands {WHAT[instrument]} would be {most} mm off at row {row + 1} "
-        f"(stroke ±{plain_number(stroke)} mm); look at table_ball, tool_ball, length, the feed and the units of the commands"
+        f"(stroke ±{plain_number(stroke)} mm); check table_ball, tool_ball, length, the feed and the units of the commands"
     )
 
 
@@ -91,7 +91,7 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
         axis, speed = machine.axes[name], run.fastest(run.commands[name])
         if axis.max_feed is not None and speed > SLIP * axis.max_feed:
             sizes = f"{plain_number(speed)} {axis.unit}/min where its max_feed is {plain_number(axis.max_feed)}"
-            yield f"run {run.id}: {name} is commanded at up to {sizes}; look at t_s and the units of {name}"
+            yield f"run {run.id}: {name} is commanded at up to {sizes}; check t_s and the units of {name}"
     instrument = _with_stroke(run)
     if instrument is not None:
         yield from _beside_the_table(machine, run)
@@ -109,8 +109,8 @@ def _beside_the_table(machine: Machine, run: Run) -> Iterator[str]:
             else "table_centre"
         )
         yield (
-            f"run {run.id}: table_ball stands {plain_number(away)} mm from the table's centre {place}, the table ends at "
-            f"table_radius = {plain_number(radius)} mm; look at table_ball and {by}"
+            f"run {run.id}: table_ball is {plain_number(away)} mm from the centre of the table {place}, beyond "
+            f"table_radius = {plain_number(radius)} mm; check table_ball and {by}"
         )
 
 

@@ -317,7 +317,7 @@ def test_predict(symfive, fitted, tmp_path):
 def test_diagnose_names_what_is_hidden(symfive, tmp_path):
     machine = preset("oyama-2010")
     rigid = replace(machine, errors={"EX0C": machine.errors["EX0C"], "EA0B": machine.errors["EA0B"]})
-    write_campaign(campaign_of(rigid, r_test_grid(rigid, step_deg=60.0, returning=False)), tmp_path / "plan")
+    write_campaign(campaign_of(rigid, r_test_grid(rigid, step_deg=90.0, returning=False)), tmp_path / "plan")
     truth = tmp_path / "truth.json"
     hidden = [{"effect": "location_error", "component": "EB0C"}]
     truth.write_text(json.dumps({"parameters": {"location_error.EB0C.value": 60.0}, "effects": hidden}))

@@ -21,6 +21,19 @@ from symfive.importers import polar_run
 from symfive.inference import Noise
 from symfive.machine import preset
 from symfive.model import Model
+from symfive.motion import (
+    Acceleration,
+    Command,
+    Play,
+    Position,
+    PreSliding,
+    ReversalAhead,
+    ReversalDistance,
+    ReversalTime,
+    RunMotion,
+    Signal,
+    Velocity,
+)
 from symfive.posterior import baseline, candidates, expanded, moments_about
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.report._tables import noise_table
@@ -70,7 +83,7 @@ def test_nothing_that_acts_over_time_is_looked_for_where_there_is_none() -> None
     def looked_for(plan: Campaign) -> tuple[set[str], set[str]]:
         moments = moments_about(expanded(baseline(plan), (), candidates(plan))[0], candidates(plan))
         effects = [term.effect for term in moments.terms]
-        return {e.id for e in effects} & timed, {name for e in effects if e.nameless for name in e.over}
+        return {e.id for e in effects} & timed, {name for e in effects if e.unidentified for name in e.over}
 
     assert {"thermal_drift", "setup_shift"} <= looked_for(plan)[0] and "t" in looked_for(plan)[1]
     assert looked_for(unclocked(plan)) == (set(), looked_for(plan)[1] - {"t"})
@@ -185,6 +198,32 @@ def test_slopes_in_the_clock_are_exact_but_where_an_axis_turns() -> None:
         line.jacobian[:, 0, list(line.columns).index(model.index[name])] - (ahead - back)[:, 0] / (2.0 * step)
     )
     assert np.mean(wrong > 1e-4 * np.abs(ahead - back).max() / step) < 0.01
+
+
+@pytest.mark.parametrize("driven", [True, False], ids=["drive", "no drive"])
+@pytest.mark.parametrize(
+    "signal",
+    [
+        Position("X"), Velocity("X"), Acceleration("X"), Command("X"), ReversalDistance("X"), ReversalTime("X"),
+        ReversalAhead("X"), Play("X", "width"), PreSliding("X", "distance"),
+    ],
+    ids=lambda signal: type(signal).__name__,
+)  # fmt: skip
+def test_a_signal_knows_its_slope_in_the_delay(signal: Signal, driven: bool) -> None:
+    """Against the difference of the signal at two delays, but for the rows about which a direction changes in between."""
+    plan = late_circles(20.0)
+    machine = plan.machine
+    if not driven:
+        axes = {name: replace(axis, drive=None) for name, axis in machine.axes.items()}
+        machine = replace(machine, axes=axes)
+    motion = RunMotion(plan.runs[0], machine, {}, {"width": 30.0, "distance": 20.0})
+    step = 1e-3 * plan.runs[0].interval
+    slope = motion.late(4e-3, ["delay"]).series(signal).tangents.get("delay", 0.0)
+    ahead, back = (motion.late(4e-3 + by).series(signal).value for by in (step, -step))
+    wanted = (ahead - back) / (2.0 * step)
+    scale = np.quantile(np.abs(wanted), 0.95)
+    assert scale > 0.0 or isinstance(signal, Command)
+    assert np.mean(np.abs(slope - wanted) > 2e-3 * scale + 1e-12) < 0.02
 
 
 def test_a_clock_is_kept_in_the_campaign_s_file(tmp_path: Path) -> None:

@@ -26,8 +26,8 @@ from symfive.machine import preset, presets
 PROGRAM = Path(__file__).parent / "fuzz" / "contract.c"
 BUILDS = {"double": (), "float": ("-DSF_FLOAT",)}
 TURNING = [name for name in presets() if turning_axes(preset(name))]
-CALLS, PATHS = 10**6, 1000
-"""In the quick tests; the long run has a hundred and ten times as many."""
+CALLS, PATHS = 10**5, 1000
+"""In the quick tests; the long run has a thousand and ten times as many."""
 
 
 def cases(names: list[str]) -> list[object]:
@@ -180,7 +180,7 @@ def main() -> int:
             folder = Path(room) / name
             if not folder.exists():
                 codegen(fitted(preset(name)), folder)
-            calls = 100 * CALLS // (len(presets()) * len(BUILDS)) + 1
+            calls = 1000 * CALLS // (len(presets()) * len(BUILDS)) + 1
             commands = [["calls", str(calls), "7"]]
             if name in TURNING and precision == "double":
                 module = loaded(folder / "sf.py")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import pickle
 import platform
@@ -321,6 +322,8 @@ def test_little_work_is_never_compiled_and_much_work_is_once(cache) -> None:
 @needs_compiler
 @pytest.mark.parametrize("note", ["whole", "nonsense", "nan", "-1e9", "1e300"])
 def test_what_earlier_runs_have_paid_counts(cache, monkeypatch, note) -> None:
+    for name in ("COMPILED_S", "COMPILED_OPERATION_S", "LOOKED_UP_S", "LOOKED_UP_OPERATION_S", "NOTED_S"):
+        monkeypatch.setattr(_mapped, name, 0.2 * getattr(_mapped, name))  # all costs alike, and sooner
     many = np.tile(POINTS, (20, 1))
     calls = [0, 0]
     for run in range(2):
@@ -336,6 +339,21 @@ def test_what_earlier_runs_have_paid_counts(cache, monkeypatch, note) -> None:
             if note != "whole":
                 noted.write_text(note)
     assert (calls[1] < 0.7 * calls[0]) == (note == "whole")
+
+
+@needs_compiler
+def test_runs_that_each_pay_less_than_those_before_add_up(cache, monkeypatch) -> None:
+    many, mapped = np.tile(POINTS, (20, 1)), Mapped(small(), (1,))
+    price = _mapped.COMPILED_S + _mapped.COMPILED_OPERATION_S * mapped._operations
+    a_call = len(many) * mapped._operations * _mapped.SHARE * _mapped.INTERPRETED_S
+    monkeypatch.setattr(_mapped, "NOTED_S", 0.01 * price)
+    runs = 0
+    while not mapped.compiled and runs < 9:
+        monkeypatch.setattr(_mapped, "_STATES", {})
+        mapped, runs = Mapped(small(), (1,)), runs + 1
+        for _ in range(math.ceil(price / 6.0 / a_call)):
+            mapped(many, HELD)
+    assert mapped.compiled and runs in (6, 7)
 
 
 @needs_compiler

@@ -157,9 +157,7 @@ def test_the_ball_stands_on_the_table(reach: float, refine: bool) -> None:
     balls = [run.table_ball for circle in found.considered for run in circle.runs]
     balls += [run.table_ball for run in found.campaign.runs]
     assert max(np.hypot(x, y) for x, y, _ in balls) <= reach
-    with pytest.raises(
-        InputError, match=r"no circle can be run.*would stand beside the table; keep it within table_rad"
-    ):
+    with pytest.raises(InputError, match=r"no circle can be run.*would be beside the table; keep it within table_rad"):
         plan_circles(small, DRIVE[1:], radii=(100.0,), ratios=(1.8,), feeds=(500.0,))
 
 
@@ -266,7 +264,7 @@ def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:
     assert re.search(r"µrad \(\D*100\)", text)
     assert repeated.notes == ("circle 2 is a repeat of circle 1: no other candidate adds more",)
     blind = plan_circles(LEAN, DRIVE[1:], family="planar", count=1, **options)
-    assert "cannot see backlash.C.width: axis C does not move in them" in str(blind)
+    assert "do not determine backlash.C.width: axis C does not move in them" in str(blind)
     assert blind.to_data()["notes"] == list(blind.notes) and blind.notes[0].startswith("WARNING: ")
 
 
@@ -293,8 +291,8 @@ def test_a_circle_along_which_bodies_meet_gives_way_to_another(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("feed", "said"),
     [
-        (500.0, "feed 500 mm/min is the smallest offered"),
-        (1999.9, "feed 2000 mm/min is the largest offered"),
+        (500.0, "feed 500 mm/min is the smallest value offered"),
+        (1999.9, "feed 2000 mm/min is the largest value offered"),
         (900.0, ""),
     ],
 )

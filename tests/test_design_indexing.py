@@ -29,7 +29,9 @@ NOISE = 0.3
 @pytest.fixture(scope="module")
 def made() -> Plan:
     known = SetupSigma(tool_length=2.0)
-    return plan("table-bc", criterion="V", points=12, starts=1, index=True, setup_sigma=known, anywhere=False)
+    return plan(
+        "table-bc", criterion="V", points=12, starts=1, index=True, setup_sigma=known, anywhere=False, prove=False
+    )
 
 
 def _turned(run: Run, degree: float) -> Run:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import plant
 import pytest
+from lean import location_only
 
 from symfive.campaign import SetupSigma
 from symfive.cli import main
@@ -48,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def made(folder: Path) -> Plan:
-    return plan("table-bc", part=folder / "cone.ngc", minutes=15.0, **QUICK)
+    return plan(location_only("table-bc"), part=folder / "cone.ngc", minutes=15.0, **(QUICK | {"points": 10}))
 
 
 def _plant_errors(machine: Machine, part: Part, values: Sequence[float]) -> np.ndarray:
@@ -153,7 +154,7 @@ def test_v_is_the_mean(folder: Path) -> None:
     assert part_criterion(part, space, "V").exact(one) == pytest.approx(2.0 * math.log(part.expected(one).mean))
     worst = part_criterion(part, space, "G").exact(one)
     assert worst == pytest.approx(2.0 * math.log(part.expected(one).worst), abs=0.02)
-    with pytest.raises(InputError, match="does not look at the part"):
+    with pytest.raises(InputError, match="does not use the part"):
         part_criterion(part, space, "D")
 
 
@@ -180,9 +181,9 @@ def test_indexing_is_chosen_where_it_pays(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("cut", "said"),
     [
-        ("G0 X0 Y0 Z200 B0 C0\nG1 X310\n", "line 2: axis X would stand at 302 mm"),
-        ("G43.4 H1\nG0 X0 Y0 Z60 B0 C0\nG1 B120\n", "line 3: axis B would stand at 112°"),
-        ("G43.4 H1\nG0 X0 Y290 Z60 B0 C0\nG1 C180\n", "line 3: axis Y would stand at"),
+        ("G0 X0 Y0 Z200 B0 C0\nG1 X310\n", "line 2: axis X would be at 302 mm"),
+        ("G43.4 H1\nG0 X0 Y0 Z60 B0 C0\nG1 B120\n", "line 3: axis B would be at 112°"),
+        ("G43.4 H1\nG0 X0 Y290 Z60 B0 C0\nG1 C180\n", "line 3: axis Y would be at"),
     ],
 )
 def test_a_path_outside_the_travel_is_refused(tmp_path: Path, cut: str, said: str) -> None:
@@ -195,7 +196,7 @@ def test_what_does_not_go_with_a_part(folder: Path, tmp_path: Path, capsys: pyte
     path = str(folder / "cone.ngc")
     calls = {
         "a part counts every error": ["--part", path, "--for", "EX0C"],
-        "does not look at the part": ["--part", path, "--criterion", "A"],
+        "does not use the part": ["--part", path, "--criterion", "A"],
         "no circles": ["--part", path, "--circles", "planar", "--effect", "backlash:X"],
         "none is given": ["--part-tool", "120"],
         "is not X,Y,Z": ["--part", path, "--part-zero", "1,2"],

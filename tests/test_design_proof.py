@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from symfive.design._certificate import certify
-from symfive.design._proof import largest_told
+from symfive.design._proof import bounded_sensitivity
 from symfive.design._refine import Rows
 from symfive.design._relaxed import sensitivity
 from symfive.design._request import task_of
@@ -29,7 +29,7 @@ def _sample(space: Space, count: int, seed: int) -> np.ndarray:
     return np.asarray(low + (high - low) * np.concatenate([poses, corners]))
 
 
-def _told(space: Space, pull: np.ndarray, setup: np.ndarray, k: np.ndarray, poses: np.ndarray) -> np.ndarray:
+def _sensitivity(space: Space, pull: np.ndarray, setup: np.ndarray, k: np.ndarray, poses: np.ndarray) -> np.ndarray:
     """⟨G, F⟩ of reachable poses."""
     z = np.concatenate([poses, np.tile(setup, (len(poses), 1))], axis=1)
     lengths = np.tile(k, (len(poses), 1))
@@ -52,7 +52,7 @@ def test_the_bound_of_one_error_is_its_closed_form(name: str, expected: float) -
     i = [p.name for p in space.shared].index(name)
     pull[i, i] = 1.0
     z = np.concatenate([np.zeros(2), [0.0, 0.0, 0.5, 1.2]])
-    proved = largest_told(space, layout, pull, z, np.zeros(1), 0, 0.9 * expected, 1e-3)
+    proved = bounded_sensitivity(space, layout, pull, z, np.zeros(1), 0, 0.9 * expected, 1e-3)
     assert proved is not None
     assert expected * (1.0 - 1e-9) <= proved.bound <= expected * (1.0 + 2e-3)
 
@@ -71,11 +71,11 @@ def test_no_sampled_pose_tells_more_than_the_bound(preset_name: str, instrument:
     setup = 0.3 * space.lower[space.poses :] + 0.7 * space.upper[space.poses :]
     k = np.array([space.lengths[-1]])
     z = np.concatenate([np.zeros(space.poses), setup])
-    few = _told(space, pull, setup, k, _sample(space, 500, 0)).max()
-    proved = largest_told(space, layout, pull, z, k, 0, float(few), slack)
+    few = _sensitivity(space, pull, setup, k, _sample(space, 500, 0)).max()
+    proved = bounded_sensitivity(space, layout, pull, z, k, 0, float(few), slack)
     assert proved is not None
-    many = _told(space, pull, setup, k, _sample(space, 60_000, 1)).max()
-    found = max(few, *_told(space, pull, setup, k, proved.better), 0.0) if len(proved.better) else few
+    many = _sensitivity(space, pull, setup, k, _sample(space, 60_000, 1)).max()
+    found = max(few, *_sensitivity(space, pull, setup, k, proved.better), 0.0) if len(proved.better) else few
     assert many <= proved.bound
     assert proved.bound <= found * (1.0 + slack) * (1.0 + 1e-6)
 
@@ -83,15 +83,15 @@ def test_no_sampled_pose_tells_more_than_the_bound(preset_name: str, instrument:
 def test_derivatives_are_bounded_where_angle_and_travel_mix() -> None:
     """(x³ cos 2x + sin y)² and its third derivatives, by differences on a dense grid."""
 
-    def told(poses: np.ndarray) -> np.ndarray:
+    def phi(poses: np.ndarray) -> np.ndarray:
         x, y = poses.T
         return np.asarray((x**3 * np.cos(2.0 * x) + np.sin(y)) ** 2)
 
-    spectrum = spectrum_of(told, LOW, HIGH)
+    spectrum = spectrum_of(phi, LOW, HIGH)
     assert spectrum is not None
     assert [angle.round for angle in spectrum.angles] == [False, True] and spectrum.angles[1].degree == 2
     x = np.linspace(LOW[0], HIGH[0], 4001)
-    value = told(np.stack([x, np.full_like(x, 0.5 * np.pi)], axis=1))
+    value = phi(np.stack([x, np.full_like(x, 0.5 * np.pi)], axis=1))
     step = x[1] - x[0]
     for order, values in ((0, value), (1, np.gradient(value, step)), (3, np.diff(value, 3) / step**3)):
         assert np.abs(values).max() <= spectrum.bounds(order)[(order, 0)] * (1.0 + 1e-6) <= 4.0 * np.abs(values).max()

@@ -12,10 +12,10 @@ from symfive.campaign import SetupSigma
 from symfive.cli import main
 from symfive.design import Plan, assess, plan, plan_until
 from symfive.errors import InputError
-from symfive.machine import Machine, preset
+from symfive.machine import Machine, preset, write_machine
 from symfive.simulate import simulate
 
-QUICK: dict[str, Any] = {"points": 12, "starts": 1, "anywhere": False, "prove": False}
+QUICK: dict[str, Any] = {"points": 12, "setups": 1, "starts": 1, "anywhere": False, "prove": False}
 
 
 def _few_errors() -> Machine:
@@ -59,7 +59,7 @@ def test_what_was_measured_before_counts(finest: Plan) -> None:
     rest = plan_until(MACHINE, finer, given=first, **QUICK)
     assert rest.certificate.points < finest.certificate.points
     assert all(rest.assessment.sigma[name] <= asked for name, asked in finer.items())
-    with pytest.raises(InputError, match=r"already by the campaign given.*nothing is to be measured"):
+    with pytest.raises(InputError, match=r"already known.*by the campaign given.*no measurement is needed"):
         plan_until(MACHINE, {"EX0C": 1.01 * assess(first).sigma["EX0C"]}, given=first, **QUICK)
 
 
@@ -68,7 +68,7 @@ def test_what_was_measured_before_counts(finest: Plan) -> None:
     [
         ({"EZ0B": 5.0}, r"EZ0B cannot be known to 5 µm \(1σ\).*the tool's length limits it.*--tool-length-sigma"),
         ({"EX0C": 0.03}, r"needs more than 12 poses for 0.03 µm.*the noise limits it"),
-        ({"EX0C": 60.0}, r"is known to 50 µm already by its prior"),
+        ({"EX0C": 60.0}, r"is already known to 50 µm by its prior"),
         ({"EX0Q": 1.0}, "no parameter EX0Q"),
         ({"EX0C": float("nan")}, "not a finite number"),
         ({"EX0C": -1.0}, "not positive"),
@@ -85,9 +85,13 @@ def test_a_measured_tool_lifts_the_limit() -> None:
 
 
 def test_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tmp_path / "plan"
+    folder, whole = tmp_path / "plan", preset("tsutsumi-2007")
+    few = replace(whole, errors={n: whole.errors[n] for n in ("EXX", "EA0C")}, text="")
+    write_machine(few, tmp_path / "machine.toml")
     quick = ["--points", "8", "--starts", "1", "--no-proof", "-q", "-o", str(folder)]
-    assert main(["plan", "tsutsumi-2007", "--until", "EXX=5um", "--until", "EA0C = 20 µrad", *quick]) == 0
+    assert (
+        main(["plan", str(tmp_path / "machine.toml"), "--until", "EXX=5um", "--until", "EA0C = 20 µrad", *quick]) == 0
+    )
     assert "fewest found" in capsys.readouterr().out and (folder / "setup.html").exists()
     for words, said in (
         (["EX0C=1urad"], "the unit of EX0C is um"),

@@ -86,7 +86,7 @@ def test_a_backlash_that_the_fit_swallows_is_found_on_dynamic_recordings():
 
 def _simulated(tmp_path: Path, effects: list[dict], seed: int = 3) -> Diagnosis:
     machine = plant.static_table()
-    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
+    poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, 45.0))
     runs = [
         plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
         plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
@@ -95,29 +95,27 @@ def _simulated(tmp_path: Path, effects: list[dict], seed: int = 3) -> Diagnosis:
     return diagnose(read_campaign(tmp_path / "c"))
 
 
+BACKLASH = {"effect": "backlash", "axis": "B", "width": 40.0}
+SCALE = {"effect": "scale_error", "axis": "X", "ppm": 40.0}
+LATERAL = {"effect": "lateral_play", "axis": "B", "component": "EYB", "width": 6.0}
+SHIFT = {"effect": "setup_shift", "run": "nest2", "t_s": 400.0, "shift": [4.0, -3.0, 2.0]}
+DRIFT = {"effect": "thermal_drift", "amplitude": 12.0, "direction": [0.0, 0.6, 0.8], "time_constant_s": 900.0}
 CASES = {
-    "backlash": ({"effect": "backlash", "axis": "B", "width": 40.0}, "backlash", "B", "width", 40.0),
-    "scale": ({"effect": "scale_error", "axis": "X", "ppm": 40.0}, "scale_error", "X", "ppm", 40.0),
-    "lateral": (
-        {"effect": "lateral_play", "axis": "B", "component": "EYB", "width": 6.0}, "lateral_play", "B", "width", 6.0,
-    ),
-    "shift": (
-        {"effect": "setup_shift", "run": "nest2", "t_s": 400.0, "shift": [4.0, -3.0, 2.0]}, "setup_shift", None, None, None,
-    ),
-    "drift": (
-        {"effect": "thermal_drift", "axis": None, "amplitude": 12.0, "direction": [0.0, 0.6, 0.8], "time_constant_s": 900.0},
-        "thermal_drift", None, "amplitude", 12.0,
-    ),
-}  # fmt: skip
+    "backlash and scale": [(BACKLASH, "width"), (SCALE, "ppm")],
+    "lateral play and drift": [(LATERAL, "width"), (DRIFT, "amplitude")],
+    "shift": [(SHIFT, None)],
+}
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_effects_of_the_independent_plant_are_named(name, tmp_path):
-    effect, expected, axis, parameter, value = CASES[name]
-    result = _simulated(tmp_path, [effect])
-    assert [(f.name, f.axis) for f in result.findings] == [(expected, axis)]
-    if parameter is not None:
-        assert result.findings[0].parameters[parameter].value == pytest.approx(value, rel=0.15)
+    result = _simulated(tmp_path, [effect for effect, _ in CASES[name]])
+    found = {(f.name, f.axis): f.parameters for f in result.findings}
+    assert len(result.findings) == len(found) and set(found) == {(e["effect"], e.get("axis")) for e, _ in CASES[name]}
+    for effect, parameter in CASES[name]:
+        if parameter is not None:
+            value = found[effect["effect"], effect.get("axis")][parameter].value
+            assert value == pytest.approx(effect[parameter], rel=0.15)
     assert result.fit.chi2_dof_after < 1.1
 
 
@@ -142,6 +140,7 @@ def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path)
 
 
 @pytest.mark.xfail(strict=True, reason="the onset is not found (issue 30)")
+@pytest.mark.slow
 def test_heat_that_comes_late_is_one_drift_with_its_onset(tmp_path):
     heat = {"effect": "thermal_drift", "direction": [0.6, 0.0, 0.8], "amplitude": 12.0, "time_constant_s": 700.0}
     result = _simulated(tmp_path, [heat | {"form": "onset", "onset_s": 1100.0}], seed=11)
@@ -188,6 +187,7 @@ def test_findings_that_do_not_hold_at_another_place_are_doubted_though_they_help
 
 
 @pytest.mark.xfail(strict=True, reason="issue 30: the curve is fitted to 1.5 times the noise only")
+@pytest.mark.slow
 def test_a_curve_of_the_drives_force_is_found_beside_friction_that_keeps_its_values():
     """The library knows two levels of friction; what bends over the speed is named as unknown, over the speed, in the drive."""
     plain = preset("three-axis")

@@ -26,6 +26,7 @@ def wrong(what: str) -> pytest.MarkDecorator:
 
 
 POSES = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
+FEW = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, 45.0))
 
 
 def _measured(
@@ -41,10 +42,10 @@ def _measured(
     return read_campaign(folder)
 
 
-def _grids(machine: dict) -> list[dict]:
+def _grids(machine: dict, poses: np.ndarray = POSES) -> list[dict]:
     return [
-        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=POSES, start_s=0.0),
-        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=POSES, start_s=1500.0),
+        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
+        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
     ]
 
 
@@ -115,6 +116,7 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
     assert not diagnose(_measured(tmp_path / "n", machine, runs, [], options=quiet)).findings
 
 
+@pytest.mark.slow
 def test_heat_that_comes_late_is_not_taken_for_slow_noise(tmp_path):
     """Six circles within a few minutes: in each the drift is hardly more than a set-up that lies elsewhere."""
     machine = plant.planar_table()
@@ -207,6 +209,7 @@ def test_a_ball_that_creeps_in_its_holder_is_told_from_slow_noise(tmp_path):
 
 
 @wrong("the drift with an onset is no rival")
+@pytest.mark.slow
 def test_what_lost_its_place_to_another_name_is_still_said_to_rival_it(tmp_path):
     """Where only the head turns, a ball that creeps in its holder reads like heat that comes on at that instant."""
     free = (("X", "C"), ("Y", "C"), ("A", "C"), ("B", "C"), ("A", "B"), ("C", "B"), ("Z", "B"))
@@ -496,7 +499,7 @@ def test_what_is_not_known_of_a_name_is_in_the_uncertainty_of_the_geometry(tmp_p
     """Half of the probability on another component, which moves the geometry otherwise."""
     machine = plant.static_table()
     sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 9.0}
-    campaign = _measured(tmp_path / "c", machine, _grids(machine), [sag])
+    campaign = _measured(tmp_path / "c", machine, _grids(machine, FEW), [sag])
     posterior, here = polish(baseline(campaign), candidates(campaign))
     assert [form.effect.key for form in here.held] == ["gravity_sag.B.EZB"]
     terms = posterior.moments.terms
@@ -512,6 +515,7 @@ def test_what_is_not_known_of_a_name_is_in_the_uncertainty_of_the_geometry(tmp_p
     assert model_averaged(unsure, here.fit, here.fit).uncertainty(name) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_readings_that_stand_alone_may_be_physics(tmp_path: Path) -> None:
     """A lateral play of Z that shows in a tenth of the readings: each of them alone looks like an outlier of the instrument."""
     case = make_case(9911, "alias-002")

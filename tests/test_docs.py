@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -97,25 +98,44 @@ def circles() -> Campaign:
     return simulate(campaign_of(machine, planar_circle(machine, feed=2000.0, rate_hz=6.0)), seed=1).campaign
 
 
-@pytest.mark.parametrize("page", [*pages_with("python"), START], ids=named)
-def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, own_tables, circles):
-    monkeypatch.chdir(tmp_path)
-    if not any(word in page.read_text() for word in ("-o measured", ', "measured")')):
-        write_campaign(circles, "measured")
+def run_in_order(
+    page: Path, capsys: pytest.CaptureFixture[str], typed: Callable[[list[str]], list[str]] = list
+) -> None:
+    """Run a page's blocks in the working folder; `typed`: what becomes of the words of a command."""
     space: dict[str, object] = {"__name__": "page"}
     for block in blocks(page):
         where = f"{named(page)}:{block.line}"
         if block.language == "toml" and block.text.startswith("# ") and block.text.split("\n", 1)[0].endswith(".toml"):
-            (tmp_path / block.text.split("\n", 1)[0][2:].strip()).write_text(block.text, encoding="utf-8")
+            Path(block.text.split("\n", 1)[0][2:].strip()).write_text(block.text, encoding="utf-8")
         if block.language == "json" and page == START:
-            (tmp_path / "concealed.json").write_text(block.text, encoding="utf-8")
+            Path("concealed.json").write_text(block.text, encoding="utf-8")
         if block.language == "python":
             code = compile("\n" * (block.line - 1) + block.text, str(page), "exec", dont_inherit=True)
             exec(code, space)
         if block.language == "console":
             for words in commands(block):
                 if words[0] == "symfive" and (page == START or words[1] not in ONLY_CHECKED):
-                    assert main(words[1:]) == 0, f"{where}: {' '.join(words)}: {capsys.readouterr().err}"
+                    said = f"{where}: {' '.join(words)}"
+                    assert main(typed(words[1:])) == 0, f"{said}: {capsys.readouterr().err}"
+
+
+@pytest.mark.parametrize("page", [*pages_with("python"), pytest.param(START, marks=pytest.mark.slow)], ids=named)
+def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, own_tables, circles):
+    monkeypatch.chdir(tmp_path)
+    if not any(word in page.read_text() for word in ("-o measured", ', "measured")')):
+        write_campaign(circles, "measured")
+    run_in_order(page, capsys)
+
+
+def test_the_first_page_runs_in_order_on_a_small_plan(tmp_path, monkeypatch, capsys):
+    """Every command as it stands, but for the number of poses and of starts."""
+
+    def small(words: list[str]) -> list[str]:
+        poses = words.index("--points") + 1 if words[0] == "plan" else None
+        return words if poses is None else [*words[:poses], "8", *words[poses + 1 :], "--starts", "1"]
+
+    monkeypatch.chdir(tmp_path)
+    run_in_order(START, capsys, small)
 
 
 def test_added_instruments_and_effects_are_taken_out_again():

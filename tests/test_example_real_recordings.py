@@ -269,6 +269,7 @@ def test_the_column_bends_under_the_reach_of_its_arm() -> None:
 
 
 @pytest.mark.xfail(strict=True, reason="two cycles of ten readings decide nothing")
+@pytest.mark.slow
 def test_ecmc_cycles_are_predicted_from_others() -> None:
     found = study(*real("ecmc-iso230"))
     assert found.found.mismatch and {f.axis for f in found.found.findings} == {"X"} and sized(found)

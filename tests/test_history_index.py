@@ -117,7 +117,7 @@ def test_two_machines_of_one_name_are_kept_apart_by_their_serials(world):
     with History(world / "history") as history:
         added = history.add(results(world / "results" / "twin", 9), Details(serial="A17", time=instant("2026-01-01")))
         assert any('another machine is called "plant"' in note and "A17" in note for note in added.notes)
-        with pytest.raises(InputError, match=r"2 machines are called 'plant'.*name it by NAME#SERIAL"):
+        with pytest.raises(InputError, match=r"2 machines have the name 'plant'.*name it by NAME#SERIAL"):
             history.machine("plant")
         assert len(history.visits("plant#A17")) == 1
         assert len(history.visits(history.machine(next(m.key for m in history.machines() if not m.serial)))) == 3

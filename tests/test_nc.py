@@ -99,7 +99,7 @@ def test_the_head_of_a_program_warns_of_collisions(dialect: str) -> None:
     bare = replace(machine, workspace=replace(machine.workspace, spindle_nose=None), text="")
     expected = (
         (bare, Post(tested=True), "Collisions were not checked: the machine file names no spindle nose."),
-        (machine, None, "Collisions were not checked for the ways of this program."),
+        (machine, None, "Collisions were not checked for the path of this program."),
         (
             machine,
             Post(tested=True),

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from lean import location_only
 
 from symfive.cli import main
 from symfive.design import circular_test, plan
@@ -62,7 +63,7 @@ def test_circles_of_another_mounting_are_no_series() -> None:
 
 
 def test_tool_centre_control_comes_in_the_dialects_own_words(tmp_path: Path) -> None:
-    made = plan("table-bc", points=4, starts=1, anywhere=False)
+    made = plan(location_only("table-bc"), points=4, starts=1, anywhere=False, prove=False)
     made.write(tmp_path / "plan", nc=("iso", "siemens"), post=Post(tool_centre=True, tool_number=7))
     iso = next((tmp_path / "plan/nc/iso").iterdir()).read_text()
     siemens = next((tmp_path / "plan/nc/siemens").iterdir()).read_text()

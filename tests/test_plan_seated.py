@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lean import location_only
 
 from symfive.campaign import Run
 from symfive.design import Plan, plan
@@ -31,14 +32,14 @@ TURNED_Y = {
     "errors": {"EX0C": {"sigma": 50.0}}, "workspace": {"table_radius": 200.0, "ball_height": [30.0, 100.0],
                                                     "tool_length": [100.0, 200.0]},
 }  # fmt: skip
-PLANS = (("three-axis", "ball_bar", 24), ("mixed-bc", "r_test", 32))
+PLANS = (("three-axis", preset, "ball_bar", 24), ("mixed-bc", location_only, "r_test", 32))
 
 
 @pytest.fixture(scope="module", params=PLANS, ids=lambda p: p[0])
 def made(request: pytest.FixtureRequest) -> Plan:
     """Plans in which straight moves meet something."""
-    name, instrument, points = request.param
-    return plan(preset(name), instrument=instrument, points=points, starts=1, anywhere=False)
+    name, machine, instrument, points = request.param
+    return plan(machine(name), instrument=instrument, points=points, starts=1, anywhere=False, prove=False)
 
 
 def _bent(made: Plan) -> Iterator[tuple[Run, int, Way]]:

@@ -37,7 +37,7 @@ def away(machine: Machine, ball: tuple[float, float, float]) -> float:
 @pytest.mark.parametrize("instrument", ["r_test", "ball_bar"])
 def test_balls_of_a_plan_stand_on_the_table_of_an_axis_off_the_origin(instrument: str) -> None:
     machine = off_centre()
-    made = plan(machine, instrument=instrument, points=6, setups=2, starts=1, returns=0, anywhere=False)
+    made = plan(machine, instrument=instrument, points=6, setups=2, starts=1, returns=0, anywhere=False, prove=False)
     radius = machine.workspace.table_radius
     assert radius is not None
     assert all(away(machine, run.table_ball) <= radius + 1e-6 for run in made.campaign.runs)
@@ -52,7 +52,7 @@ def test_balls_of_every_procedure_stand_on_that_table() -> None:
     circles = plan_circles(machine, [make_effect("backlash", "X")], family="planar", count=1, refine=False)
     assert away(machine, circles.campaign.runs[0].table_ball) <= 150.0
     with pytest.raises(
-        InputError, match=r"would stand beside the table; keep it within table_radius = 150 mm about \(250"
+        InputError, match=r"would be beside the table; keep it within table_radius = 150 mm about \(250"
     ):
         plan_circles(machine, [make_effect("backlash", "X")], family="planar", count=1, centres=((0.0, 0.0, 100.0),))
 
@@ -78,4 +78,4 @@ def test_check_names_a_nest_beside_the_table() -> None:
     machine = off_centre()
     (run,) = r_test_grid(machine, nests=((20.0, 40.0, 60.0),), grid={"C": (0.0, 5.0)}, seconds_per_pose=60.0)
     (said,) = (said for said in doubts(campaign_of(machine, (run,))) if "table_radius" in said)
-    assert said.startswith("run r-test-1: table_ball stands 280 mm from the table's centre (250, 200)")
+    assert said.startswith("run r-test-1: table_ball is 280 mm from the centre of the table (250, 200)")

@@ -79,6 +79,7 @@ def moments() -> Moments:
     return moments_of(baseline(campaign), (), candidates(campaign).forms)
 
 
+@pytest.mark.slow
 def test_a_play_that_a_tilt_closes_is_no_backlash_but_unknown_over_both(tmp_path: Path) -> None:
     """A law of the library that holds at one tilt only: its name was said with 0.999, and two more beside it."""
     machine = plant.static_table()
@@ -96,6 +97,7 @@ def test_a_play_that_a_tilt_closes_is_no_backlash_but_unknown_over_both(tmp_path
     assert after - 1.0 < 0.4 * (before - 1.0)  # what is closed at once is not quite a parabola
 
 
+@pytest.mark.slow
 def test_what_comes_back_over_time_is_unknown_over_time_with_its_period(tmp_path: Path) -> None:
     """A cooler that goes on and off: no drift, and no course of few intervals follows it."""
     machine = plant.static_table()
@@ -252,7 +254,7 @@ def test_what_a_refit_says_of_a_subset_is_no_claim_for_others_of_its_names(momen
 
 def test_what_is_more_general_than_laws_is_asked_after_them() -> None:
     """A place times the side from which it came holds every play of that axis, and would stand in its place."""
-    campaign = bars({"X": 6.0})
+    campaign = bars({"X": 6.0}, angles=200)
     stated, here = candidates(campaign), Expansion(baseline(campaign), (), nodes_of(1.0)[0], 1.0)
     general = {form.effect.key for form in stated.forms if form.general}
     first, later = (

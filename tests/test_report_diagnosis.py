@@ -105,7 +105,7 @@ def test_the_page_says_all_that_the_diagnosis_holds(found, written):
         *found.doubts, "about 10⁻¹⁰⁶", "false-alarm rate, nothing named", "62.7 %", "21.5 %", "99.6 %", "amplitude", "EZB",
         "time constant", "the structure that axis B carries", "changing with time", "location errors of the rotary axes",
         "geometry and set-up absorbed 82 % of it", "position of axis C along X", "gravity sag of axis B (EXB)",
-        "χ²/dof against the estimated noise", "held-out runs (each run in turn)", "location_error.EA0Z", "Class 1:",
+        "χ²/dof against the estimated noise", "held-out runs (each run in turn)", "location error of axis Z (EA0Z)", "Class 1:",
         "geometry and set-up cannot absorb", "No rows are missing", "declared 1σ", "along Z of the machine: (0.00, 0.00, 1.00)",
     ):  # fmt: skip
         assert words in page.words, words
@@ -245,7 +245,7 @@ def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
     text = diagnosis_report(clean, tmp_path).read_text()
     page = Page(text)
     assert "No fault found" in page.words and 'class="verdict yes"' in text
-    assert "backlash.Y" in page.words and page.tags.count("article") == 0 and "0.4" in page.words
+    assert "backlash of axis Y" in page.words and page.tags.count("article") == 0 and "0.4" in page.words
     assert not (tmp_path / "figures" / "geometry.png").exists()
 
 

@@ -22,7 +22,7 @@ NESTS = Path(__file__).parent / "data" / "campaigns" / "static-none" / "fit"
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    return sf.plan("table-bc", points=6, starts=1, anywhere=False)
+    return sf.plan("table-bc", points=6, starts=1, anywhere=False, prove=False)
 
 
 @pytest.fixture(scope="module")

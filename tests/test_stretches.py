@@ -136,7 +136,7 @@ def test_a_long_recording_is_named_from_stretches_and_identified_whole(recording
         "fitted": 2 * recording.rows - unseen,
         "held_out": unseen,
     }
-    assert found.searched.label == "the rows that the search did not see"
+    assert found.searched.label == "the rows outside the search"
     assert unseen > recording.rows
     assert found.hold_out is None
     before, after = found.searched.rms["held_out"]

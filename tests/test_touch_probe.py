@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import plant
 import pytest
+from lean import location_only
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign
 from symfive.cli import main
@@ -16,7 +17,7 @@ from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import identify
-from symfive.machine import machine_from_data, preset, read_machine
+from symfive.machine import machine_from_data, preset, read_machine, write_machine
 from symfive.model import Model
 from symfive.nc import program, touch_reach
 from symfive.procedures import r_test_grid
@@ -164,10 +165,9 @@ def test_its_uncertainties_hold_over_machines(trunnion, tmp_path):
 
 
 def test_what_a_probe_cannot_see_is_named():
-    trunnion = preset("table-bc")
     chosen = plan(
-        trunnion, instrument="touch_probe", points=10, setups=1, starts=1, anywhere=False, noise_um=1.0,
-        setup_sigma=SetupSigma(table_ball=100.0, tool_ball=20.0),
+        location_only("table-bc"), instrument="touch_probe", points=10, setups=1, starts=1, anywhere=False, prove=False,
+        noise_um=1.0, setup_sigma=SetupSigma(table_ball=100.0, tool_ball=20.0),
     )  # fmt: skip
     run = chosen.campaign.runs[0]
     assert chosen.instrument == "touch_probe" and np.abs(run.commands["B"]).max() <= 50.0 + 1e-6
@@ -217,8 +217,7 @@ def test_a_recording_is_no_probing(trunnion, tmp_path):
 @pytest.mark.slow
 def test_a_play_of_the_tilting_axis_is_named_from_probed_centres(tmp_path: Path) -> None:
     """Centres approached from both sides: B's play behind its drive, and nothing beside it."""
-    table = preset("table-bc")
-    machine = replace(table, errors={n: t for n, t in table.errors.items() if t.is_location}, text="")
+    machine = location_only("table-bc")
     angles = {"B": (-45.0, -15.0, 15.0, 45.0), "C": (0.0, 90.0, 180.0, 270.0)}
     (found,) = r_test_grid(machine, grid=angles, nests=((90.0, -25.0, 80.0),), returning=True)
     run = replace(
@@ -240,9 +239,11 @@ def test_a_play_of_the_tilting_axis_is_named_from_probed_centres(tmp_path: Path)
 
 
 def test_sphere_and_tip_are_the_users_on_the_command_line(tmp_path: Path) -> None:
+    machine = preset("table-bc")
+    write_machine(replace(machine, errors={"EX0C": machine.errors["EX0C"]}, text=""), tmp_path / "machine.toml")
     words = ["--instrument", "touch_probe", "--points", "4", "--setups", "1", "--starts", "1", "--returns", "0", "-q"]
     words += ["--sphere-radius", "15", "--tip-radius", "2", "--nc", "linuxcnc"]
-    assert main(["plan", "table-bc", "-o", str(tmp_path / "plan"), *words]) == 0
+    assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     text = next((tmp_path / "plan" / "nc" / "linuxcnc").iterdir()).read_text()
     assert "sphere radius 15, tip radius 2" in text
 
@@ -255,9 +256,7 @@ def test_a_frame_that_cannot_be_is_refused(instrument: str, frame: str) -> None:
 
 def test_a_head_in_the_spindle_is_planned_in_its_frame() -> None:
     """In the tool's frame the table ball is a nuisance that turns with the table."""
-    machine = preset("table-bc")
-    machine = replace(machine, errors={n: t for n, t in machine.errors.items() if t.is_location}, text="")
-    made = plan(machine, points=8, setups=1, starts=1, anywhere=False, frame="tool")
+    made = plan(location_only("table-bc"), points=8, setups=1, starts=1, anywhere=False, prove=False, frame="tool")
     assert all(run.options["frame"] == "tool" for run in made.campaign.runs)
     names = [p.name for p in made.assessment.parameters]
     assert "setup.nest-1.table_ball.x" in names and "setup.nest-1.tool_ball.x" not in names

@@ -98,7 +98,7 @@ class Study:
                     sizes = f"{gone.rms_without_um:.3g} → {gone.rms_with_um:.3g}"
                     changes = " as it changes here" if isinstance(gone.effect, Varying) else ""
                     return f"with it{changes} {part.label} is predicted worse ({sizes})"
-        if finding.nameless:
+        if finding.unidentified:
             return "no law of the library has its shape: it is a curve that predicts, not a cause"
         if finding.sigmas < TOO_SMALL:
             return f"its size is {finding.sigmas:.1f} σ from nothing"

@@ -133,9 +133,7 @@ def cut(verb: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--step-deg", type=POSITIVE, help="With --split turns: rows of a rotary axis every so many degrees."
         ),
-        click.option(
-            "--split", "how", help="turns, cycles, or moves (what lies between rests): cut each recording into runs."
-        ),
+        click.option("--split", "how", help="turns, cycles, or moves (between rests): cut each recording into runs."),
     ):
         verb = option(verb)
     return verb

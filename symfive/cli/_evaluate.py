@@ -66,7 +66,7 @@ def identify(
 
 
 def _notes(notes: tuple[str, ...], quiet: bool) -> None:
-    """What a fit has to say of itself."""
+    """Notes on a fit."""
     if not quiet:
         for note in notes:
             click.echo(f"note: {note}", err=True)
@@ -100,10 +100,8 @@ def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json:
 @campaign_path
 @output_path
 @also
-@click.option(
-    "--false-alarms", type=Number(1e-6, 0.5), default=0.01, help="False-alarm rate of the tests that need no name."
-)
-@click.option("--hold-out", metavar="half|cycles|runs:NAMES", help="Learn from the rest, judge by what is held out.")
+@click.option("--false-alarms", type=Number(1e-6, 0.5), default=0.01, help="False-alarm rate of the general tests.")
+@click.option("--hold-out", metavar="half|cycles|runs:NAMES", help="Fit the rest, test the findings on this part.")
 @dialects
 @overwrite
 @as_json
@@ -119,7 +117,7 @@ def diagnose(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Find the faults of a machine. Cause, place, size and confidence, the corrected model, and the next test."""
+    """Find the faults of a machine. Cause, location, size and confidence, the corrected model, and the next test."""
     from symfive.diagnose import diagnose as diagnose_campaign
     from symfive.outputs import output_folder
     from symfive.report import diagnosis_text
@@ -135,7 +133,7 @@ def diagnose(
 
 
 @app.command(epilog="Example: symfive fleet machines/ -o results/ --workers 4")
-@click.argument("campaigns", type=PATH, nargs=-1, required=True, help="Campaigns' folders, or folders that hold some.")
+@click.argument("campaigns", type=PATH, nargs=-1, required=True, help="Campaign folders, or folders that contain some.")
 @output_path
 @click.option("--diagnose", is_flag=True, help="Diagnose instead of identify.")
 @click.option("--workers", default=1, help="Processes of this computer; 0: only this one.")
@@ -155,7 +153,7 @@ def fleet(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Identify or diagnose many machines. A folder of results each, and one table of all (CSV and text)."""
+    """Identify or diagnose many machines. One folder of results each, and one table of all (CSV and text)."""
     from symfive.executors import executor
     from symfive.fleet import fleet as fleet_of
 

@@ -180,11 +180,11 @@ def _not_in_the_file(path: Path, radius: float | None, feed: float | None) -> In
     epilog="Example: symfive import-rests plan/ nest-1.txt nest-2.txt -o measured/ --columns t,dx_um,dy_um,dz_um",
 )
 @campaign_path
-@click.argument("files", type=PATH, nargs=-1, required=True, help="Recordings of whole runs, one file a run.")
+@click.argument("files", type=PATH, nargs=-1, required=True, help="Recordings of whole runs, one file per run.")
 @output_path
 @click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
 @click.option("--columns", default="t,dx_um,dy_um,dz_um", help="The file's columns in order, - for what is not needed.")
-@click.option("--unit", help="Unit of the readings: um or mm (default: as the head of the file says, else um).")
+@click.option("--unit", help="Unit of the readings: um or mm (default: from the header of the file, else um).")
 @click.option("--dwell", type=POSITIVE, default=2.0, help="Rest at each pose in s, as in the program.")
 @overwrite
 @quiet
@@ -224,7 +224,7 @@ def import_rests(
 
 @app.command(name="import-touches", epilog="Example: symfive import-touches plan/ sphere-1.txt -o measured/")
 @campaign_path
-@click.argument("files", type=PATH, nargs=-1, required=True, help="What the probing programs logged, one file a run.")
+@click.argument("files", type=PATH, nargs=-1, required=True, help="Logs of the probing programs, one file per run.")
 @output_path
 @click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
 @overwrite
@@ -271,7 +271,7 @@ def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Seque
 
 
 @app.command(name="import-mtconnect", epilog="Example: symfive import-mtconnect probe.xml -o machine.toml")
-@click.argument("probe", type=PATH, help="What the agent answers to …/probe, as a file.")
+@click.argument("probe", type=PATH, help="The answer of the agent to …/probe, as a file.")
 @click.option("-o", "--output", type=PATH, required=True, help="The machine file.")
 @click.option(
     "--device", default="", show_default=False, help="Name, uuid or id of the device, where there are several."
@@ -284,7 +284,7 @@ def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Seque
 )
 @quiet
 def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: bool) -> None:
-    """Begin a machine file from an MTConnect probe. Comments name what the document lacks."""
+    """Begin a machine file from an MTConnect probe. Comments mark missing values."""
     from symfive.importers import read_mtconnect
     from symfive.importers.mtconnect import TO_DO
     from symfive.machine import write_machine

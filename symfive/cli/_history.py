@@ -18,7 +18,7 @@ rate = click.option(
     "--false-alarms",
     type=Number(1e-6, 100.0),
     default=0.1,
-    help="False alarms of a machine and year that are allowed.",
+    help="Permitted false alarms per machine and year.",
 )
 
 
@@ -27,29 +27,32 @@ rate = click.option(
     epilog='Example: symfive history add results/ --date 2026-03-04 && symfive history show "tilting table BC"',
 )  # fmt: skip
 def history() -> None:
-    """What changed on a machine and since when: results of many dates, alarms, forecasts, pages."""
+    """Changes of machines over the years: results of many dates, alarms, forecasts, pages."""
 
 
 @history.command(epilog="Example: symfive history add results/ --date 2026-03-04 --temperature 21.5 --serial A17")
-@click.argument("results", type=PATH, nargs=-1, required=True, help="Folders of results, or folders that hold some.")
+@click.argument("results", type=PATH, nargs=-1, required=True, help="Result folders, or folders that contain some.")
 @where
 @click.option("--date", help="When it was measured, as 2026-03-04 or 2026-03-04T08:30 (UTC); else the files' time.")
-@click.option("--serial", default="", show_default=False, help="Serial number: two machines may bear one name.")
+@click.option("--serial", default="", show_default=False, help="Serial number: two machines may have the same name.")
 @click.option("--as-found", "stage", flag_value="as-found", help="Before an adjustment.")
-@click.option("--as-left", "stage", flag_value="as-left", help="After it: the machine's errors begin anew.")
-@click.option("--instrument", default="", show_default=False, help="Which instrument, as it is to be found again.")
+@click.option("--as-left", "stage", flag_value="as-left", help="After it: the levels of the errors are reset.")
+@click.option("--instrument", default="", show_default=False, help="The instrument.")
 @click.option("--operator", default="", show_default=False, help="Who measured.")
 @click.option("--temperature", type=Number(-60.0, 100.0), help="The machine's temperature, °C.")
-@click.option("--note", default="", show_default=False, help="What else is to be remembered.")
+@click.option("--note", default="", show_default=False, help="A note.")
 @click.option(
-    "--corrected", "corrections", multiple=True, help="NAME=VALUE (µm, µrad) that the control corrected meanwhile."
+    "--corrected",
+    "corrections",
+    multiple=True,
+    help="NAME=VALUE (µm, µrad): correction that was active in the control.",
 )
 @quiet
 def add(
     results: tuple[Path, ...], index: Path, date: str | None, serial: str, stage: str | None, instrument: str, operator: str,
     temperature: float | None, note: str, corrections: tuple[str, ...], quiet: bool,
 ) -> None:  # fmt: skip
-    """Take results into the history; visit.json among them keeps what is said here."""
+    """Add results to the history. Writes visit.json into the results."""
     from symfive.history import Details, History, instant
 
     details = Details(
@@ -72,12 +75,12 @@ def add(
 @where
 @click.option(
     "--kind", type=click.Choice(["repair", "adjustment", "collision", "note"]), default="note",
-    help="After a repair or an adjustment the errors begin anew.",
+    help="A repair or an adjustment resets the levels of the errors.",
 )  # fmt: skip
 @click.option("--date", help="When; else now.")
 @quiet
 def event(machine: str, text: str, index: Path, kind: str, date: str | None, quiet: bool) -> None:
-    """Write down what happened to a machine."""
+    """Record an event of a machine."""
     from symfive.history import History, instant
 
     with History(index) as opened:
@@ -91,7 +94,9 @@ def event(machine: str, text: str, index: Path, kind: str, date: str | None, qui
 @where
 @click.option("--since", help="Also the change since the last visit up to this date.")
 @click.option("--until", help="The change until the last visit up to this date, instead of the newest.")
-@click.option("--tolerance", "tolerances", multiple=True, help="NAME=VALUE (µm, µrad): when the error passes ±VALUE.")
+@click.option(
+    "--tolerance", "tolerances", multiple=True, help="NAME=VALUE (µm, µrad): forecast when the error exceeds ±VALUE."
+)
 @rate
 @click.option("-o", "--output", type=PATH, help="A folder for the machine's page, history.html.")
 @overwrite
@@ -123,7 +128,7 @@ def show(
 @overwrite
 @as_json
 def fleet(index: Path, output: Path | None, overwrite: bool, as_json: bool) -> None:
-    """All machines: which has an open alarm, since when, and of what."""
+    """All machines: open alarms, their dates and causes."""
     from symfive.history import History
     from symfive.outputs import output_folder
 
@@ -136,11 +141,11 @@ def fleet(index: Path, output: Path | None, overwrite: bool, as_json: bool) -> N
 
 
 @history.command(epilog="Example: symfive history rebuild results/")
-@click.argument("folders", type=PATH, nargs=-1, required=True, help="Folders below which results lie.")
+@click.argument("folders", type=PATH, nargs=-1, required=True, help="Folders that contain results.")
 @where
 @quiet
 def rebuild(folders: tuple[Path, ...], index: Path, quiet: bool) -> None:
-    """Make the index anew from the records among the results; all or nothing."""
+    """Rebuild the index from the records in the results; all or nothing."""
     from symfive.history import rebuilt
 
     found = rebuilt(index, folders, progress=Progress(quiet))
@@ -184,7 +189,7 @@ def certificate(
     results: Path, output: Path, date: str | None, laboratory: str, laboratory_city: str, person: str, customer: str,
     customer_city: str, country: str, number: str, manufacturer: str, place: str, quiet: bool,
 ) -> None:  # fmt: skip
-    """A digital calibration certificate (PTB's DCC) of one result, unsigned; what is not given is marked in it."""
+    """A digital calibration certificate (PTB's DCC) of one result, unsigned; missing entries are marked."""
     from symfive.history import Details, Office, instant, taken
     from symfive.history import certificate as certificate_of
     from symfive.outputs import output_file, write_bytes
@@ -204,9 +209,9 @@ def certificate(
 
 @history.command(epilog="Example: symfive history serve")
 @where
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 takes a free one.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 chooses a free one.")
 def serve(index: Path, port: int) -> None:
-    """The pages live on this computer, for who has the printed address; Ctrl-C ends it."""
+    """Serve the pages on this computer, at the printed address; Ctrl-C ends it."""
     from symfive.history import Server
 
     server = Server(index, port)

@@ -1,4 +1,4 @@
-"""What instruments and controls export, brought back as a campaign."""
+"""Campaigns from exported files of instruments and controls."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["import_table"]
     epilog="Example: symfive import three-axis x-laser.csv -o measured/ --map target=1:mm --map up=2-6:um --map down=7-11:um",
 )
 @click.argument("machine", help="A machine file, or the name of a preset.")
-@click.argument("files", type=PATH, nargs=-1, required=True, help="Tables as instruments export them, one a run.")
+@click.argument("files", type=PATH, nargs=-1, required=True, help="Exported tables of an instrument, one per run.")
 @output_path
 @click.option(
     "--map", "entries", multiple=True,

@@ -50,7 +50,7 @@ __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 @as_json
 @click.option("-q", "--quiet", is_flag=True, help="Print the problems only.")
 def check(path: Path, as_json: bool, quiet: bool) -> None:
-    """Check files. What they declare, and every problem; exit code 1 if there is one."""
+    """Check files. Prints a summary and every problem; exit code 1 if there is one."""
     from symfive.check import check as check_files
 
     result = check_files(path)
@@ -91,12 +91,12 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--part-tool-centre",
     is_flag=True,
-    help="With --part: X, Y and Z are the tip's place in the workpiece even without G43.4.",
+    help="With --part: X, Y and Z are the position of the tip in the workpiece even without G43.4.",
 )
 @click.option(
     "--part-datum",
     is_flag=True,
-    help="With --part: its zero is touched on the machine, rotary axes at 0; the error there drops out.",
+    help="With --part: its zero is probed on the machine, rotary axes at 0; the error there cancels.",
 )
 @dialects
 @click.option("--given", type=PATH, help="A campaign already measured; the plan complements it.")
@@ -116,17 +116,19 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--tool-length-sigma", type=POSITIVE, help="1σ of the tool ball along the spindle's axis, µm (usual: as across)."
 )
-@click.option("--table-ball-sigma", type=POSITIVE, help="1σ of the table ball's or sphere's place, µm (usual: 20).")
+@click.option("--table-ball-sigma", type=POSITIVE, help="1σ of the position of table ball or sphere, µm (usual: 20).")
 @click.option(
-    "--zero-sigma", type=POSITIVE, help="1σ of an R-test nest's place in the workpiece frame, µm (usual: unknown)."
+    "--zero-sigma",
+    type=POSITIVE,
+    help="1σ of the position of an R-test nest in the workpiece frame, µm (usual: unknown).",
 )
 @click.option("--bar-length-sigma", type=POSITIVE, help="1σ of the bar's length, µm (usual: 0.5).")
 @click.option(
     "--index/--no-index",
     default=None,
-    help="Read the first pose of a run with the spindle at 0° and 180° (R-test; with --part where it is worth it).",
+    help="Read the first pose of a run with the spindle at 0° and 180° (R-test; with --part where it gains information).",
 )
-@click.option("--survive", is_flag=True, help="Remain good if any one pose is lost.")
+@click.option("--survive", is_flag=True, help="Optimise for the loss of any one pose.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
 @click.option(
     "--circles",

@@ -1,4 +1,4 @@
-"""The designer: measurement plans that tell most, with a certificate, ready to run."""
+"""The designer: optimal measurement plans, with a certificate, ready to run."""
 
 from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data

@@ -6,7 +6,7 @@ The information that a run adds, its own set-up errors marginalised, is a minimu
 
 so for any B at all  ⟨G, S⟩ ≤ N max over poses |(J + Jₒ B) G^½|² + tr(G Bᵀ Pₒ B).  Summed over the runs of a plan and put into
 h(I*) ≤ h(I) ⟨G, I*⟩ this bounds every plan with N poses in at most K runs, wherever the balls stand. The best B of a set-up
-belongs to the poses that tell most there about G; it is found by the multiplicative algorithm. Set-ups in which the
+belongs to the most informative poses there for G; it is found by the multiplicative algorithm. Set-ups in which the
 bound is exceeded join the relaxed design until none does. Set-ups and poses are taken from grids: numerically global only.
 """
 

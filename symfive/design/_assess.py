@@ -112,7 +112,7 @@ class Assessment(OnScreen):
         return listed(worth, "assessment.run_worth", 10)
 
     def most(self) -> tuple[str, int]:
-        """The run and row (from 0) that tell most."""
+        """The most informative run and row (from 0)."""
         return max(
             ((run, int(np.argmax(w))) for run, w in self.worth.items()),
             key=lambda place: self.worth[place[0]][place[1]],
@@ -120,11 +120,11 @@ class Assessment(OnScreen):
 
     @property
     def idle(self) -> dict[str, NDArray[np.int64]]:
-        """Run → rows (from 0) that tell next to nothing."""
+        """Run → rows (from 0) that add almost no information."""
         return {run: np.flatnonzero(w < WORTHLESS / max(len(w), 1)) for run, w in self.worth.items()}
 
     def nothing(self) -> tuple[tuple[str, int], ...]:
-        """Rows that tell next to nothing."""
+        """Rows that add almost no information."""
         return tuple((run, row) for run, rows in self.idle.items() for row in rows.tolist())
 
 
@@ -186,7 +186,7 @@ def _whitened(model: Model, run: Run, margins: dict[str, int]) -> Iterator[tuple
 
 
 def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
-    """What a campaign tells about the machine's parameters `names`, all else marginalised, priors left out (n, n).
+    """Information of a campaign about the machine's parameters `names`, all else marginalised, without priors (n, n).
 
     In the files' units. Parameters that its machine file does not vary are taken as not seen.
     """

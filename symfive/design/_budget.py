@@ -1,4 +1,4 @@
-"""Plans against the clock: what fits into a time, and what tells most per minute."""
+"""Plans within a time: what fits, and what is most informative per minute."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def affordable(
 
 
 def without_least(space: Space, task: Task, rows: Rows, drop: int) -> Rows:
-    """The design without the poses that tell least, one after the other."""
+    """The design without its least informative poses, one after the other."""
     for _ in range(drop):
         sensitivities = space.kernel.rows(rows.z, rows.k)
         whole = task.layout(rows.groups).embed(sensitivities, rows.group)
@@ -57,14 +57,14 @@ def without_least(space: Space, task: Task, rows: Rows, drop: int) -> Rows:
 
 
 def _without_a_run(space: Space, task: Task, rows: Rows) -> Rows:
-    """The design without the run that tells least."""
+    """The design without its least informative run."""
     left = [rows.group != g for g in range(rows.groups)]
     designs = [Rows.of(rows.z[kept], rows.k[kept], rows.group[kept], rows.poses) for kept in left]
     return min(designs, key=lambda design: value_of(space, task, design))
 
 
 def shortened(space: Space, task: Task, rows: Rows, schedule: Schedule, seconds: float, lay: Lay) -> Schedule:
-    """The schedule with the poses that tell least left out until it fits. Raises `InputError` where it cannot."""
+    """The schedule without its least informative poses until it fits. Raises `InputError` where it cannot."""
     while schedule.seconds > seconds:
         excess = (schedule.seconds - seconds) / max(schedule.seconds - rows.groups * SETUP_S, 1.0)
         drop = max(1, int(0.8 * excess * len(rows.z)))
@@ -81,7 +81,7 @@ def shortened(space: Space, task: Task, rows: Rows, schedule: Schedule, seconds:
 
 
 def most_per_minute(space: Space, task: Task, rows: Rows, lay: Lay) -> Schedule:
-    """The part of a design that lowers ψ most per minute, set-up included: poses and runs that tell least go first."""
+    """The part of a design that lowers ψ most per minute, set-up included: the least informative ones are removed."""
     before = task.value_of_marginal(task.prior)
 
     def rate(schedule: Schedule) -> float:

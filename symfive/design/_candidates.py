@@ -93,17 +93,21 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
 def best_setups(
     space: Space, task: Task, count: int, points: int, poses: Array, among: Indices | None = None
 ) -> tuple[Array, Array]:
-    """The `count` set-ups that together tell most: greedy and exchange, first with the poses spread evenly in each, then
-    with those that tell most about what the set-ups chosen before leave uncertain.
+    """The most informative `count` set-ups: greedy and exchange, first with the poses spread evenly in each, then
+    with those that are most informative about what the chosen set-ups leave uncertain.
 
     The information of a run, its set-up errors marginalised, adds to that of the others, so set-ups compare at once.
     """
     setups, lengths = setup_options(space)
-    candidates = candidates_in(space, setups, lengths, poses)
-    available = [int(g) for g in np.unique(candidates.group)]
-    if among is not None:
-        available = [g for g in available if g in among] or available
-    rows = [candidates.rows[candidates.group == g] for g in available]
+    tried = np.arange(len(setups)) if among is None else np.sort(among)
+    try:
+        candidates = candidates_in(space, setups[tried], lengths[tried], poses)
+    except InputError:
+        if among is None:
+            raise
+        return best_setups(space, task, count, points, poses)  # none of these holds a pose
+    available, place = np.unique(candidates.group, return_inverse=True)
+    rows = [candidates.rows[place.ravel() == i] for i in range(len(available))]
     weights = [np.full(len(r), points / count / len(r)) for r in rows]
     own = np.diag(task.own_sigma**-2.0)
     best: tuple[float, list[int]] = (math.inf, [])
@@ -117,7 +121,7 @@ def best_setups(
         best = (value, chosen)
         pull = task.pull(inverse(information))
         weights = [marginal_sensitivity(pull, r, own, points / count, INNER)[2] for r in rows]
-    picked = [available[i] for i in sorted(best[1])]  # one place twice: mounted anew, which averages its set-up errors
+    picked = tried[available[sorted(best[1])]]  # one place twice: mounted anew, which averages its set-up errors
     return setups[picked], lengths[picked]
 
 

@@ -30,7 +30,7 @@ __all__ = ["TINY", "Cells", "Cut", "FirstCells", "first_cells"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Order = tuple[int, ...]
-NEGLECTED, WIDEST, MOST_FIRST = 3e-6, math.radians(20.0), 1_500_000
+NEGLECTED, WIDEST, MOST_FIRST = 1e-5, math.radians(20.0), 1_500_000
 TINY = 1e-30
 
 

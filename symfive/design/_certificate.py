@@ -5,7 +5,7 @@ Column generation: the relaxed design on a growing list of poses gives G; a glob
 
 How rigorous: branch and bound (`_proof`) covers every pose of the plan's own set-ups, four dimensions of a ball bar included,
 wherever the readings are smooth polynomials of the angles: location errors, Fourier error motions of rotary axes,
-polynomial ones of all axes. A pose met on the way that tells more than the search had found joins the relaxed design. Apart from
+polynomial ones of all axes. A pose met on the way that exceeds what the search had found joins the relaxed design. Apart from
 rounding errors of double precision that is a proof. Elsewhere (B-splines, Fourier error motions of linear axes) the search stands
 alone; `rigour` says which.
 """
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
-from symfive.design._proof import largest_told
+from symfive.design._proof import bounded_sensitivity
 from symfive.design._refine import Rows
 from symfive.design._relaxed import Relaxed, marginal_sensitivity, relax
 from symfive.design._search import COARSE, FEW, MANY, Search
@@ -80,7 +80,7 @@ class Certificate:
         whole, slack = (1.0 - math.exp(x) for x in (self.relaxed - self.value, self.bound - self.relaxed))
         return (
             f"certified below {WEAK:g}: weights on poses in the same set-ups would lower the variance by {100.0 * whole:.0f} %, "
-            f"which {self.points} whole poses cannot share out so, and the bound itself may be {100.0 * slack:.1f} % too low; "
+            f"which {self.points} whole poses cannot reach, and the bound itself may be {100.0 * slack:.1f} % too low; "
             "more poses raise the certificate"
         )
 
@@ -102,8 +102,8 @@ def _down(share: float) -> str:
 @dataclass(frozen=True)
 class Generated:
     """The relaxed design of some set-ups by column generation: `columns` with the weights `relaxed`, the lowest ψ `bound`
-    that any design in them has, `reached` the lowest ψ of a relaxed design, after so many `rounds`; `top` is the most that a pose
-    was found to tell at `relaxed`, `best` are the poses that tell most."""
+    that any design in them has, `reached` the lowest ψ of a relaxed design, after so many `rounds`; `top` is the largest
+    φ found at `relaxed`, `best` are its poses."""
 
     search: Search
     columns: Candidates
@@ -146,18 +146,18 @@ def certify(
 def _proved(
     space: Space, task: Task, rows: Rows, found: Generated, slack: float
 ) -> tuple[float, Candidates, bool] | None:
-    """What no pose of the set-ups tells more than, no sharper than `slack`, poses that tell more than all that were found, and
-    whether cells ran out, so that nothing sharper can be had; None where nothing can be proved."""
+    """An upper bound of φ over all poses of the set-ups, no sharper than `slack`, poses that exceed all that were found, and
+    whether cells ran out, so that no sharper bound is possible; None where nothing can be proved."""
     layout, highest, better, exhausted = task.layout(rows.groups), 0.0, found.best, False
     for g in range(rows.groups):
         first = int(np.flatnonzero(rows.group == g)[0])
         z, k = rows.z[first], rows.k[first]
-        told = largest_told(space, layout, found.relaxed.pull, z, k, g, found.top, slack)
-        if told is None:
+        proved = bounded_sensitivity(space, layout, found.relaxed.pull, z, k, g, found.top, slack)
+        if proved is None:
             return None
-        highest, n = max(highest, told.bound), len(told.better)
-        exhausted |= told.exhausted
-        some = np.concatenate([told.better, np.tile(z[rows.poses :], (n, 1))], axis=1)
+        highest, n = max(highest, proved.bound), len(proved.better)
+        exhausted |= proved.exhausted
+        some = np.concatenate([proved.better, np.tile(z[rows.poses :], (n, 1))], axis=1)
         lengths = np.tile(k, (n, 1))
         better = _joined(better, Candidates(some, lengths, np.full(n, g), space.kernel.rows(some, lengths)))
     return highest, better.take(np.arange(len(found.best), len(better))), exhausted
@@ -169,7 +169,7 @@ def generate(
 ) -> Generated:  # fmt: skip
     """Column generation for `points` readings (as many as `rows`, if None) in the set-ups of `rows`, until bound and relaxed
     design meet to `gap`; `more` poses to begin with. With ψ = `value` of a plan, for its certificate: until they meet to a small
-    share of the distance to that, by searches that climb to the maxima and in the end begin at more poses."""
+    share of the distance to that, by searches that ascend to the maxima and in the end start from more poses."""
     points = points or len(rows.z)
     setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
     lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
@@ -210,7 +210,7 @@ def generate(
 def _extended(task: Task, relaxed: Relaxed, columns: Candidates, grid: Candidates, groups: int, points: int) -> Array:
     """G of the machine's parameters carried to set-up errors: (I, B)ᵀ G (I, B), which bounds for any B (see `_anywhere`).
 
-    At the relaxed design this is G itself; for a set-up that it leaves empty B is taken from the poses that tell most there.
+    At the relaxed design this is G itself; for a set-up that it leaves empty B is taken from the most informative poses there.
     """
     shared, own = len(task.prior), len(task.own_sigma)
     weight = np.bincount(columns.group, relaxed.weights, groups)

@@ -1,4 +1,4 @@
-"""Which circles tell most together, of those whose programs have a clear way."""
+"""The most informative set of circles, of those whose programs have a clear path."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def check_clear(machine: Machine, runs: Iterable[Run]) -> None:
 def chosen_clear(
     machine: Machine, goal: Goal, circles: Sequence[Circle], count: int
 ) -> tuple[list[Circle], list[Circle]]:
-    """The `count` circles that together tell most, and those that are left to choose from: one along which bodies meet gives way
+    """The most informative `count` circles, and those that are left to choose from: one along which bodies meet gives way
     to another. Raises `InputError` where none is left."""
     left, clear = list(circles), set[int]()
     while True:

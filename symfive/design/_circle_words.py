@@ -67,8 +67,8 @@ def list_end_words(circles: Sequence[Circle], listed: Sequence[CircleShape]) -> 
         for end in sorted(ends) if high > low else ():
             side = "smallest" if end == low else "largest"
             notes.append(
-                f"{NAMES.get(name, name)} {end:g}{UNITS.get(name, ' mm')} is the {side} offered: the circles stop at the end of "
-                "their list, not at a limit of the machine; offer more if your machine allows it"
+                f"{NAMES.get(name, name)} {end:g}{UNITS.get(name, ' mm')} is the {side} value offered, not a limit of the "
+                "machine; offer more values if your machine allows them"
             )
     return notes
 
@@ -86,7 +86,9 @@ def warnings_of(
     unseen = [p.name for p in parameters if sigma[p.name] > UNSEEN * p.sigma]
     moving = {name for c in circles for run in c.runs for name, q in run.commands.items() if np.ptp(q) > STILL}
     for name in unseen:
-        still = [e.axis for e in effects if e.axis and name.startswith(f"{e.key}.") and e.axis not in moving]
-        why = f"axis {still[0]} does not move in them" if still else "its 1σ stays near the prior"
-        notes.append(f"WARNING: these circles cannot see {name}: {why}; use another family of circles or another test")
+        idle = [e.axis for e in effects if e.axis and name.startswith(f"{e.key}.") and e.axis not in moving]
+        why = f"axis {idle[0]} does not move in them" if idle else "its 1σ stays near the prior"
+        notes.append(
+            f"WARNING: these circles do not determine {name}: {why}; use another family of circles or another test"
+        )
     return notes

@@ -1,4 +1,4 @@
-"""What a circle tells about the machine and about what stands in its drives, its own set-up errors marginalised."""
+"""Information of a circle about the machine and its drives, its own set-up errors marginalised."""
 
 from __future__ import annotations
 

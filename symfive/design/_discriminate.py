@@ -20,15 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
+from symfive.effects import form_words
 from symfive.errors import EvaluationError, InputError
 from symfive.inference import halved
-from symfive.model import Model
+from symfive.model import Linearisation, Model
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
 __all__ = ["APART", "PAUSE_S", "Candidate", "Discrimination", "Separation", "discriminate", "in_addition", "in_common"]
 
 Array = NDArray[np.float64]
+_Lines = dict[str, Linearisation]
 ITERATIONS = 4
 PAUSE_S = 60.0
 USELESS = 1.05
@@ -54,19 +56,19 @@ class Separation:
 class Discrimination(OnScreen):
     """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
     the `table` of all candidates, best first. Of several rivals `each` with its separation by the best test; `separation` and
-    `before` are the smallest of those that it separates. `also`: rivals that it separates from each other, where that took
-    several runs."""
+    `before` are the smallest of those that it separates. `also`: pairs of rivals that it separates from each other, where that
+    took several runs."""
 
     test: Campaign
     separation: float
     before: float
     table: tuple[Separation, ...]
     each: tuple[tuple[str, float], ...] = ()
-    also: tuple[str, ...] = ()
+    also: tuple[tuple[str, str], ...] = ()
 
     @property
     def useful(self) -> bool:
-        """Whether the best candidate tells anything at all."""
+        """Whether the best candidate raises the separation."""
         return self.separation > USELESS * max(self.before, 1e-9)
 
     def __str__(self) -> str:
@@ -81,12 +83,14 @@ class Discrimination(OnScreen):
         does = "together separate" if name != self.table[0].name else "separates"
         if len(self.each) < 2:
             return f"{name} {does} the two by {self.separation:.1f}σ (today {self.before:.1f}σ)"
-        apart = [f"{rival} by {sigmas:.1f}σ" for rival, sigmas in self.each if sigmas >= APART]
-        alike = [rival for rival, sigmas in self.each if sigmas < APART]
+        machine = self.test.machine
+        apart = [f"{form_words(rival, machine)} by {sigmas:.1f}σ" for rival, sigmas in self.each if sigmas >= APART]
+        alike = [form_words(rival, machine) for rival, sigmas in self.each if sigmas < APART]
         if not apart:
             return f"{name} {does} them by {self.separation:.1f}σ (today {self.before:.1f}σ)"
         rest = f"; no test here separates it from {' or '.join(alike)}" if alike else ""
-        rest = f", besides {', '.join(self.also)}{rest}" if self.also else rest
+        pairs = [" from ".join(form_words(rival, machine) for rival in pair) for pair in self.also]
+        rest = f", and {', '.join(pairs)}{rest}" if pairs else rest
         return f"{name} {does} it from {' and '.join(apart)} (today {self.before:.1f}σ){rest}"
 
 
@@ -110,15 +114,17 @@ def discriminate(
     end = max((run.start_s + float(run.time[-1]) for run in own), default=0.0)
     named = [tuple(_later(run, i, end) for run in test) for i, test in enumerate(tests)]
     every = Campaign(machine=machine, runs=(*own, *(run for test in named for run in test)))
-    pair = _Pair(Model(every, model_a.added), Model(every, model_b.added))
-    truths_a, truths_b = (_truths(m, v, draws, seed) for m, v in ((pair.a, values_a), (pair.b, values_b)))
+    a, b = Model(every, model_a.added), Model(every, model_b.added)
+    started: tuple[_Lines, _Lines] = ({}, {})
+    ab = [_Explained(a, truth, b, started[1]) for truth in _truths(a, values_a, draws, seed)]
+    ba = [_Explained(b, truth, a, started[0]) for truth in _truths(b, values_b, draws, seed)]
     ids = [run.id for run in own]
-    before = _separation("measured", pair, ids, truths_a, truths_b, 0.0).sigmas if own else 0.0
+    before = _separation("measured", ab, ba, ids, 0.0).sigmas if own else 0.0
     table = []
     for test, runs in zip(tests, named, strict=True):
         minutes = sum(run.duration for run in test) / 60.0
         name = " + ".join(run.id for run in test)
-        table.append(_separation(name, pair, [*ids, *(run.id for run in runs)], truths_a, truths_b, minutes))
+        table.append(_separation(name, ab, ba, [*ids, *(run.id for run in runs)], minutes))
     best = max(range(len(table)), key=lambda i: table[i].sigmas)
     ordered = tuple(sorted(table, key=lambda s: -s.sigmas))
     chosen = Campaign(machine=machine, runs=tests[best], name="next test")
@@ -190,12 +196,6 @@ def _runs(candidate: Candidate) -> tuple[Run, ...]:
     return (candidate,) if isinstance(candidate, Run) else tuple(candidate)
 
 
-@dataclass(frozen=True)
-class _Pair:
-    a: Model
-    b: Model
-
-
 def _truths(model: Model, values: Mapping[str, float] | None, draws: int, seed: int) -> list[Array]:
     """Parameter vectors at which the model is true."""
     vector = model.prior_mean.copy()
@@ -220,42 +220,58 @@ def _truths(model: Model, values: Mapping[str, float] | None, draws: int, seed: 
 
 
 def _separation(
-    name: str, pair: _Pair, ids: Sequence[str], truths_a: Sequence[Array], truths_b: Sequence[Array], minutes: float
+    name: str, ab: Sequence[_Explained], ba: Sequence[_Explained], ids: Sequence[str], minutes: float
 ) -> Separation:
-    ab = math.sqrt(float(np.mean([_left(pair.a, truth, pair.b, ids) for truth in truths_a])))
-    ba = math.sqrt(float(np.mean([_left(pair.b, truth, pair.a, ids) for truth in truths_b])))
-    return Separation(name, min(ab, ba), ab, ba, minutes)
+    there, back = (math.sqrt(float(np.mean([each.left(ids) for each in way]))) for way in (ab, ba))
+    return Separation(name, min(there, back), there, back, minutes)
 
 
-def _left(true: Model, truth: Array, rival: Model, ids: Sequence[str]) -> float:
-    """T: what the rival cannot explain of the true model's readings (Gauss–Newton with the priors)."""
-    _, wanted = halved(lambda at: {id: true.predict_run(id, at) / true.noise(id) for id in ids}, truth, true.start)
-    precision = rival.prior_sigma**-2.0
-    values = rival.start
-    best = math.inf
-    for _ in range(ITERATIONS):
-        gram, gradient, square = np.diag(precision), -precision * (values - rival.prior_mean), 0.0
-        square = float(np.sum(precision * (values - rival.prior_mean) ** 2))
-        try:
-            lines = {id: rival.linearise(id, values) for id in ids}
-        except EvaluationError:
-            break  # a step too far: the best so far counts
-        for id, line in lines.items():
-            noise = rival.noise(id)
-            residual = (wanted[id] - line.prediction / noise).ravel()
-            slopes = (line.jacobian / noise[:, None]).reshape(len(residual), -1)
-            gram[np.ix_(line.columns, line.columns)] += slopes.T @ slopes
-            gradient[line.columns] += slopes.T @ residual
-            square += float(residual @ residual)
-        try:
-            step = np.linalg.solve(gram, gradient)
-        except np.linalg.LinAlgError:
-            break  # far beyond what the readings say anything of: the best so far counts
-        expected = max(square - float(gradient @ step), 0.0)
-        best = min(best, square)
-        lower, upper = (np.array([getattr(p, side) for p in rival.parameters]) for side in ("lower", "upper"))
-        moved = np.clip(values + step, lower, upper)
-        if square - expected < 1e-3 * max(square, 1e-12) or not np.all(np.isfinite(moved)):
-            break
-        values = moved
-    return best
+class _Explained:
+    """A true model's readings and the rival that has to explain them; `started` holds the rival's linearisations where its
+    estimation begins, which are the same for all tests."""
+
+    def __init__(self, true: Model, truth: Array, rival: Model, started: _Lines) -> None:
+        runs = true.campaign.runs
+        _, self._wanted = halved(
+            lambda at: {run.id: true.predict_run(run, at) / true.noise(run) for run in runs}, truth, true.start
+        )
+        self._rival, self._started = rival, started
+
+    def _lines(self, ids: Sequence[str], values: Array, *, first: bool) -> _Lines:
+        if not first:
+            return {id: self._rival.linearise(id, values) for id in ids}
+        self._started.update({id: self._rival.linearise(id, values) for id in ids if id not in self._started})
+        return {id: self._started[id] for id in ids}
+
+    def left(self, ids: Sequence[str]) -> float:
+        """T: what the rival cannot explain of the readings of some runs (Gauss–Newton with the priors)."""
+        rival = self._rival
+        precision = rival.prior_sigma**-2.0
+        values = rival.start
+        best = math.inf
+        for number in range(ITERATIONS):
+            gram, gradient, square = np.diag(precision), -precision * (values - rival.prior_mean), 0.0
+            square = float(np.sum(precision * (values - rival.prior_mean) ** 2))
+            try:
+                lines = self._lines(ids, values, first=number == 0)
+            except EvaluationError:
+                break  # a step too far: the best so far counts
+            for id, line in lines.items():
+                noise = rival.noise(id)
+                residual = (self._wanted[id] - line.prediction / noise).ravel()
+                slopes = (line.jacobian / noise[:, None]).reshape(len(residual), -1)
+                gram[np.ix_(line.columns, line.columns)] += slopes.T @ slopes
+                gradient[line.columns] += slopes.T @ residual
+                square += float(residual @ residual)
+            try:
+                step = np.linalg.solve(gram, gradient)
+            except np.linalg.LinAlgError:
+                break  # far beyond what the readings say anything of: the best so far counts
+            expected = max(square - float(gradient @ step), 0.0)
+            best = min(best, square)
+            lower, upper = (np.array([getattr(p, side) for p in rival.parameters]) for side in ("lower", "upper"))
+            moved = np.clip(values + step, lower, upper)
+            if square - expected < 1e-3 * max(square, 1e-12) or not np.all(np.isfinite(moved)):
+                break
+            values = moved
+        return best

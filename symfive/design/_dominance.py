@@ -44,7 +44,7 @@ def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
     remedy = (
         GROUPS[name].remedy
         if name in GROUPS
-        else "no reading of this plan sees it apart from the set-up: another instrument may"
+        else "no reading of this plan separates it from the set-up; another instrument may"
     )
     return [
         f"more poses hardly help: {task.criterion.name} is {_size(task, now)}, with {MORE:g} times as many {_size(task, more)}; "

@@ -1,4 +1,4 @@
-"""Dynamic paths: which circles tell most about drives and play, with centring errors and set-up as nuisances.
+"""Dynamic paths: the most informative circles for drives and backlash, with centring errors and set-up as nuisances.
 
 A synchronous circle (rotary and linear axis together, paper 3) has a radius r, a distance X_T of its centre from the rotary
 axis, a feed, a height and a direction. Near X_T/r = 1 the rotary axis must turn at F/|X_T - r|, so the drives' lag is seen well
@@ -115,7 +115,7 @@ def plan_circles(
     per_minute: bool = False, refine: bool = True, free: Sequence[str] | None = None, noise_um: float = 0.3,
     rate_hz: float = RATE_HZ,
 ) -> CirclePlan:  # fmt: skip
-    """The `count` circles that together tell most about the effects' parameters.
+    """The `count` circles that together are most informative about the effects' parameters.
 
     `family` `synchronous` (ratios X_T/r × radii × feeds) or `planar` (centres, mm in the workpiece frame, × planes × radii ×
     feeds); `directions` `both`, `ccw`, `cw` to choose from; `for_` names of the parameters that count (default: all of the

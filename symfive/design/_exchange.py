@@ -150,7 +150,7 @@ def greedy(task: Task, candidates: Candidates, groups: int, points: int, quota: 
 
 
 def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, passes: int = PASSES) -> Indices:
-    """Each row in turn gives way to the candidate that lowers ψ most, until a whole pass changes nothing."""
+    """Each row in turn is replaced by the candidate that lowers ψ most, until a whole pass changes nothing."""
     chosen = chosen.copy()
     state = _state(task, candidates, groups, chosen)
     value = task.value(state.information)
@@ -175,7 +175,7 @@ def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, p
 def choose(task: Task, candidates: Candidates, groups: int, points: int, passes: int = PASSES) -> Indices:
     """Greedy and exchange, once freely and once from a start with the poses shared evenly among the set-ups.
 
-    The first reading in a set-up tells nothing but its zero, so a free greedy search may never begin a second one.
+    The first reading in a set-up determines only its zero, so a free greedy search may never begin a second one.
     """
     designs = [exchange(task, candidates, groups, greedy(task, candidates, groups, points), passes)]
     if groups > 1:

@@ -124,7 +124,7 @@ def uncertainty_figure(plan: Plan) -> Figure:
 
 def worth_figure(plan: Plan) -> Figure:
     """What the loss of each row would cost, in per cent of the joint 1σ; rows by the lines of their run's file. Of many rows
-    a bar stands for several and shows the one that tells most."""
+    a bar stands for several and shows the most informative one."""
     worth = plan.assessment.worth
     figure = Figure(figsize=(7.0, 0.6 + 1.7 * len(worth)), layout="constrained")
     panels = figure.subplots(len(worth), 1, squeeze=False, sharey=True)[:, 0]

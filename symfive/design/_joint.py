@@ -1,7 +1,7 @@
 """Poses and the moves between them chosen together: the time to remove the bar against the information of a pose.
 
 Twice the time is twice the readings, which lower ψ by log 2; so ψ + log(time) compares plans of different length, and a pose
-gives way to one that tells a little less and can be reached with the bar on, where that lowers the sum.
+is replaced by a slightly less informative one that can be reached with the bar mounted, where that lowers the sum.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def chosen_with_moves(
     """The plan with poses exchanged for which the bar had to come off, or the ball out of its nest, as long as that pays.
 
     `laid` a schedule with the ways of its programs; `candidates` other poses of its set-ups; `lay` makes both for a design. Each
-    pose at an end of such a move gives way to the candidate that tells most of those with a straight move to the pose beyond.
+    pose at an end of such a move is replaced by the most informative candidate of those with a straight move to the pose beyond.
     """
     best, tried = laid, set[bytes]()
     if space.instrument == "touch_probe":  # every move of a probe leads around
@@ -73,7 +73,7 @@ def _key(rows: Rows, pose: int) -> bytes:
 def _exchanged(
     space: Space, task: Task, schedule: Schedule, run: str, beyond: int, pose: int, candidates: Candidates
 ) -> Rows | None:
-    """The design with a pose exchanged for the candidate that tells most of those in reach; None where there is none."""
+    """The design with a pose exchanged for the most informative candidate in reach; None where there is none."""
     rows, moves = schedule.rows, schedule.moves[run]
     own = np.flatnonzero(candidates.group == rows.group[pose])
     own = own[moves.seated.reached_from(int(moves.order[beyond]), candidates.z[own])]

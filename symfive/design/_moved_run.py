@@ -1,6 +1,6 @@
 """The information of a recorded path and its exact derivatives in what shapes the path.
 
-With rows h apart at the recorder's rate f, M = Σ w f h JᵀJ/σ² (w = 1) is what N rows of the recording tell, whatever N. J depends
+With rows h apart at the recorder's rate f, M = Σ w f h JᵀJ/σ² (w = 1) is the information of any N rows of it. J depends
 on the path through the motion behind the drives, their sensitivities to the gains, the state of a play, the place of the ball
 and the bar's length; all of these are differentiated (`motion._moved_path`, CasADi's forward mode of the row), none by
 differences. Where a direction or a flank of a play changes between two rows, the instant of the change moves with the path,

@@ -23,8 +23,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 LARGEST_REFINED = 80
 """Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are as good."""
-SHARES, STEPS = (1.0, 0.5, 0.0), (12, 30, 150)
-"""Successive halving: this share of the starts, at least one, is refined by so many steps."""
+SHARES, STEPS = (1.0, 1.0 / 3.0, 0.0), (12, 30, 150)
+"""Successive halving, to a third as Hyperband does (L. Li et al. 2018): this share of the starts, at least one, is refined by so
+many steps."""
 FIRST_PASSES = 3
 ROUNDINGS, FEW_ROUNDS, LOOSE, WORTH = 2, 5, 1e-2, 5e-3
 """Rounding of the relaxed design: how often, its column generation, and the gain in ψ for which to go on."""
@@ -46,7 +47,7 @@ def optimise(
     """The best design found and ψ of every start.
 
     Start 0 uses the most telling set-ups and every pose of the grid, the others random parts of both. Successive halving: all
-    starts are refined a little, the better half of them further, and the best one until it stands still. Then whole numbers of
+    starts are refined a little, the better third of them further, and the best one until it stands still. Then whole numbers of
     the poses that the relaxed design in its set-ups uses compete with it. Of a large plan only a smaller one is refined; its
     set-ups and the relaxed design in them give the large one. The workers of `pool` (`symfive.executors`) share the starts.
     """
@@ -64,7 +65,7 @@ def optimise(
             running[start], values[start] = rows, value
             feasible += [(value, rows)] if reachable else []
         progress(
-            f"{len(running)} of {starts} starts refined by {steps} steps: ψ = {min(values[s] for s in better):.5f}"
+            f"{len(running)} of {starts} starts refined by {steps} steps: criterion ψ = {min(values[s] for s in better):.5f}"
         )
     if points > small:
         many = _many(space, task, _best(feasible), points)
@@ -73,7 +74,7 @@ def optimise(
         before = _best(feasible)
         _rounded_relaxed(space, task, before, feasible)
         gained = value_of(space, task, before) - value_of(space, task, _best(feasible))
-        progress(f"relaxed design rounded: ψ = {value_of(space, task, _best(feasible)):.5f}")
+        progress(f"relaxed design rounded: criterion ψ = {value_of(space, task, _best(feasible)):.5f}")
         if gained < WORTH:
             break
     return _best(feasible), tuple(values)
@@ -88,7 +89,10 @@ def _rounded_relaxed(space: Space, task: Task, rows: Rows, feasible: list[tuple[
     both = _joined(_own(space, rows), generate(space, task, rows, LOOSE, FEW_ROUNDS).support)
     n = len(rows.z)
     for first in (np.arange(n), greedy(task, both, rows.groups, n, -(-n // rows.groups))):
-        picked = both.take(exchange(task, both, rows.groups, first))
+        chosen = exchange(task, both, rows.groups, first)
+        if np.array_equal(chosen, np.arange(n)):
+            continue  # the design itself, which was refined
+        picked = both.take(chosen)
         start = Rows.of(picked.z, picked.k, picked.group, rows.poses)
         feasible.append((value_of(space, task, start), start))
         value, finer, reachable = _refined(space, task, start, STEPS[-1])

@@ -129,7 +129,7 @@ def part_criterion(part: Part, space: Space, name: str) -> Criterion:
         flat = slopes.reshape(-1, slopes.shape[2])
         return Trace("V", flat.T @ flat / len(slopes))
     raise InputError(
-        f"criterion {name} does not look at the part", remedy="use G (the worst place of its path) or V (the mean)"
+        f"criterion {name} does not use the part", remedy="use G (the worst point of its path) or V (the mean)"
     )
 
 
@@ -191,7 +191,7 @@ def _refuse_outside(machine: Machine, path: ToolPath, commands: dict[str, Array]
         if outside.size:
             row = int(outside[0])
             unit = "°" if axis.rotary else " mm"
-            problem = f"axis {name} would stand at {column[row]:.6g}{unit}, outside its travel {low:g}…{high:g}"
+            problem = f"axis {name} would be at {column[row]:.6g}{unit}, outside its travel {low:g}…{high:g}"
             moved = "correct the part's zero (--part-zero) or the tool's length (--part-tool)"
             remedy = f"correct the path or the travel of {name}" if axis.rotary else f"{moved}, or the path"
             raise InputError(problem, path=path.path, line=int(path.line[row]), remedy=remedy)

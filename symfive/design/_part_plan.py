@@ -68,11 +68,11 @@ class PartPlan:
         where = (
             "in the workpiece frame"
             if path.datum is None
-            else "against the part's zero touched with the rotary axes at 0"
+            else "relative to the part zero, probed with the rotary axes at 0"
         )
         return (
             f"Part {path.path.name}: expected error of the tool ({path.tool_length:g} mm) {where}, after compensation, 1σ at "
-            f"{len(path)} places of its path"
+            f"{len(path)} points of its path"
         )
 
     @property
@@ -93,7 +93,7 @@ class PartPlan:
     @property
     def verdict(self) -> str:
         """How this plan compares with the ordinary one."""
-        return f"at the worst place {plain_number(self.ratio)} times what the ordinary plan leaves"
+        return f"at the worst point {plain_number(self.ratio)} times the error of the ordinary plan"
 
     def shown(self) -> dict[str, Any]:
         """What the sheet shows."""
@@ -104,7 +104,7 @@ class PartPlan:
         return {
             "what": self.what,
             "rows": rows,
-            "notes": [f"This plan leaves {self.verdict}.", *self.part.path.notes],
+            "notes": [f"Expected error of this plan: {self.verdict}.", *self.part.path.notes],
         }
 
     def to_data(self) -> dict[str, Any]:

@@ -93,7 +93,7 @@ def circle_runs(machine: Machine, shape: CircleShape, *, noise_um: float, rate_h
 def _check_on_table(machine: Machine, run: Run) -> None:
     edge, (x, y, _), centre = machine.workspace.table_radius, run.table_ball, machine.table_centre
     if edge is not None and math.dist((x, y), centre) > edge + SLACK_MM:
-        problem = f"run {run.id}: the table ball at x = {x:.5g}, y = {y:.5g} mm would stand beside the table"
+        problem = f"run {run.id}: the table ball at x = {x:.5g}, y = {y:.5g} mm would be beside the table"
         about = f"table_radius = {edge:g} mm about ({centre[0]:g}, {centre[1]:g})"
         remedy = f"keep it within {about}: smaller ratio X_T/r, shorter bar or other centre"
         raise InputError(problem, remedy=remedy)
@@ -178,7 +178,7 @@ def _synchronous(machine: Machine, circle: CircleShape, v: Mapping[str, Any], ph
     ratio, radius = v["ratio"], v["radius"]
     start = circle.values["ratio"]
     if abs(start - 1.0) < SMALLEST_GAP or start < 0.0:
-        raise InputError(f"X_T/r = {start:g} is not refined", remedy="take a ratio of at least 0 that is not 1")
+        raise InputError(f"X_T/r = {start:g} is not refined", remedy="use a ratio of at least 0 that is not 1")
     if start > 1.0:
         theta = ca.atan2(ca.sin(phi), ratio + ca.cos(phi))
     else:

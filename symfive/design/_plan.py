@@ -50,7 +50,9 @@ __all__ = ["Plan", "plan"]
 Array = NDArray[np.float64]
 FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
-INDEXED = "the spindle is indexed in every run: for this part that is worth more than the pose it takes (--no-index forbids it)"
+INDEXED = (
+    "the spindle is indexed in every run: for this part this gains more than one further pose (--no-index forbids it)"
+)
 MOST_SHARES = 3
 """Numbers of runs that all get the full search."""
 REPORTED_DRAWS, DRAWS = 2, 6
@@ -150,10 +152,10 @@ def plan(
     the spindle is indexed where that is worth it; `given` a campaign already
     measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
     3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
-    many of the poses and runs as tell most per minute; `returns` visits back to the first pose of each run, against drift;
+    many of the poses and runs as are most informative per minute; `returns` to the first pose of each run, against drift;
     `repeats` readings of each pose; `setup_sigma` 1σ of set-up errors; `frame` of an R-test's readings, `workpiece` of a nest on
     the table, `machine` or `tool` of a head in the spindle; `index`: the first pose of every run is read with the spindle at 0°
-    and 180°, which tells the tool ball's run-out; `survive` prefers a plan that stays good if any one pose is lost; `robust`
+    and 180°, which determines the tool ball's run-out; `survive` optimises for the loss of any one pose; `robust`
     `nominal`, or the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
     certificate also compares with all other set-ups (a few seconds); `prove`: whether its bound is proved (seconds, for some
     ball bars a quarter of a minute); `pool` any executor (`symfive.executors`), whose workers share the starts.
@@ -179,7 +181,7 @@ def plan(
     ordinary = None
     if route is not None:
         setups = setups if minutes is None or setups is not None else mountings_in(minutes)
-        progress("the ordinary D plan")
+        progress("D plan for comparison")
         ordinary = plan(
             machine, instrument=instrument, points=points, given=given, setups=setups, minutes=minutes, returns=returns,
             repeats=repeats, noise_um=noise_um, setup_sigma=setup_sigma, frame=frame, index=bool(index), starts=starts,
@@ -214,14 +216,14 @@ def plan(
             return design
         return shortened(space, task, design, lay(design), 60.0 * minutes, lay).rows
 
-    if len(shares) > MOST_SHARES:  # one start each tells how many runs are best
+    if len(shares) > MOST_SHARES:  # one start each finds the best number of runs
         tried = [value_of(space, task, fitted(best_of(*share, 1)[0])) for share in shares]
         shares = [shares[int(np.argmin(tried))]]
     found = [(fitted(design), psi) for design, psi in (best_of(*share) for share in shares)]
     rows, values = min(found, key=lambda design: value_of(space, task, design[0]))
     drawn = drawn_spaces(machine, space, REPORTED_DRAWS if robust == "nominal" else DRAWS)
     if per_minute:
-        progress("poses with most information per minute")
+        progress("selecting the poses with most information per minute")
         fewer = most_per_minute(space, task, rows, lay).rows
         again, psi = best_of(len(fewer.z), fewer.groups)
         before = task.value_of_marginal(task.prior)
@@ -229,12 +231,12 @@ def plan(
         better = rates[0] > rates[1]
         rows, values = (again, psi) if better else (fewer, values)
     if robust != "nominal":
-        progress("making it good on machines drawn from the priors")
+        progress("improving the plan for machines drawn from the priors")
         rows = rounded(space, robust_exchange(drawn, task, rows, _grid_in(space, rows), robust))
     if survive:
-        progress("making it survive the loss of a pose")
+        progress("improving the plan for the loss of one pose")
         rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
-    progress("moves between the poses")
+    progress("planning the moves between the poses")
 
     def laid(design: Rows) -> tuple[Schedule, Post]:
         return _with_ways(lay, with_ways_out(reach, task, design))
@@ -246,7 +248,7 @@ def plan(
         estimate = lay(schedule.rows)
         fewer = shortened(space, task, schedule.rows, estimate, estimate.seconds - over, lay).rows
         schedule, post = _with_ways(lay, fewer)
-    progress("certificate")
+    progress("computing the certificate")
     certificate = _certified(space, task, schedule.rows, runs, anywhere, prove)
     made = _finished(
         space,
@@ -369,7 +371,7 @@ def _removals(schedule: Schedule, name: str, count: int) -> str:
     seated = "bar on" if bar else "ball in the nest"
     return (
         f"run {name}: {what} before {count} of the poses{stops}; no clear move with the {seated} was found, and another pose "
-        "would tell less than the time is worth"
+        "would cost more information than time"
     )
 
 
@@ -384,7 +386,7 @@ def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
     axes = schedule.campaign.machine.axes.items()
     if silent := [name for name, axis in axes if axis.max_feed is None or axis.max_acceleration is None]:
         notes.append(
-            f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs drive as a slow machine"
+            f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs move as on a slow machine"
         )
     if len(values) > 1 and max(values) - min(values) > 0.05:
         notes.append("the starts ended in different local optima; the best is used")

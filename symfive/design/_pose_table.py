@@ -84,7 +84,7 @@ def _before(run: Run, row: int, post: Post, same: Sequence[int]) -> str:
     if row in post.unsafe.get(run.id, ()) and "touch_probe" not in run.instrument:
         bar = run.length is not None
         said.append(
-            "take the bar off, mount it again" if bar else "out of the nest, seat it again: leave the nest as it is"
+            "remove the bar, mount it again" if bar else "ball leaves the nest; seat it again, do not move the nest"
         )
     if run.spindle is not None and (row == 0 or run.spindle[row] != run.spindle[row - 1]):
         said.append(f"spindle turned to {run.spindle[row]:g}°")

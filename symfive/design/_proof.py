@@ -1,4 +1,4 @@
-"""Branch and bound over the poses of one set-up: no pose tells more than what it returns.
+"""Branch and bound over the poses of one set-up: an upper bound of the sensitivity function.
 
 A cell is left out where one limit excludes all of it. The limits are sums of places (trigonometric of degree one in every angle,
 no longer than the levers), so a limit is nowhere in the cell above its value, its slopes and lever · (Σ h)²/2; the distance of
@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from symfive.design._bodies import NOSE_LENGTH
 from symfive.design._cells import TINY, Cells, Cut, FirstCells, first_cells
 from symfive.design._information import Layout
+from symfive.design._sensitivity import SensitivityFunction, sensitivity_function
 from symfive.design._space import PARALLEL, UNIT_MM, Space
 from symfive.design._spectrum import spectrum_of
-from symfive.design._told import Told, told_of
 
-__all__ = ["Proved", "largest_told"]
+__all__ = ["Proved", "bounded_sensitivity"]
 
 Array = NDArray[np.float64]
 MOST_CELLS, TOGETHER = 2_000_000, 20_000
@@ -31,8 +31,8 @@ KINKED = "tool and post"
 
 @dataclass(frozen=True)
 class Proved:
-    """`bound`: no pose of the set-up tells more; `better` (m, poses) reachable poses that tell more than was known; how many
-    `cells` were looked at."""
+    """`bound` of φ over all poses of the set-up; `better` (m, poses) reachable poses with more than was known; number of
+    `cells` examined."""
 
     bound: float
     better: Array
@@ -44,7 +44,7 @@ class Proved:
         return self.cells >= MOST_CELLS
 
 
-def largest_told(
+def bounded_sensitivity(
     space: Space, layout: Layout, pull: Array, z: Array, k: Array, g: int, top: float, slack: float
 ) -> Proved | None:  # fmt: skip
     """An upper bound of ⟨G, F⟩ over all poses of the set-up `z`, `k` of run `g`, no sharper than (1 + `slack`) of the most that
@@ -52,8 +52,8 @@ def largest_told(
     if PARALLEL in space.limit_names:
         return None
     poses = space.poses
-    told = told_of(space, layout, pull, z[poses:], k, g)
-    setup = _Setup(space, told.half, told.setup, told.k)
+    phi = sensitivity_function(space, layout, pull, z[poses:], k, g)
+    setup = _Setup(space, phi.half, phi.setup, phi.k)
     spectrum = spectrum_of(setup.values, space.lower[:poses], space.upper[:poses])
     if spectrum is None:
         return None
@@ -73,7 +73,7 @@ class _Reached:
 
 
 @dataclass(frozen=True)
-class _Setup(Told):
+class _Setup(SensitivityFunction):
     """φ of the poses of one set-up, and which cells of them can be reached."""
 
     def reachable(self, cells: Cells) -> _Reached:

@@ -1,4 +1,4 @@
-"""Poses that no clear way leads to give way to others of the same set-ups."""
+"""Poses without a clear path are replaced by others of the same set-ups."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PASSES = 2
 
 
 class Reach:
-    """Whether poses of a design's set-ups have a way out; what is in the way where they have none. A pose is tested once."""
+    """Whether poses of a design's set-ups have an exit path; what blocks it where they have none. A pose is tested once."""
 
     def __init__(self, space: Space) -> None:
         self.space = space
@@ -54,8 +54,8 @@ def _run(space: Space, z: Array, k: Array) -> Run:
 def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
     """The design with every pose one from which the tool can be drawn back clear of everything.
 
-    The others are exchanged for the poses of a grid in the same set-ups that tell most. Raises `InputError` where no pose has
-    a way out.
+    The others are exchanged for the most informative poses of a grid in the same set-ups. Raises `InputError` where no pose has
+    an exit path.
     """
     space = reach.space
     met = reach.in_the_way(rows.z, rows.k)
@@ -73,7 +73,7 @@ def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
         out[[i for i, what in zip(chosen, met, strict=True) if what]] = True
         left = np.flatnonzero(~out)
         if not left.size:
-            raise InputError(f"no pose has a clear way out: {first} is in the way", remedy=REMEDY)
+            raise InputError(f"no pose has a clear exit path: {first} is in the way", remedy=REMEDY)
         place = {int(i): n for n, i in enumerate(left)}
         start = np.array([place.get(int(i), -1) for i in chosen])
         start[start < 0] = np.resize(np.arange(left.size)[::-1], int((start < 0).sum()))

@@ -111,7 +111,7 @@ def _multiplied(task: Task, whole: Array, prior: Array, points: float, weights: 
         seen = sensitivity(task.pull(inverse(prior + _gathered(whole[live], weights[live]))), whole[live])
         gain = weights[live] * np.maximum(seen, 0.0) ** power  # rounding leaves some below 0
         if not gain.any():
-            break  # no pose tells anything of what is known worst
+            break  # no pose is informative about what is known worst
         weights[live] = gain
         weights *= points / weights.sum()
         floor = NEGLIGIBLE * weights.max()
@@ -176,36 +176,40 @@ def _derivatives(task: Task, whole: Array, prior: Array, weights: Array) -> tupl
 
 def _of_log_det(whole: Array, information: Array) -> tuple[Array, Array]:
     """tr(C Fᵢ) (n,) and tr(C Fᵢ C Fⱼ) = |Jᵢᵀ C Jⱼ|² (n, n), C the inverse of the information."""
-    n, size, ny = whole.shape
-    flat = whole.transpose(2, 0, 1).reshape(ny * n, size) @ np.linalg.inv(np.linalg.cholesky(information)).T
-    pairs = (flat @ flat.T) ** 2
-    return np.sum(flat**2, axis=1).reshape(ny, n).sum(axis=0), pairs.reshape(ny, n, ny, n).sum(axis=(0, 2))
+    seen = whole.transpose(2, 0, 1) @ np.linalg.inv(np.linalg.cholesky(information)).T
+    slope = np.einsum("ynp,ynp->n", seen, seen)
+    own, mixed = np.zeros((2, len(whole), len(whole)))
+    for i, part in enumerate(seen):
+        own += (part @ part.T) ** 2
+        for other in seen[:i]:
+            mixed += (part @ other.T) ** 2
+    return slope, own + mixed + mixed.T
 
 
 def marginal_sensitivity(
     pull: Array, rows: Array, prior: Array, points: float, steps: int = INNER, enough: tuple[float, float] = (-math.inf, 0.0)
 ) -> tuple[float, float, Array]:  # fmt: skip
-    """The poses of one set-up that tell most about G = `pull` (shared, shared), the set-up's own errors marginalised.
+    """The poses of one set-up that are most informative about G = `pull` (shared, shared), the set-up's own errors marginalised.
 
     Returns the largest |(J + Jₒ B)ᵀ G^½|² over the poses and tr(G Bᵀ Pₒ B) at the best matrix B found (see `_anywhere`), and
     the weights (n,) of the poses; `rows` (n, shared + own, ny), `prior` (own, own) information about the set-up. Once neither
     number is above `enough` no better B is sought.
     """
-    p = len(pull)
+    p, ny = len(pull), rows.shape[2]
     weights = np.full(len(rows), points / len(rows))
     values, vectors = np.linalg.eigh(pull)
     live = values > 1e-12 * values[-1]
-    seen = (vectors[:, live] * np.sqrt(values[live])).T @ rows[:, :p, :]
-    own = rows[:, p:, :]
+    seen = (vectors[:, live] * np.sqrt(values[live])).T @ rows[:, :p, :].transpose(1, 0, 2).reshape(p, -1)
+    own = rows[:, p:, :].transpose(1, 0, 2).reshape(rows.shape[1] - p, -1)
+    still = np.einsum("ij,ij->j", seen, seen)
     best = (math.inf, 0.0, weights)
-    left_flat = own.transpose(1, 0, 2).reshape(own.shape[1], -1)
-    seen_flat = seen.transpose(1, 0, 2).reshape(seen.shape[1], -1)
-    ny = rows.shape[2]
     for _ in range(steps):
-        weighted = left_flat * np.repeat(weights, ny)
-        B = -np.linalg.solve(weighted @ left_flat.T + prior, weighted @ seen_flat.T)
-        left = seen_flat + B.T @ left_flat
-        gain = np.sum(left**2, axis=0).reshape(-1, ny).sum(axis=1)
+        weighted = own * np.repeat(weights, ny)
+        B = -np.linalg.solve(weighted @ own.T + prior, weighted @ seen.T)
+        left = still + np.einsum(
+            "ij,ij->j", own, 2.0 * (B @ seen) + (B @ B.T) @ own
+        )  # |seen + Bᵀ own|² of every reading
+        gain = left.reshape(-1, ny).sum(axis=1)
         fixed = float(np.sum(B * (prior @ B)))
         if points * gain.max() + fixed < points * best[0] + best[1]:
             best = (float(gain.max()), fixed, weights)

@@ -33,7 +33,7 @@ def with_bars(machine: Machine, lengths: Sequence[float]) -> Machine:
     for length in lengths:
         if 0.0 < length <= BALL_MM:
             raise InputError(
-                f"a bar of {length:g} mm cannot be: the balls at its ends touch at {BALL_MM} mm",
+                f"a bar of {length:g} mm is impossible: its balls touch at {BALL_MM} mm",
                 remedy="give its length in mm",
             )
     return replace(machine, workspace=replace(machine.workspace, bar_lengths=tuple(float(v) for v in lengths)))
@@ -68,7 +68,7 @@ def interest_of(names: Sequence[str], wanted: tuple[str, ...]) -> tuple[str, ...
 
 
 def task_of(space: Space, criterion: str | Criterion, wanted: Sequence[str], given: Campaign | None) -> Task:
-    """The task of a plan in this space, what a campaign measured before tells being known; `criterion` itself or its name."""
+    """The task of a plan in this space, with the information of an earlier campaign; `criterion` itself or its name."""
     names = [p.name for p in space.shared]
     interest = np.array([names.index(name) for name in wanted], dtype=np.int64)
     prior = np.eye(len(names))
@@ -104,9 +104,10 @@ def refuse_unseen(space: Space, task: Task, points: int, names: Sequence[str]) -
             why = (
                 f"it cannot be separated from {partner}"
                 if partner
-                else "no reading depends on it, or the noise hides it"
+                else "no reading depends on it, or only below the noise"
             )
             remedy = f"leave it out, fix {partner} in the machine file" if partner else "leave it out"
             raise InputError(
-                f"no {space.instrument} plan can see {names[i]}: {why}", remedy=f"{remedy}, or use another instrument"
+                f"no {space.instrument} plan determines {names[i]}: {why}",
+                remedy=f"{remedy}, or use another instrument",
             )

@@ -32,7 +32,7 @@ def lost_pose(task: Task, rows: Array, group: NDArray[np.int64], groups: int) ->
 def survive_a_lost_pose(space: Space, task: Task, rows: Rows, candidates: Candidates, passes: int = 2) -> Rows:
     """Exchange that lowers ψ after the worst loss of one pose (instead of ψ itself).
 
-    `candidates` in the same set-ups as the rows. Each pose in turn may give way to one of the few that tell most in its
+    `candidates` in the same set-ups as the rows. Each pose in turn may be replaced by one of the few most informative in its
     absence.
     """
     current = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
@@ -108,7 +108,7 @@ def robust_exchange(
 ) -> Rows:
     """Exchange that lowers the `mean` or the `worst` ψ over drawn machines.
 
-    `candidates` in the same set-ups as the rows. A pose enters by what it tells on the machines that count: all of them
+    `candidates` in the same set-ups as the rows. A pose enters by its information on the machines that count: all of them
     alike, or the one that is worst off.
     """
     layout = task.layout(rows.groups)

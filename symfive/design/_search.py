@@ -1,7 +1,7 @@
 """The largest ⟨G, F(pose)⟩ over all poses of some set-ups, searched: `_proof` bounds it.
 
 The search starts from quasi-random poses (Halton's), some of them on the edges and corners of the travels and some beyond the
-limits, and from the poses of the relaxed design, and climbs from the best of them (`_told`). For the poses of a plan themselves a
+limits, and from the poses of the relaxed design, and ascends from the best (`_sensitivity`). For the poses of a plan themselves a
 compass search is enough.
 """
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._relaxed import Relaxed, sensitivity
+from symfive.design._sensitivity import PENALTY, local_maxima, sensitivity_function
 from symfive.design._space import Space
-from symfive.design._told import PENALTY, climbed, told_of
 
 __all__ = ["COARSE", "FEW", "MANY", "Search"]
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 COARSE = 4096
 FEW, MANY = 25, 125
-"""Poses of the grid in a set-up from which a search climbs, by the square of how many angles a pose has: while poses are
+"""Poses of the grid in a set-up from which a search ascends, by the square of how many angles a pose has: while poses are
 collected, and before nothing more is sought."""
 MOST_FRESH, NEAR = 200, 3e-3
 """Poses that a search returns, and how far apart these are, of the ranges."""
@@ -74,12 +74,12 @@ class Search:
             mine, own = np.flatnonzero(self.all.group == g), columns.group == g
             mine = mine[np.argsort(merit[mine])[::-1][: starts * poses**2]]
             start = np.concatenate([self.all.z[mine], columns.z[own]])[:, :poses]
-            told = told_of(self.space, self.layout, pull, self.setups[g], self.lengths[g], g)
-            higher = climbed(told, start, top)
-            there = np.where(self.space.feasible(*told.decided(higher)), told.values(higher), -np.inf)
+            phi = sensitivity_function(self.space, self.layout, pull, self.setups[g], self.lengths[g], g)
+            higher = local_maxima(phi, start, top)
+            there = np.where(self.space.feasible(*phi.decided(higher)), phi.values(higher), -np.inf)
             before = np.concatenate([np.where(self.fits[mine], seen[mine], -np.inf), known[own]])
             value = np.concatenate([there, before])
-            z = told.decided(np.concatenate([higher, start]))[0]
+            z = phi.decided(np.concatenate([higher, start]))[0]
             some = self._distinct(z[:, :poses], value, np.zeros(len(z), dtype=np.int64))
             parts.append((z[some], value[some], np.full(len(some), g)))
         z, value, group = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -88,8 +88,8 @@ class Search:
         return float(value[best[0]]), Candidates(z, k, group, self.space.kernel.rows(z, k))
 
     def spread(self, relaxed: Relaxed, columns: Candidates) -> tuple[float, Candidates]:
-        """The largest value found, and poses that tell much, by compass search: many stay on the way to a local maximum, which
-        leaves whole numbers of poses more to choose among."""
+        """The largest value found, and informative poses, by compass search: many stop before a local maximum, which
+        leaves integer numbers of poses more to choose from."""
         seen = sensitivity(relaxed.pull, self.whole[self.fits])
         each = [np.flatnonzero(self.grid.group == g) for g in range(self.groups)]
         first = np.concatenate([mine[np.argsort(seen[mine])[::-1][: FROM_GRID // self.groups]] for mine in each])
@@ -118,12 +118,12 @@ class Search:
         return float(value.max()), Candidates(z, k, group[fresh], self.space.kernel.rows(z, k))
 
     def _better(self, pull: Array, z: Array, k: Array, group: Indices, value: Array) -> tuple[Indices, Array]:
-        """Which poses can be reached and tell more than `value` (n,), and their ⟨G, F⟩."""
+        """Poses that can be reached and exceed `value` (n,), and their ⟨G, F⟩."""
         rows = self.space.kernel.rows(z, k)
-        told = sensitivity(pull, self.layout.embed(rows, group))
-        more = np.flatnonzero(told > value)
+        phi = sensitivity(pull, self.layout.embed(rows, group))
+        more = np.flatnonzero(phi > value)
         more = more[self.space.feasible(z[more], k[more], rows[more])]
-        return more, told[more]
+        return more, phi[more]
 
     def _distinct(self, poses: Array, value: Array, group: Indices, most: int = MOST_FRESH) -> Indices:
         """The best of every neighbourhood in a set-up, best first; none that cannot be reached."""

@@ -171,7 +171,8 @@ class Seated:
 
         z, k = self._nodes
         times = move_times(self.space.machine, self._commands)
-        order = np.argsort(times + np.diag(np.full(len(z), np.inf)), axis=1)[:, :NEIGHBOURS]
+        others = times + np.diag(np.full(len(z), np.inf))
+        order = np.argpartition(others, min(NEIGHBOURS, len(z) - 1), axis=1)[:, :NEIGHBOURS]
         near = np.zeros(times.shape, dtype=bool)
         near[np.arange(len(z))[:, None], order] = True
         near[: self.count, : self.count] = False

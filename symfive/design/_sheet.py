@@ -97,7 +97,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     """What is to be done, in its order."""
     machine, again = sheet.campaign.machine, mounted_before(sheet.campaign.runs, run)
     programmed, stays = set(machine.axis_names) <= set(LETTERS), _stays(sheet, run)
-    steps = ["Work offset: the workpiece frame's origin, with all rotary axes at 0."]
+    steps = ["Work offset: origin of the workpiece frame, with all rotary axes at 0."]
     if programmed:
         steps.append(f"In the program {which_point(machine, run, sheet.post)}.")
     if again is not None:
@@ -114,7 +114,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         steps.append(
             "The spindle is oriented: the run-out of the tool ball is read at "
             f"{' and '.join(f'{angle:g}°' for angle in np.unique(run.spindle))}. Where the program stops for it, turn the "
-            "spindle by hand; the ball stays in its place."
+            "spindle by hand; the ball stays in the nest."
         )
     steps += _start(sheet, run)
     if not programmed:
@@ -122,18 +122,18 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     for series in series_of(machine, sheet.campaign.runs):
         if run in series:
             names = "+".join(r.id for r in series)
-            steps.append(f"Or the program {names}: all {len(series)} circles of this mounting, the bar stays on.")
+            steps.append(f"Or the program {names}: all {len(series)} circles of this mounting, the bar stays mounted.")
     return steps + _moves(machine, sheet.post)
 
 
 def _start(sheet: Sheet, run: Run) -> list[str]:
     """How the program is started, and what comes back from it."""
     if "touch_probe" not in run.instrument:
-        return [f"Start the program of run {run.id}; it stops where you seat the instrument."]
+        return [f"Start the program of run {run.id}; it stops where you mount the instrument."]
     post = sheet.post
     return [
         f"Sphere of radius {post.sphere_radius:g} mm, tip of radius {post.tip_radius:g} mm, probe switched on, spindle locked.",
-        f"Start the program of run {run.id}; it stops above the sphere, then touches it. Its head says where it logs.",
+        f"Start the program of run {run.id}; it stops above the sphere, then touches it. Its header names the log.",
         "Bring the log back and import it: symfive import-touches PLAN LOG -o measured.",
     ]
 
@@ -145,8 +145,8 @@ def _moves(machine: Machine, post: Post) -> list[str]:
     turned, home = (f"{rotary}, then ", f", then {rotary} to 0") if rotary else ("", "")
     top = f"machine coordinate {post.machine_top:g} (ISO: its reference point)"
     return [
-        f"First moves, not tested: {up} alone to the top of its travel, {top}, then {turned}the plane, then {up} down; the "
-        "program stops before the slow move into position.",
+        f"First moves, not checked for collisions: {up} alone to the top of its travel, {top}, then {turned}the plane, then {up} "
+        "down; the program stops before the slow move into position.",
         f"Last moves: back along the same path, no tool offset, {up} alone to the top{home}.",
     ]
 
@@ -178,14 +178,14 @@ def _recording(nominal: Nominal, run: Run) -> dict[str, Any]:
     }
     for name in sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary):
         q, unit = run.commands[name], unit_words(machine.axes[name].unit)
-        fast = f"{plain_number(run.fastest(q))} {unit}/min" if np.ptp(q) > STILL else "stands still"
+        fast = f"{plain_number(run.fastest(q))} {unit}/min" if np.ptp(q) > STILL else "at rest"
         numbers = [digits(v) for v in (q[0], q.min(), q.max(), q[-1])]
         axes.append({"name": f"{name} / {unit}", "numbers": numbers, "fastest": fast})
     return {"facts": facts, "axes": axes}
 
 
 def _expected(assessment: Assessment) -> dict[str, Any]:
-    """What the readings will tell of the machine."""
+    """Expected uncertainty of the machine's errors."""
     sigma, centre = assessment.sigma, assessment.tool_centre_um
     sentences = [] if centre is None else [
         f"Tool centre point over the workspace: 1σ {centre[0]:.2g} µm on average, {centre[1]:.2g} µm at worst."
@@ -214,7 +214,7 @@ def _clearances(sheet: Sheet) -> str:
     """Which bodies keep apart, and where."""
     workspace, post = sheet.campaign.machine.workspace, sheet.post
     if workspace.spindle_nose is None or not post.tested:
-        return "Not checked, see above."
+        return "Not checked; see above."
     words = ", ".join(f"{key} {value:g} mm" for key, value in workspace.spindle_nose.items())
     thick = ", ".join(
         f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}"

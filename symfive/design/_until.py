@@ -60,7 +60,7 @@ def plan_until(
     quick = options | {"starts": 1, "anywhere": False, "prove": False}
 
     def reached(count: int) -> bool:
-        progress(f"{count} poses")
+        progress(f"planning with {count} poses")
         return not _unmet(plan(machine, points=count, **quick), limits)
 
     most = plan(machine, points=points, **quick)
@@ -95,8 +95,8 @@ def _refuse_known(
         where = "by its prior" if given is None else "by the campaign given"
         name = max(limits, key=lambda n: known[n] / limits[n])
         unit = "µrad" if machine.errors[name.partition(".")[0]].angular else "µm"
-        problem = f"{name} is known to {plain_number(known[name])} {unit} already {where}, as well as asked"
-        raise InputError(problem, remedy="nothing is to be measured")
+        problem = f"{name} is already known to {plain_number(known[name])} {unit} {where}, as required"
+        raise InputError(problem, remedy="no measurement is needed")
 
 
 def _out_of_reach(most: Plan, limits: Mapping[str, float], given: Campaign | None) -> InputError:
@@ -140,6 +140,4 @@ def _says(made: Plan, limits: Mapping[str, float], count: int) -> str:
     sigma, units = made.assessment.sigma, {p.name: unit_words(p.unit) for p in made.assessment.parameters}
     closest = max(limits, key=lambda n: sigma[n] / limits[n])
     reached = f"{plain_number(sigma[closest])} of {plain_number(limits[closest])} {units[closest]}"
-    return (
-        f"{count} poses are the fewest found after which the 1σ asked for are expected; closest is {closest}, {reached}"
-    )
+    return f"{count} poses are the fewest found with the required 1σ; closest to its limit is {closest}, {reached}"

@@ -38,10 +38,8 @@ from symfive.procedures import Nominal, home
 __all__ = ["REMEDY", "Detour", "Ways", "checked_path", "cleared"]
 
 RETRACTS_MM = (50.0, 80.0, 120.0, 200.0)
-REMEDY = (
-    "what clears such ways: a longer tool, a slimmer post or tool ([workspace] post_radius, tool_radius), more travel"
-)
-ELSEWHERE = "what clears such paths: another place or height of the table ball, another radius, a longer tool"
+REMEDY = "what helps: a longer tool, a slimmer post or tool ([workspace] post_radius, tool_radius), more travel"
+ELSEWHERE = "what helps: another position or height of the table ball, another radius, a longer tool"
 
 
 @dataclass(frozen=True)
@@ -168,7 +166,7 @@ class Ways:
     def left_by(self, row: int) -> _Out:
         found = self._way_out(row)
         if isinstance(found, str):
-            problem = f"run {self.run.id}: {found} on every way out of the pose of line {row + FIRST_LINE}"
+            problem = f"run {self.run.id}: {found} on every exit path from the pose of line {row + FIRST_LINE}"
             raise InputError(problem, remedy=REMEDY)
         return found
 
@@ -235,7 +233,7 @@ def _cleared(machine: Machine, run: Run, around: set[int], post: Post, detour: D
         met = dict(blocked_moves(machine, run, program_steps(machine, run, own)))
         for row, what in met.items():
             if run.dynamic or row in led:
-                on = "along the recording at" if run.dynamic and row not in led else "on the way to"
+                on = "along the recording at" if run.dynamic and row not in led else "on the path to"
                 line = min(row, run.rows - 1) + FIRST_LINE
                 raise InputError(f"run {run.id}: {what} {on} line {line}", remedy=ELSEWHERE if run.dynamic else REMEDY)
         if not met:

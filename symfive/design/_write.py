@@ -126,7 +126,7 @@ def write_recordings(
 
 def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
     """The plan of a further test into a folder that exists: campaign, programs (where all axes have an NC address), and the
-    set-up sheet, which says what the test is to tell. A test without a clear way gets no program: the sheet says what meets."""
+    set-up sheet, which states the purpose of the test. A test without a clear path has no program: the sheet names what meets."""
     campaign, notes = test.test, []
     if not set(campaign.machine.axis_names) <= set(LETTERS):
         nc = ()

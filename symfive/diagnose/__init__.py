@@ -17,12 +17,12 @@ from symfive.diagnose._places import Interval, direction_of, intervals_of
 from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, Fit, RivalName
 from symfive.diagnose._split import Split, first_half, parted, runs_of
 from symfive.diagnose._stretches import stretches_of
-from symfive.diagnose._words import facts_of, form_words, named, place_words, sentence_of
+from symfive.diagnose._words import facts_of, place_words, sentence_of
 
 __all__ = [
     "EXPLAINED", "SHOWN_SHARE", "WORSE", "Detection", "Diagnosis", "Disagreement", "Finding", "Fit", "HoldOut", "Interval",
     "Location", "Observability", "RivalName", "Split", "Suspect", "Test", "Withdrawn", "amend", "cross_validated", "detect",
-    "diagnose", "direction_of", "facts_of", "findings_of", "first_half", "form_words", "held_out", "held_out_square",
-    "intervals_of", "locate", "located", "log_tail", "model_averaged", "moved", "named", "next_test", "over_whole", "parted",
+    "diagnose", "direction_of", "facts_of", "findings_of", "first_half", "held_out", "held_out_square",
+    "intervals_of", "locate", "located", "log_tail", "model_averaged", "moved", "next_test", "over_whole", "parted",
     "partitions", "place_words", "possible_tests", "root", "runs_of", "sentence_of", "stretches_of", "withdraw",
 ]  # fmt: skip

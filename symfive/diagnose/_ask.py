@@ -18,7 +18,7 @@ __all__ = ["asked", "folder_of"]
 OPEN = 0.05
 """A test is asked for from this probability on that the first name is wrong (1 in 20, as tests are judged)."""
 RIVALS = 3
-"""Names that a test has to tell from the first, the most probable ones."""
+"""Names that a test has to separate from the first, the most probable ones."""
 
 
 def asked(posterior: Posterior, here: Expansion, verdict: Verdict) -> Discrimination | None:
@@ -26,7 +26,7 @@ def asked(posterior: Posterior, here: Expansion, verdict: Verdict) -> Discrimina
     terms = posterior.moments.terms
     own = terms[verdict.term].effect
     rivals = _rivals(posterior, verdict)
-    if own.nameless or not rivals:
+    if own.unidentified or not rivals:
         return None
     campaign = _shortened(here.fit.model.campaign)
     shared = {p.name for p in here.fit.parameters if p.run is None}
@@ -57,7 +57,7 @@ def _rivals(posterior: Posterior, verdict: Verdict) -> list[tuple[Effect, Mappin
     best: dict[Name, tuple[Subset, int]] = {}
     for subset, number in posterior.in_place_of(term):
         other = moments.terms[number]
-        if other.name != moments.terms[term].name and not other.effect.nameless:
+        if other.name != moments.terms[term].name and not other.effect.unidentified:
             best.setdefault(other.name, (subset, number))
     alike = {moments.terms[t].name for t in verdict.alias}
     open_ = [name for name in best if name in alike or verdict.rivals.get(name, 0.0) > OPEN]

@@ -7,7 +7,7 @@ Four tests of one fit, none of which needs to know an effect:
 * *tension with the priors*: how far the estimates lie from what was thought possible, in the directions that were learnt;
 * *disagreement*: one parameter, given a value of its own in every group of runs (feeds, directions, places, …), as a score
   test that is orthogonal to everything else that is fitted. This is how a concealed effect shows when the residual is
-  small: what swallowed it is not the same in every group.
+  small: what absorbed it differs between the groups.
 
 The data sheet's noise is a lower bound, not the truth: a residual above it alone is no mismatch.
 """
@@ -115,8 +115,8 @@ def detect(
         progress("fitting the baseline")
         fit = identify(campaign, noise="repeats")
     grams, whitened = _grams(fit)
-    found, looks = _disagreements(fit, grams)
-    tests = [*_lack_of_fit(fit, whitened), _whiteness(whitened), *_tensions(fit), *_agreement(found, looks)]
+    found, comparisons = _disagreements(fit, grams)
+    tests = [*_lack_of_fit(fit, whitened), _whiteness(whitened), *_tensions(fit), *_agreement(found, comparisons)]
     limit = np.log(level)
     return Detection(fit, level, tuple(tests), tuple(d for d in found if d.log_p < limit))
 
@@ -225,19 +225,17 @@ def _tensions(fit: Identification) -> list[Test]:
         parts = (directions[:, kept].T @ away) ** 2 / size[kept]
         worst = fit.parameters[places[int(np.argmax(np.abs(away)))]].name
         p = float(chi2.sf(parts.sum(), int(kept.sum())))
-        says = (
-            f"The {name} errors are further from their priors than these allow: {worst} by {np.abs(away).max():.1f} σ."
-        )
+        says = f"The {name} errors are further from their priors than expected: {worst} by {np.abs(away).max():.1f} σ."
         tests.append(Test(f"tension, {name}", float(parts.sum()), float(kept.sum()), p, says))
     return tests
 
 
-def _agreement(found: Sequence[Disagreement], looks: int) -> list[Test]:
-    if not looks:
+def _agreement(found: Sequence[Disagreement], comparisons: int) -> list[Test]:
+    if not comparisons:
         return []
     worst = min(found, key=lambda d: d.log_p)
     p = float(np.exp(min(0.0, worst.log_p)))
-    return [Test("agreement of groups", float(looks), float(looks), p, worst.says + ".")]
+    return [Test("agreement of groups", float(comparisons), float(comparisons), p, worst.says + ".")]
 
 
 def _disagreements(fit: Identification, grams: Mapping[str, _Gram]) -> tuple[list[Disagreement], int]:
@@ -255,11 +253,12 @@ def _disagreements(fit: Identification, grams: Mapping[str, _Gram]) -> tuple[lis
                 if one is not None:
                     log_p, values = one
                     found.append(Disagreement(parameter.name, parameter.unit, between, values, log_p))
-    looks = len(found)
+    comparisons = len(found)
     corrected = [
-        Disagreement(d.parameter, d.unit, d.between, d.values, min(0.0, d.log_p + float(np.log(looks)))) for d in found
+        Disagreement(d.parameter, d.unit, d.between, d.values, min(0.0, d.log_p + float(np.log(comparisons))))
+        for d in found
     ]
-    return sorted(corrected, key=lambda d: d.log_p), looks
+    return sorted(corrected, key=lambda d: d.log_p), comparisons
 
 
 def _one(

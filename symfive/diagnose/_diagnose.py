@@ -26,7 +26,7 @@ from symfive.threads import one_thread
 
 __all__ = ["diagnose"]
 
-UNSEEN = "the rows that the search did not see"
+UNSEEN = "the rows outside the search"
 
 
 @one_thread
@@ -69,7 +69,7 @@ def diagnose(
     searched: HoldOut | None = None
     proof: HoldOut | None = None
     if seen is not campaign:
-        progress("predicting the rows that the search did not see")
+        progress("predicting the rows outside the search")
         here, searched = proved(before, here, campaign, Split(UNSEEN, lambda run: rows[run.id]))
     start, first = before, here.fit
     if seen is not campaign:
@@ -96,9 +96,9 @@ def diagnose(
     if after.model.added:  # the baseline under the noise of the final fit
         detection = detect(fitted(before.model, [before.named], here.node, here.kappa2, after), level=false_alarms)
     location = located(posterior.moments, detection)
-    progress("looking for the next test")
+    progress("planning the next test")
     findings = findings_of(posterior, here, before, verdicts, location)
-    progress("leaving out runs in turn")
+    progress("cross-validation: leaving out runs in turn")
     return Diagnosis(
         p_value=_p_value(posterior),
         noise_um=float(np.sqrt(np.mean([n.white**2 for n in after.noises.values()]))),

@@ -136,7 +136,7 @@ def _finding(
     contribution = after.problem().contribution(effect, after.values)
     square = {run: float(np.mean((c - c.mean(axis=0)) ** 2)) for run, c in contribution.items()}
     first = verdict.names[0] if verdict.names else ("unknown", None)
-    name, axis = first[0], effect.belongs_to if effect.nameless else first[1]
+    name, axis = first[0], effect.belongs_to if effect.unidentified else first[1]
     rivals = [
         RivalName(*who, chance, _component(posterior, who))
         for who, chance in verdict.rivals.items()

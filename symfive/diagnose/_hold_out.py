@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.diagnose._split import Split
-from symfive.diagnose._words import coordinate_words, named
-from symfive.effects import Effect, Varying
+from symfive.effects import Effect, Varying, coordinate_words, effect_words
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import Problem, gauss_newton
@@ -47,11 +46,11 @@ class Withdrawn:
     def words(self) -> str:
         """The effect and its axis."""
         if isinstance(self.effect, Varying):
-            law = named(self.effect.of.vocabulary, self.effect.of.belongs_to)
-            return f"that {law} changes over {coordinate_words(self.effect.over)}"
-        if self.effect.nameless:
+            law = effect_words(self.effect.of.vocabulary, self.effect.of.belongs_to)
+            return f"the change of {law} over {coordinate_words(self.effect.over)}"
+        if self.effect.unidentified:
             return f"unidentified effect over {coordinate_words(self.effect.coordinate)}"
-        return named(self.effect.vocabulary, self.effect.belongs_to)
+        return effect_words(self.effect.vocabulary, self.effect.belongs_to)
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,7 @@ def withdraw(
     unit, gone = here.fit.file_unit, list[Withdrawn]()
 
     if not held_out_square(here.fit, campaign, split, unit)[1]:
-        problem = f"nothing that is held out reads in {unit_words(unit)}, as what is fitted does"
+        problem = f"no held-out reading has the unit {unit_words(unit)} of the fitted ones"
         raise InputError(problem, remedy="hold out runs of the same instrument")
     now, plain = (_held_out_rms(fit, campaign, split) for fit in (here.fit, before))
     while here.held:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection, detect
 from symfive.diagnose._places import Interval, direction_of, intervals_of
-from symfive.effects import Effect, Form
+from symfive.effects import Effect, Form, coordinate_words, form_words
 from symfive.identify import Identification
+from symfive.machine import Machine
 from symfive.model import Model
 from symfive.posterior import (
     WIDTHS,
@@ -86,7 +87,8 @@ class Suspect:
     def says(self) -> str:
         """The place in words."""
         axis = f", axis {self.axis}" if self.axis else ""
-        return f"{self.link}{axis}, over {self.coordinate} (as {self.effect.key}: log evidence {self.nats:+.3g})"
+        form = form_words(self.effect.key, self.campaign.machine)
+        return f"{self.link}{axis}, over {coordinate_words(self.coordinate)} ({form}: log evidence {self.nats:+.3g})"
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,9 +124,11 @@ class Location(OnScreen):
 
     def __str__(self) -> str:
         suspects = [
-            f"  {s.link:<22} {s.axis or '':<3} {s.coordinate:<22} {s.nats:10.4g}  {s.effect.key}" for s in self.suspects
+            f"  {s.link:<22} {s.axis or '':<3} {coordinate_words(s.coordinate):<28} {s.nats:10.4g}  "
+            f"{form_words(s.effect.key, s.campaign.machine)}"
+            for s in self.suspects
         ]
-        seen = observability_words(self.observability, self.classes).split("\n")
+        seen = observability_words(self.observability, self.classes, self.detection.fit.model.machine).split("\n")
         return "\n".join([self.says, *listed(suspects, "location.suspects"), *listed(seen, "location.observability")])
 
 
@@ -137,7 +141,7 @@ def locate(
 ) -> Location:
     """Weigh every effect of the library against what a fit leaves, each by itself. `exclude` takes effects (by id) out."""
     detection = found if isinstance(found, Detection) else detect(found, progress=progress)
-    progress("fitting every effect by itself")
+    progress("fitting each effect alone")
     fit, stated = detection.fit, candidates(detection.fit.model.campaign, exclude)
     here, _ = expanded(fit, [Form(effect=effect) for effect in fit.model.added], stated)
     moments = moments_about(here, stated)
@@ -158,7 +162,7 @@ def _named(moments: Moments) -> dict[str, int]:
     """The number of each named effect, by key: of one that is looked at in several sizes the first."""
     found: dict[str, int] = {}
     for number, term in enumerate(moments.terms):
-        if not term.effect.nameless:
+        if not term.effect.unidentified:
             found.setdefault(term.effect.key, number)
     return found
 
@@ -206,7 +210,7 @@ def _classes(moments: Moments, node: int) -> tuple[tuple[str, ...], ...]:
 def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
     """The term of every link and axis that adds most evidence, those without a name left out, which belong to no link."""
     held = {t for t, _ in beside}
-    free = [t for t, term in enumerate(moments.terms) if t not in held and not term.effect.nameless]
+    free = [t for t, term in enumerate(moments.terms) if t not in held and not term.effect.unidentified]
     if not free:
         return ()
     nothing = log_evidence(moments, beside).total
@@ -215,7 +219,7 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
     first, sizes = swept.joined(free, usual)
     widths = [nearest_width(size, widths_of(moments, t)) for t, size in zip(free, sizes, strict=True)]
     second, _ = swept.joined(free, widths)
-    looks = float(np.log(2 * len(free)))
+    correction = float(np.log(2 * len(free)))
     best: dict[tuple[str, str | None], tuple[float, int, float]] = {}
     for t, plain, wide, width in zip(free, first, second, widths, strict=True):
         effect = moments.terms[t].effect
@@ -229,7 +233,7 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
         together = (*beside, (t, width))
         effects, values = linear_estimate(moments, together, log_evidence(moments, together))
         effect = effects[-1]
-        log_p, direction = min(0.0, looks - nats), direction_of(moments.fit.model.machine, effect, values)
+        log_p, direction = min(0.0, correction - nats), direction_of(moments.fit.model.machine, effect, values)
         coordinate, campaign = effect.coordinate.format(axis=axis), moments.fit.model.campaign
         found.append(Suspect(link, axis, coordinate, effect, nats, log_p, direction, campaign, values))
     return tuple(found)
@@ -248,11 +252,17 @@ def _columns(fit: Identification) -> dict[str, float]:
     return {name: float(np.mean(powers)) for name, powers in squares.items()}
 
 
-def observability_words(table: Sequence[Observability], classes: Sequence[Sequence[str]], limit: int = 25) -> str:
-    """The observability table as text, what stands out most first."""
-    lines = ["What these recordings can see at all (share of an effect that the fit leaves, σ of one of usual size):"]
+def observability_words(
+    table: Sequence[Observability], classes: Sequence[Sequence[str]], machine: Machine, limit: int = 25
+) -> str:
+    """The observability table as text, the largest effects first."""
+    lines = [
+        "Sensitivity of this campaign (share that geometry and set-up cannot absorb, σ of an effect of usual size):"
+    ]
     shown = sorted(table, key=lambda o: -o.sigmas)
-    lines += [f"  {o.form:<34} {100 * o.visible:6.2f} %  {o.sigmas:8.1f} σ" for o in shown[:limit]]
+    lines += [f"  {form_words(o.form, machine):<46} {100 * o.visible:6.2f} %  {o.sigmas:8.1f} σ" for o in shown[:limit]]
     if len(shown) > limit:
         lines.append(f"  … and {len(shown) - limit} more")
-    return "\n".join([*lines, *(f"  cannot be distinguished here: {', '.join(c)}" for c in classes)])
+    return "\n".join(
+        [*lines, *(f"  cannot be separated here: {', '.join(form_words(key, machine) for key in c)}" for c in classes)]
+    )

@@ -1,4 +1,4 @@
-"""The next test: of all that the user could record with the same instrument, the one that parts rivals best."""
+"""The next test: of all that the user could record with the same instrument, the one that separates rivals best."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HALF_DEG = 180.0 - 2.0 * RUN_UP_DEG
 LIFT_MM = 100.0
 FACTOR = 2.0
 IMPROBABLE = 0.05
-"""Two rivals that are less probable than this together need not be told from each other."""
+"""Two rivals that are together less probable than this need not be separated from each other."""
 MOST_ROTARY = 2
 """A grid over the rotary axes is a test for machine tools; for an arm of seven it is none."""
 
@@ -42,8 +42,8 @@ def next_test(
 
     `held` effects are in all models, and what cannot stand beside them is no rival any more; `values` parameters at which
     the first is true and `rival_values` those at which each rival is (default: of typical size). Of several rivals as many
-    as can be told apart at all count. Where the first may be wrong, the rivals have to be told from each other as well: what
-    the best test leaves gets a further one. `chances` of the rivals (default: all count).
+    as can be separated at all count. The first may be wrong, so rivals are separated from each other too: those that the best
+    test leaves get a further one. `chances` of the rivals (default: all count).
     """
     tests = list(possible_tests(campaign))
     if not tests or not rivals:
@@ -69,8 +69,9 @@ def next_test(
         return best
     probable = dict(zip_longest((rival.key for rival in rivals), chances, fillvalue=1.0))
     pairs = [(a, b) for a, b in combinations(others, 2) if probable[a] + probable[b] > IMPROBABLE]
-    between = {f"{a} from {b}": parted(a, b, tests) for a, b in pairs}
-    chosen = in_addition(own | between, best.test.runs[0].id)
+    between = {pair: parted(*pair, tests) for pair in pairs}
+    every = own | {" from ".join(pair): part for pair, part in between.items()}
+    chosen = in_addition(every, best.test.runs[0].id)
     if len(chosen) == 1:
         return best
     runs = _in_turn([run for name in chosen for run in tests if run.id == name])

@@ -14,21 +14,21 @@ from symfive.diagnose._detect import Detection
 from symfive.diagnose._hold_out import WORSE, HoldOut
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._places import Interval
-from symfive.diagnose._words import coordinate_words, facts_of, named
-from symfive.effects import Effect, Quantity
+from symfive.diagnose._words import facts_of
+from symfive.effects import Effect, Quantity, coordinate_words, effect_words
 from symfive.identify import UNCONVERGED, Identification
 from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number
 from symfive.screen import OnScreen, listed, wrapped
 
 __all__ = [
-    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square", "named",
+    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square",
 ]  # fmt: skip
 
 SCHEMA = "symfive.diagnosis/1"
 Array = NDArray[np.float64]
 BEYOND = 1.5
-"""Held-out readings predicted so many times worse than fitted ones are told."""
+"""Held-out readings predicted so many times worse than fitted ones are reported."""
 EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
 SHOWN_SHARE = 0.01
@@ -49,7 +49,7 @@ class RivalName:
         """As `error motion of axis B (EXB)`."""
         if self.effect == "unknown":
             return "none of the known effects"
-        return named(self.effect, self.axis) + (f" ({self.component})" if self.component else "")
+        return effect_words(self.effect, self.axis) + (f" ({self.component})" if self.component else "")
 
 
 @dataclass(frozen=True, repr=False)
@@ -87,7 +87,7 @@ class Finding(OnScreen):
     test: Discrimination | None = None
 
     @property
-    def nameless(self) -> bool:
+    def unidentified(self) -> bool:
         """Whether no effect of the library has its shape; the parameters are then those of the nearest one."""
         return self.name == "unknown"
 
@@ -95,7 +95,7 @@ class Finding(OnScreen):
     def title(self) -> str:
         """The effect and its axis, as `Gravity sag of axis B`."""
         over = f"unidentified effect over {coordinate_words(self.coordinate)}"
-        said = over if self.nameless else named(self.name, self.axis)
+        said = over if self.unidentified else effect_words(self.name, self.axis)
         return said[:1].upper() + said[1:]
 
     def __str__(self) -> str:
@@ -183,14 +183,14 @@ class Fit:
                 continue
             one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"
             if after > (1.0 + WORSE) * before:
-                advice = "take them as a hint, not as proven" if what == "run" else beyond
+                advice = "treat them as a hint, not as proven" if what == "run" else beyond
                 said.append(f"{one} is predicted worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
             elif after > BEYOND * self.rms_after_um:
                 sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
                 said.append(
                     f"{one} is predicted to {sizes[0]} {unit} rms only; the fitted readings leave {sizes[1]} {unit}: "
                     + (
-                        "the other runs do not determine all that it needs, or the machine changes from run to run."
+                        "the other runs do not determine all its errors, or the machine changes from run to run."
                         if what == "run"
                         else f"{beyond}."
                     )

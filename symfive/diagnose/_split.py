@@ -105,7 +105,7 @@ def _cycles(campaign: Campaign) -> tuple[Campaign, Split]:
         if seen[kind] % 2 == 0:
             held.add(run.id)
     if not held:
-        raise InputError("no two runs are of one kind, and no run at rest repeats its targets", remedy="write half")
+        raise InputError("no two runs are of one kind, and no static run repeats its targets", remedy="write half")
     what = "run" if len(cut.runs) == len(campaign.runs) else "cycle"
     return cut, Split(f"every other {what}", lambda run: np.full(run.rows, run.id not in held))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from symfive.effects import coordinate_words, effect_words, form_words
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import in_words, name_words, percent, plain_number, rounded, with_std
@@ -11,29 +12,13 @@ from symfive.numbers import in_words, name_words, percent, plain_number, rounded
 if TYPE_CHECKING:
     from symfive.diagnose._result import Finding
 
-__all__ = ["coordinate_words", "facts_of", "form_words", "named", "place_words", "sentence_of"]
+__all__ = ["facts_of", "place_words", "sentence_of"]
 
 SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
 SHOWN_RIVAL = 0.01
 """A less probable rival is not named in words."""
 HUGE = 30.0
 """What is so many times its usual size is hardly that: its unit or its cause is another one."""
-_QUANTITIES = {
-    "velocity sign": "the direction of {}", "velocity": "the velocity of {}",
-    "acceleration": "the acceleration of {}", "": "the position of {}",
-}  # fmt: skip
-
-
-def named(effect: str, axis: str | None) -> str:
-    """An effect and its axis in words."""
-    return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
-
-
-def form_words(key: str, machine: Machine) -> str:
-    """The key of a form in words, as `gravity sag of axis B (EXB, yielding)`."""
-    effect, *rest = key.split(".")
-    axis = rest.pop(0) if rest and rest[0] in machine.axes else None
-    return named(effect, axis) + (f" ({', '.join(rest).replace('_', ' ')})" if rest else "")
 
 
 def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
@@ -48,7 +33,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         sizes.append(f"{plain_number(usual)} times its usual size: check the units, or look for another cause")
     hidden = [f"geometry and set-up absorbed {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
-    if finding.effect.hidden_by and not finding.nameless:
+    if finding.effect.hidden_by and not finding.unidentified:
         hidden.append(f"in general: {finding.effect.hidden_by.rstrip('.')}")
     rivals = [f"{r.words} {percent(r.confidence)}" for r in finding.rivals if r.confidence >= SHOWN_RIVAL]
     test = [f"record {finding.next_test}"] if finding.next_test else []
@@ -84,8 +69,8 @@ def sentence_of(finding: Finding, after: Identification) -> str:
 
 def _deed(finding: Finding) -> str:
     """What its effect does; of an unidentified one, which effect it resembles."""
-    if finding.nameless and not finding.effect.nameless:
-        return f"no known effect fits alone; it resembles {named(finding.effect.vocabulary, finding.effect.belongs_to)}"
+    if finding.unidentified and not finding.effect.unidentified:
+        return f"no known effect fits alone; it resembles {effect_words(finding.effect.vocabulary, finding.effect.belongs_to)}"
     return finding.effect.says
 
 
@@ -100,9 +85,9 @@ def _to_do(finding: Finding) -> str:
 def _sure(finding: Finding, machine: Machine) -> str:
     """How probable the name is; where another one fits as well, that only experience puts it first."""
     said = f"confidence {percent(finding.confidence)}"
-    if finding.nameless:
-        said += " that it is there; its cause is open"
-    if finding.by_experience and not finding.nameless:
+    if finding.unidentified:
+        said += " that it exists; its cause is unknown"
+    if finding.by_experience and not finding.unidentified:
         said += f", by experience: it cannot be distinguished from {form_words(finding.alias[0], machine)} in this test"
     return said
 
@@ -133,7 +118,7 @@ def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
 def _times_usual(finding: Finding, after: Identification) -> float:
     """How many times its usual size an effect has; 0 of an unidentified one."""
     effect = finding.effect
-    return 0.0 if finding.nameless else effect.times_usual(after.model.campaign, after.named)
+    return 0.0 if finding.unidentified else effect.times_usual(after.model.campaign, after.named)
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:
@@ -155,16 +140,6 @@ def place_words(finding: Finding, machine: Machine) -> str:
     if axis is None:
         return "the structure between workpiece and tool"
     return f"axis {axis}, behind its drive" if stage == "axis" else f"the structure that axis {axis} carries"
-
-
-def coordinate_words(coordinate: str) -> str:
-    """A coordinate in words, as `B velocity sign, t`: the direction of B and time."""
-    said = []
-    for words in coordinate.split(", "):
-        name, _, quantity = words.partition(" ")
-        plain = {"t": "time", "time": "time", "pose": "the pose", "reading": "the reading"}.get(words)
-        said.append(plain or (_QUANTITIES[quantity].format(name) if quantity in _QUANTITIES else words))
-    return " and ".join(said)
 
 
 def _runs(finding: Finding, after: Identification) -> str:

@@ -12,6 +12,7 @@ from symfive.effects._component import Component, component_of, location_of
 from symfive.effects._form import AXIS, BALL, CARRIED, FORCE, TOOL, Form, Scan, Tone, across, moving, reversing
 from symfive.effects._options import fits
 from symfive.effects._quantity import Quantity
+from symfive.effects._words import coordinate_words, effect_words, form_words
 from symfive.effects.axis_growth import AxisGrowth
 from symfive.effects.backlash import Backlash
 from symfive.effects.bar_temperature import BarTemperature
@@ -51,8 +52,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Component", "Effect", "Form",
-    "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "baseline_effects", "component_of", "location_of", "make_effect",
-    "moving", "reversing",
+    "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "baseline_effects", "component_of", "coordinate_words",
+    "effect_words", "form_words", "location_of", "make_effect", "moving", "reversing",
 ]  # fmt: skip
 
 _TABLE: tuple[type[Effect], ...] = (

@@ -60,7 +60,7 @@ class Effect:
     needs_axis: ClassVar[bool] = False
     dynamic_only: ClassVar[bool] = False
     departs: ClassVar[bool] = False
-    nameless: ClassVar[bool] = False
+    unidentified: ClassVar[bool] = False
     coordinate: ClassVar[str] = "pose"
     over_time: ClassVar[bool] = False
     axis: str | None = None

@@ -16,13 +16,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AXIS", "BALL", "CARRIED", "FORCE", "TOOL", "Form", "Scan", "Tone", "across", "goes_round", "moving", "own_component",
-    "reversing",
+    "reversing", "revisited",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 TOOL, AXIS, CARRIED, BALL, FORCE = "tool", "axis", "carried", "ball", "force"
 """Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3);
 a force in the recording of an axis' drive."""
+SAME_PLACE = 4
+"""Decimals (mm, degree) to which places agree that are one."""
+MOST_PLACES = 40
+"""Of a table, each of which is a column of the moments by either side; more of them are a curve."""
 ROUND = 200.0
 """An axis that goes further than this (degree) in one run is described by harmonics and not by polynomials."""
 
@@ -35,6 +39,7 @@ class Form:
     `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
     the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
     prior 1σ `sigma`. `general`: every law over one of its coordinates is nearly a case of it, so these are asked first.
+    `directions`: of those that the readings see, so many are kept at least.
     """
 
     effect: Effect
@@ -46,6 +51,7 @@ class Form:
     basis: Callable[[Run], Array] | None = None
     sigma: float = 1.0
     general: bool = False
+    directions: int = 0
 
     @property
     def placed(self) -> bool:
@@ -98,6 +104,13 @@ def reversing(campaign: Campaign) -> tuple[str, ...]:
         if signs.min() < 0.0 < signs.max():
             found.append(axis)
     return tuple(found)
+
+
+def revisited(campaign: Campaign, axis: str) -> tuple[float, ...]:
+    """The places (mm, degree) of an axis that is read at each of them more often than once, if they are few; else none."""
+    values = np.round(np.concatenate([run.commands[axis] for run in campaign.runs]), SAME_PLACE)
+    places, counts = np.unique(values, return_counts=True)
+    return tuple(places.tolist()) if counts.min() > 1 and len(places) <= MOST_PLACES else ()
 
 
 def goes_round(campaign: Campaign, axis: str) -> bool:

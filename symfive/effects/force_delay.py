@@ -30,7 +30,7 @@ class ForceDelay(Effect):
 
     id = "force_delay"
     stage = "reading"
-    says = "the recorded force is not of the same instant as the recorded motion"
+    says = "a delay between recorded force and recorded motion"
     hidden_by = "mass, where the axis accelerates by steps only"
     action = "correct the time stamps of the recording; the machine needs no repair"
     coordinate = "{axis} acceleration"

@@ -38,7 +38,7 @@ class ForceRipple(Effect):
 
     id = "force_ripple"
     stage = "reading"
-    says = "the force of the drive changes periodically along the way"
+    says = "the drive force changes periodically along the path"
     hidden_by = "a periodic force in time, where only one feed was run"
     action = "check motor, screw and gear for a part with this period"
     coordinate = "{axis}"

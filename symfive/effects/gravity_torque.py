@@ -40,8 +40,8 @@ class GravityTorque(Effect):
 
     id = "gravity_torque"
     stage = "reading"
-    says = "the weight of what an axis carries loads its drive"
-    hidden_by = "Coulomb friction and offset, where the axis moves in one direction over a short way"
+    says = "the weight of its load acts on the drive of an axis"
+    hidden_by = "Coulomb friction and offset, where the axis moves in one direction over a short path"
     action = "set the weight compensation (torque feed-forward) of the drive; check the counterbalance"
     coordinate = "{axis}"
     reported_as = "gravity_sag"

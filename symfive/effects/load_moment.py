@@ -36,7 +36,7 @@ class LoadMoment(Effect):
     """
 
     id = "load_moment"
-    says = "an axis gives way under the moment of what it holds out"
+    says = "an axis bends under the moment of its overhanging load"
     hidden_by = "squareness and error motions of the later axes, where only one of them moves"
     action = "enter a compensation over the positions of both axes in the control; check the preload of the guideway"
     coordinate = "pose"

@@ -42,8 +42,8 @@ class TableStep(Effect):
 
     id = "table_step"
     stage = "axis"
-    says = "a step of the positioning error at one place of the axis"
-    hidden_by = "straightness of the other axis, and scale where the place is passed only once or twice"
+    says = "a step of the positioning error at one position of the axis"
+    hidden_by = "straightness of the other axis, and scale where the position is passed only once or twice"
     action = "check scale and guideway at this position, and the error table of the control"
     coordinate = "{axis}"
     reported_as = "error_motion"

@@ -26,7 +26,7 @@ from symfive.effects._coordinates import (
     usual_span,
 )
 from symfive.effects._force import FORCE_SHARE, driven_axes, usual_force
-from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing
+from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing, revisited
 from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
 from symfive.errors import InputError
@@ -61,7 +61,8 @@ class Unknown(Effect):
     counts, and `basis` is fourier. Functions as in the machine file: `basis` and `order` one per coordinate (a single one holds
     for all), products for several; `bspline` of order n has n intervals. They have no constant part: zeros and set-ups hold it.
     `span` (lowest, highest per coordinate; mm, degree, s) is where they live, by default what the campaign
-    covers. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
+    covers. `knots` (mm, degree): the places of a `bspline` over the first coordinate; of order 1 a table, a value at each,
+    straight lines between. `place` `axis` moves the axis of the first coordinate, `structure` the tool along `directions` of the
     machine frame (where an axis is named as `carrier`, what it carries, as its error motions do: along `xyz` or about
     `abc`), `force` the recorded force of the drive whose axis the coordinates speak of; there `less` takes from each function
     what offset, direction and speed of the motion hold of it, so that friction keeps its own values beside it. Prior 1σ of a
@@ -73,7 +74,7 @@ class Unknown(Effect):
     says = "an unidentified effect"
     hidden_by = "error motions over the same coordinates"
     action = "measure at another position or feed to find the cause; correct it only in the range that was recorded"
-    nameless = True
+    unidentified = True
     over: tuple[str, ...]
     basis: str | tuple[str, ...] = "bspline"
     order: int | tuple[int, ...] = 8
@@ -87,6 +88,7 @@ class Unknown(Effect):
     less: tuple[tuple[float, ...], ...] = ()
     sigma_force: float = 0.0
     finest: float = FINEST
+    knots: tuple[float, ...] = ()
 
     @property
     def key(self) -> str:
@@ -116,8 +118,9 @@ class Unknown(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration,
-        its way since it reversed, its place by the side from which it came, two rotary axes together, and time, also as a cycle;
-        the force of a drive over velocity and place."""
+        its way since it reversed, its place by the side from which it came (a table where its places are read again and again, as
+        in a test by ISO 230-2), two rotary axes together, and time, also as a cycle; the force of a drive over velocity and
+        place."""
         machine, axes = campaign.machine, moving(campaign)
         drafts = [cls(over=("t",))]
         for axis in axes:
@@ -136,9 +139,11 @@ class Unknown(Effect):
             pose = cls(over=pair, basis=basis, order=order)
             drafts += [pose, *(replace(pose, carrier=axis, tag=f"carried-{axis}") for axis in pair)]
         for axis in reversing(campaign):
-            kind, degree = ("fourier", 3) if goes_round(campaign, axis) else ("polynomial", 4)
-            by_place = cls(over=(axis, f"{axis}{SIGN}"), basis=(kind, "polynomial"), order=(degree, 1))
-            drafts.append(replace(by_place, place="axis", tag="axis"))
+            places = revisited(campaign, axis)
+            kind, order = ("fourier", 3) if goes_round(campaign, axis) else ("polynomial", 4)
+            kind, order = ("bspline", 1) if places else (kind, order)
+            by_side = cls(over=(axis, f"{axis}{SIGN}"), basis=(kind, "polynomial"), order=(order, 1), knots=places)
+            drafts.append(replace(by_side, place="axis", tag="axis"))
         drafts += [cls(over=(f"{axis}{what}",), order=SIDES, place="force", tag="force")
                    for axis in driven_axes(campaign) for what in (VELOCITY, "")]  # fmt: skip
         for draft in drafts:
@@ -189,6 +194,7 @@ class Unknown(Effect):
             basis=basis,
             sigma=self.parameters(campaign)[0].sigma,
             general=self.over[1:] == (f"{self.over[0]}{SIGN}",),
+            directions=len(self._basis(campaign.machine).names) if self.knots else 0,
         )
 
     @property
@@ -278,7 +284,7 @@ class Unknown(Effect):
             (-1.0, 1.0) if n.endswith((SINCE, SIGN)) else s for n, s in zip(self.over, self.span, strict=True)
         )
         order = (self.order,) * len(self.over) if isinstance(self.order, int) else self.order
-        return _basis_over(self.over, kinds, travels, self._bases, order)
+        return _basis_over(self.over, kinds, travels, self._bases, order, self.knots)
 
     @property
     def _channels(self) -> str | tuple[str]:
@@ -428,12 +434,13 @@ class Unknown(Effect):
 @lru_cache(maxsize=256)
 def _basis_over(
     over: tuple[str, ...], kinds: tuple[str, ...], travels: tuple[tuple[float, float], ...], basis: tuple[str, ...],
-    order: tuple[int, ...],
+    order: tuple[int, ...], knots: tuple[float, ...],
 ) -> Basis:  # fmt: skip
     """Functions of coordinates that are no axes of a machine."""
     axes = {
         name: Axis(name=name, kind=kind, direction=(1.0, 0.0, 0.0), travel=travel)
         for name, kind, travel in zip(over, kinds, travels, strict=True)
     }
-    term = ErrorTerm(name="EXunknown", sigma=1.0, basis=basis, order=order, over=over)
+    given = (knots, *((),) * (len(over) - 1)) if knots else ()
+    term = ErrorTerm(name="EXunknown", sigma=1.0, basis=basis, order=order, over=over, knots=given)
     return Basis(term, SimpleNamespace(axes=axes))

@@ -61,9 +61,9 @@ class Varying(Effect):
     minor: bool = field(default=False, compare=False)
 
     @property
-    def nameless(self) -> bool:  # type: ignore[override]
+    def unidentified(self) -> bool:  # type: ignore[override]
         """Whether it is no law of the library: it varies by more than the share to which these are right."""
-        return self.of.nameless or not self.minor
+        return self.of.unidentified or not self.minor
 
     @property
     def vocabulary(self) -> str:
@@ -114,7 +114,7 @@ class Varying(Effect):
     def of_effect(cls, effect: Effect, campaign: Campaign) -> tuple[Self, ...]:
         """The ways in which an effect may vary in a campaign; none where it cannot."""
         found = []
-        own = effect.coordinate.split(", ") if effect.nameless else []
+        own = effect.coordinate.split(", ") if effect.unidentified else []
         for over in varies_over(campaign):
             if over in own:
                 continue  # its functions of that hold it already

@@ -38,7 +38,7 @@ class Vibration(Effect):
     """
 
     id = "vibration"
-    says = "a tone at a fixed frequency in time"
+    says = "a vibration of constant frequency"
     hidden_by = "a periodic error of a screw or gear where only one feed was run"
     action = "find the source by its frequency (fan, pump, spindle, floor) and isolate it"
     coordinate = "time"

@@ -72,7 +72,7 @@ def certificate(visit: Visit, office: Office) -> bytes:
             if visit.units[i] in UNITS and visit.std[i] < DETERMINED * visit.priors[i] and "." not in name]  # fmt: skip
     if not sure:
         problem = "the results determine no error of the machine"
-        raise InputError(problem, remedy="measure with a test that does; symfive assess tells which")
+        raise InputError(problem, remedy="use another test; symfive assess shows what a test determines")
     for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         ET.register_namespace(prefix, space)
     root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", {

@@ -79,16 +79,16 @@ class FindingChange:
     def says(self) -> str:
         """In one sentence."""
         if self.before is None:
-            again = "; the earlier test could not have seen it" if self.hidden else ""
+            again = "; the earlier test could not detect it" if self.hidden else ""
             return f"New: {self.words}{_size(self.after)}{again}"
         if self.after is None:
-            again = "; the later test cannot see it" if self.hidden else ""
+            again = "; the later test cannot detect it" if self.hidden else ""
             return f"Gone: {self.words}{_size(self.before)}{again}"
         entries = [
             f"{name.replace('_', ' ')} {with_std(b, 0.0)} → {with_std(a, 0.0, unit)} ({with_std(d, s, unit)})"
             for name, (b, a, d, s, unit) in self.parameters.items()
         ]
-        return f"{self.words[0].upper()}{self.words[1:]}: {', '.join(entries) or 'found both times'}"
+        return f"{self.words[0].upper()}{self.words[1:]}: {', '.join(entries) or 'found in both'}"
 
 
 def _of(chance: float) -> str:
@@ -136,17 +136,17 @@ class Change:
     def __str__(self) -> str:
         head = f"From {self.first.date} to {self.second.date}"
         if not self.rank:
-            lines = [f"{head}: the two tests determine no common direction, so nothing can be compared."]
+            lines = [f"{head}: the two tests determine no common combination of errors, so nothing can be compared."]
         elif self.changed:
             noise = "the usual scatter" if self.scatter_known else "noise"
-            lines = [f"{head}: changed ({noise} alone does as much with a probability {_of(self.chance)})."]
+            lines = [f"{head}: changed (probability of this by {noise} alone: {_of(self.chance)})."]
             lines += [f"  {cause_words(cause)}" for cause in self.causes]
         else:
             beyond = "the machine's usual scatter" if self.scatter_known else "the uncertainties"
-            lines = [f"{head}: no change beyond {beyond} ({self.rank} directions compared)."]
+            lines = [f"{head}: no change beyond {beyond} ({self.rank} combinations compared)."]
         lines += [f"  {name:<8} {with_std(d, s, u)}" for name, (d, s, u) in self.errors.items()]
         if self.open:
-            lines.append(f"  Not comparable, as one of the tests does not determine it alone: {', '.join(self.open)}.")
+            lines.append(f"  Not comparable, because one of the tests does not determine them: {', '.join(self.open)}.")
         return "\n".join([*lines, *(f"  {finding.says}." for finding in self.findings)])
 
 

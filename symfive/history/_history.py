@@ -123,7 +123,7 @@ class History:
             known = ", ".join(dict.fromkeys(m.name for m in every[:8])) or "none yet"
             raise InputError(f"the history has no machine {shown(name)}", remedy=f"it knows: {known}")
         said = "; ".join(f"{m.key} (serial {m.serial or 'not given'}, {m.structure})" for m in found)
-        problem = f"{len(found)} machines are called {shown(name)}: {said}"
+        problem = f"{len(found)} machines have the name {shown(name)}: {said}"
         raise InputError(problem, remedy="name it by NAME#SERIAL or by its key")
 
     def visits(self, machine: str | MachineId) -> list[Visit]:
@@ -224,9 +224,9 @@ class History:
         if details.time is None and not (folder / "visit.json").is_file():
             yield f"{folder.name}: dated {visit.date} by its files; give --date if it was measured earlier"
         if visit.time > time.time() + 86400.0:
-            yield f"{folder.name}: {visit.date} lies in the future; check the date and the computer's clock"
+            yield f"{folder.name}: {visit.date} is in the future; check the date and the computer's clock"
         for twin in self._index.twins(visit, folder):
-            yield f"{folder.name}: the same results lie in {twin}; they are counted once"
+            yield f"{folder.name}: the same results are in {twin}; they are counted once"
         others = [m for m in self.machines() if m.name == visit.machine.name and m.key != visit.machine.key]
         if others:
             of = "; ".join(f"serial {m.serial or 'not given'}, {m.structure}" for m in others)

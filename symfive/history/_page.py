@@ -79,7 +79,7 @@ def _change(title: str, change: Change) -> dict[str, Any]:
     head, *lines = str(change).split("\n")
     warm = (change.first.temperature, change.second.temperature)
     if change.changed and not change.scatter_known and None not in warm and abs(warm[1] - warm[0]) >= 1.0:  # type: ignore[operator]
-        head += f" The machine had {warm[0]:.1f} °C before and {warm[1]:.1f} °C now: part of it may be temperature."
+        head += f" Machine temperature {warm[0]:.1f} °C before, {warm[1]:.1f} °C now: it may explain a part."
     shown = [line.strip() for line in lines[: len(change.causes)]] if change.changed else []
     return {"title": title, "head": head, "lines": [*shown, *(f"{finding.says}." for finding in change.findings)]}
 

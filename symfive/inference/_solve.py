@@ -145,7 +145,7 @@ def solve(problem: Problem, values: Array, *, noise: str, progress: Progress) ->
         survey = problem.survey(values)
         problem.estimate_noises(survey, values)
         changed = problem.flag_outliers(survey, values)
-        progress(f"noise round {number + 1}: {len(problem.outliers)} outliers")
+        progress(f"noise estimate {number + 1}: {len(problem.outliers)} outliers")
         values, converged = gauss_newton(problem, values, 1e-3)
         settled = all(abs(np.log(problem.noises[k].total / before[k].total)) < 0.01 for k in before)
         if settled and not changed:

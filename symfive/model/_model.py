@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -24,9 +24,6 @@ __all__ = ["Linearisation", "Model"]
 Array = NDArray[np.float64]
 CLOCK = "clock"
 """How late the instrument of a run is: its name among the run's own unknowns."""
-CLOCK_STEP = 5e-4
-"""Of the row interval: the step of the central difference that is a signal's slope in its delay. What it leaves is of the order
-of its square, 1e-7; rounding is 1e-9."""
 
 
 @dataclass(frozen=True)
@@ -291,8 +288,9 @@ class Model(OnScreen):
         if not late or len(sensed) < len(function.columns):
             clocks.append(_Clock.of(motion, slice(None), _series(motion, function.inputs)))
         if late:
-            seen = _delayed(motion, function.inputs, sum(values[name] for name in delays), delays if slopes else ())
-            clocks.append(_Clock.of(motion, sensed if clocks else slice(None), seen))
+            # an instrument sees everything late; what the control records itself does not, though both may look at one signal
+            seen = motion.late(sum(values[name] for name in delays), delays if slopes else ())
+            clocks.append(_Clock.of(motion, sensed if clocks else slice(None), _series(seen, function.inputs)))
         self._inputs[run] = (stamp, slopes, clocks)
         return clocks
 
@@ -325,21 +323,4 @@ def _series(motion: RunMotion, signals: Sequence[Signal]) -> list[Series]:
     for signal in signals:
         found.append(motion.series(signal))
         _require_finite(motion.run, "motion", found[-1].value, *found[-1].tangents.values())
-    return found
-
-
-def _delayed(motion: RunMotion, signals: Sequence[Signal], delay: float, names: Sequence[str]) -> list[Series]:
-    """Signals as they were `delay` s earlier, their slopes in it by the parameters (`names`) that make it up, if any.
-
-    An instrument sees everything late. What the control records itself sees nothing so: that is a matter of a reading's
-    column and not of a signal, which both may look at.
-    """
-    now, found = _series(motion.late(delay, 2), signals), []
-    if not names:
-        return now
-    step = CLOCK_STEP * motion.run.interval
-    before, after = (_series(motion.late(delay + by, place), signals) for place, by in ((1, -step), (3, step)))
-    for earlier, value, later in zip(before, now, after, strict=True):
-        slope = (later.value - earlier.value) / (2.0 * step)
-        found.append(replace(value, tangents={**value.tangents, **dict.fromkeys(names, slope)}))
     return found

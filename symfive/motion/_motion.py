@@ -41,6 +41,10 @@ class Series:
     tangents: Mapping[str, Array] = field(default_factory=dict)
     steps: bool = False
 
+    def through(self, linear: Callable[[Array], Array]) -> Series:
+        """What a linear operation makes of it."""
+        return Series(linear(self.value), {name: linear(slope) for name, slope in self.tangents.items()}, self.steps)
+
 
 class Signal(Protocol):
     """The contract: hashable, with the names of the parameters it depends on itself and its values along a run."""
@@ -59,7 +63,7 @@ class Signal(Protocol):
 class AxisMotion:
     """One axis along a run (mm or rad, per s, per s²): the command and what the drive made of it."""
 
-    command: Array
+    command: Series
     position: Series
     velocity: Series
     acceleration: Series
@@ -83,18 +87,22 @@ def _whole(steps: bytes, command: bytes) -> Array:
     return full
 
 
-def _between(response: Array, place: Array, interval: float) -> Array:
-    """A drive's motion (N, 3, m) between its instants, `interval` s apart, at the `place` (n,) of each: (n, 3, m). Position and
-    velocity are cubic, by their own slopes; beyond the ends the axis stands."""
+def _between(response: Array, place: Array, interval: float) -> tuple[Array, Array]:
+    """A drive's motion (N, 3, m) between its instants, `interval` s apart, at the `place` (n,) of each, and its change in a
+    second: both (n, 3, m). Position and velocity are cubic, by their own slopes; beyond the ends the axis stands."""
+    inside = (place >= 0.0) & (place <= len(response) - 1.0)
     place = np.clip(place, 0.0, len(response) - 1.0)
     row = np.minimum(place.astype(np.int64), len(response) - 2)
     s = (place - row)[:, None, None]
     before, after = response[row], response[row + 1]
-    motion = (1.0 - s) * before + s * after
-    step = after[:, :2] - before[:, :2]
+    rate = after - before
+    motion = before + s * rate
+    step = rate[:, :2].copy()
     left, right = interval * before[:, 1:] - step, step - interval * after[:, 1:]
-    motion[:, :2] += s * (1.0 - s) * ((1.0 - s) * left + s * right)
-    return np.asarray(motion)
+    bent = (1.0 - s) * left + s * right
+    motion[:, :2] += s * (1.0 - s) * bent
+    rate[:, :2] += (1.0 - 2.0 * s) * bent + s * (1.0 - s) * (right - left)
+    return motion, rate * (inside / interval)[:, None, None]
 
 
 _PROGRAMMES: WeakKeyDictionary[Run, Run] = WeakKeyDictionary()
@@ -107,19 +115,19 @@ class RunMotion:
     """The motion of every axis in a run, given the parameters (internal units, by name).
 
     `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place. Nothing is computed again
-    until a parameter that moves it changes. `late`: a place under which it is kept, and
-    the seconds by which the motion is that of earlier, row by row.
+    until a parameter that moves it changes. The motion is that of `delay` s earlier, row by row; its slopes in the delay are
+    those of the parameters `clocks`, which make it up.
     """
 
     def __init__(
         self, run: Run, machine: Machine, freed: Mapping[tuple[str, str], str], values: Mapping[str, float],
-        late: tuple[int, float] = (0, 0.0),
+        delay: float = 0.0, clocks: tuple[str, ...] = (),
     ) -> None:  # fmt: skip
         self.run = run
         self.machine = machine
         self._freed = freed
         self.values = values
-        self._late, self.delay = late
+        self.delay, self._clocks = delay, clocks
 
     def _kept(
         self, what: object, axis: str | None, parameters: Sequence[str], make: Callable[[], T], *, late: bool = True
@@ -127,7 +135,7 @@ class RunMotion:
         """The result of `make`, which depends on `parameters`, the freed gains of an axis (None: of all axes) and, if it is
         `late`, on the delay."""
         gains = tuple((place, name) for place, name in self._freed.items() if axis in (None, place[0]))
-        delay, key = (self.delay, (what, gains, self._late)) if late else (0.0, (what, gains))
+        delay, key = (self.delay, (what, gains, self._late, self._clocks)) if late else (0.0, (what, gains))
         stamp = (delay, *(self.values.get(name) for name in (*(name for _, name in gains), *parameters)))
         kept = _KEPT.setdefault(self.run, {})
         found = kept.get(key)
@@ -135,6 +143,10 @@ class RunMotion:
             found = kept[key] = self.machine, stamp, make()
         result: T = found[2]
         return result
+
+    @property
+    def _late(self) -> bool:
+        return bool(self.delay or self._clocks)
 
     @cached_property
     def clock(self) -> Array:
@@ -157,8 +169,8 @@ class RunMotion:
 
     @cached_property
     def _pieces(self) -> list[RunMotion]:
-        late = self._late, self.delay
-        return [RunMotion(piece.run, self.machine, self._freed, self.values, late) for piece in self.run.pieces]
+        own = self.machine, self._freed, self.values, self.delay, self._clocks
+        return [RunMotion(piece.run, *own) for piece in self.run.pieces]
 
     @cached_property
     def _whole(self) -> RunMotion | None:
@@ -168,38 +180,37 @@ class RunMotion:
             return None
         if run not in _PROGRAMMES:
             _PROGRAMMES[run] = programme_of(run)
-        return RunMotion(_PROGRAMMES[run], self.machine, self._freed, self.values, (self._late, self.delay))
+        return RunMotion(_PROGRAMMES[run], self.machine, self._freed, self.values, self.delay, self._clocks)
 
-    def late(self, delay: float, place: int = 1) -> RunMotion:
-        """The motion as it was `delay` s earlier; what is computed of it is kept at a `place`, each for one delay."""
-        return RunMotion(self.run, self.machine, self._freed, self.values, (place, delay))
+    def late(self, delay: float, clocks: Sequence[str] = ()) -> RunMotion:
+        """The motion as it was `delay` s earlier, with its slopes in the parameters `clocks` that make up the delay."""
+        return RunMotion(self.run, self.machine, self._freed, self.values, delay, tuple(clocks))
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""
         if self.run.pieces:
             each = [piece.axis(name) for piece in self._pieces]
-            parts = [
-                _joined([getattr(m, part) for m in each], self.run) for part in ("position", "velocity", "acceleration")
-            ]
-            return AxisMotion(np.asarray(self.run.commands[name]) * self.machine.axes[name].to_internal, *parts)
+            names = ("position", "velocity", "acceleration")
+            parts = [_joined([getattr(m, part) for m in each], self.run) for part in names]
+            return AxisMotion(Series(np.asarray(self.run.commands[name]) * self.machine.axes[name].to_internal), *parts)
         return self._kept(("axis", name), name, (), lambda: self._move(self.machine.axes[name]))
 
     def _move(self, axis: Axis) -> AxisMotion:
         command = np.asarray(self.run.commands[axis.name]) * axis.to_internal
         rest = Series(np.zeros_like(command))
-        if not self.run.dynamic:
-            return AxisMotion(command, Series(command), rest, rest)
-        measured = self.recorded(axis.name)
+        measured = self.recorded(axis.name) if self.run.dynamic else None
         if measured is not None:
-            return self._smoothed(command, self._earlier(measured) if self.delay else measured)
-        constant = bool(np.all(command == command[0]))
-        if self.delay and not constant and axis.drive is None:
-            command = self._earlier(command)
-        if axis.drive is None or constant:
-            velocity = np.zeros_like(command) if constant else np.gradient(command, self.run.time)
-            acceleration = np.zeros_like(command) if constant else np.gradient(velocity, self.run.time)
-            return AxisMotion(command, Series(command), Series(velocity), Series(acceleration))
-        return self._driven(axis, command)
+            return self._smoothed(Series(command), self._earlier(measured))
+        if not self.run.dynamic or np.all(command == command[0]):
+            return AxisMotion(Series(command), Series(command), rest, rest)
+        if axis.drive is not None:
+            return self._driven(axis, command)
+        position = self._earlier(command)
+        velocity = position.through(self._rate)
+        return AxisMotion(position, position, velocity, velocity.through(self._rate))
+
+    def _rate(self, column: Array) -> Array:
+        return np.asarray(np.gradient(column, self.run.time))
 
     def recorded(self, name: str) -> Array | None:
         """The positions of an axis (mm, rad) where the run takes its motion from the encoder and that has recorded them."""
@@ -209,42 +220,51 @@ class RunMotion:
             return None
         return np.asarray(readings) * axis.to_internal
 
-    def _smoothed(self, command: Array, measured: Array) -> AxisMotion:
+    def _smoothed(self, command: Series, measured: Series) -> AxisMotion:
         """Motion as the encoder recorded it, smoothed by a local cubic over `smoothing_s` (Savitzky & Golay 1964)."""
         span = float(self.run.options.get("smoothing_s", SMOOTHING_S))
-        window = min(2 * round(span / self.run.interval / 2) + 1, (len(measured) - 1) // 2 * 2 + 1)
+        window = min(2 * round(span / self.run.interval / 2) + 1, (self.run.rows - 1) // 2 * 2 + 1)
         if window < 5:
-            derivatives = [measured, np.gradient(measured, self.run.time)]
-            derivatives.append(np.gradient(derivatives[1], self.run.time))
-        else:
-            from scipy.signal import savgol_filter
+            velocity = measured.through(self._rate)
+            return AxisMotion(command, measured, velocity, velocity.through(self._rate))
+        from scipy.signal import savgol_filter
 
-            derivatives = [savgol_filter(measured, window, 3, deriv=k, delta=self.run.interval) for k in range(3)]
-        return AxisMotion(command, *(Series(values) for values in derivatives))
+        def smooth(order: int) -> Series:
+            return measured.through(lambda c: savgol_filter(c, window, 3, deriv=order, delta=self.run.interval))
 
-    def _earlier(self, column: Array) -> Array:
+        return AxisMotion(command, *(smooth(order) for order in range(3)))
+
+    def _earlier(self, column: Array) -> Series:
         """A column as it was `delay` earlier, along Akima's curve, which does not overshoot at corners (H. Akima 1970): beyond
         the ends the axis stands; where the recording begins in motion it goes on as it went."""
+        if not self._late:
+            return Series(column)
         time = self.run.time
-        at = time - self.delay
+        at, moves = time - self.delay, np.ones(len(time))
         if self.run.options.get("start") != "moving":
+            moves = ((at >= time[0]) & (at <= time[-1])).astype(float)
             at = np.clip(at, time[0], time[-1])
         if len(time) < 3:
-            return np.interp(at, time, column)
+            slope = np.ptp(column) / np.ptp(time) if len(time) > 1 else 0.0
+            return Series(np.interp(at, time, column), dict.fromkeys(self._clocks, -slope * moves))
         from scipy.interpolate import Akima1DInterpolator
 
-        return np.asarray(Akima1DInterpolator(time, column, extrapolate=True)(at))
+        curve = Akima1DInterpolator(time, column, extrapolate=True)
+        return Series(np.asarray(curve(at)), dict.fromkeys(self._clocks, np.asarray(-curve(at, 1) * moves)))
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
-        factor = max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9))) if self.delay else 1
+        factor = max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9))) if self._late else 1
         response, names, first = self._response(axis, factor)
-        if self.delay:
+        if self._late:
             place = np.asarray(first + factor * (self.run.steps - self.delay / self.run.interval))
-            motion = _between(response, place, self.run.interval / factor)
+            motion, rate = _between(response, place, self.run.interval / factor)
         else:
-            motion = response[first + self.run.steps]
-        parts = [Series(motion[:, k, 0], {n: motion[:, k, 1 + i] for i, n in enumerate(names)}) for k in range(3)]
-        return AxisMotion(command, *parts)
+            motion, rate = response[first + self.run.steps], np.zeros((0, 3, 1))
+        parts = []
+        for k in range(3):
+            tangents = {n: motion[:, k, 1 + i] for i, n in enumerate(names)}
+            parts.append(Series(motion[:, k, 0], tangents | dict.fromkeys(self._clocks, -rate[:, k, 0])))
+        return AxisMotion(Series(command), *parts)
 
     def _response(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
         """The drive's motion at `factor` instants per interval, without gaps and with its lead, the parameters of its
@@ -289,12 +309,12 @@ class RunMotion:
         axis, motion = self.machine.axes[name], self.axis(name)
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
         driven = axis.drive is not None and self.recorded(name) is None
-        if driven and np.any(motion.command != motion.command[0]):
+        if driven and np.ptp(motion.command.value):
             whole, names, first = self._response(axis, factor)
             response = whole[first:]
             series = Series(response[:, 2, 0], {n: response[:, 2, 1 + i] for i, n in enumerate(names)})
         else:
-            series = Series(np.interp(fine, rows, motion.acceleration.value))
+            series = motion.acceleration.through(lambda column: np.interp(fine, rows, column))
         return series, rows, self.run.interval / factor
 
 

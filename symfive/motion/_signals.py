@@ -49,7 +49,7 @@ class Command(_OfAxis):
     """Commanded position, mm or rad."""
 
     def series(self, motion: RunMotion) -> Series:
-        return Series(motion.axis(self.axis).command)
+        return motion.axis(self.axis).command
 
 
 @dataclass(frozen=True)
@@ -135,28 +135,33 @@ class ReversalDistance(_OfAxis):
     """Distance from the last reversal |q - q_r|, mm or rad, by which pre-sliding and creep effects fade."""
 
     def series(self, motion: RunMotion) -> Series:
-        position = motion.axis(self.axis).position.value
-        direction = approach(position)
+        position = motion.axis(self.axis).position
+        direction = approach(position.value)
         turned = np.flatnonzero(np.diff(direction) != 0.0)
-        origin = np.full(len(position), -1)
+        origin = np.full(len(direction), -1)
         origin[turned + 1] = turned
         origin = np.maximum.accumulate(origin)
-        return Series(np.where(origin < 0, FAR, np.abs(position - position[np.maximum(origin, 0)])), steps=True)
+        since = position.through(lambda column: column - column[np.maximum(origin, 0)])
+        away = np.where(origin < 0, 0.0, np.sign(since.value))
+        tangents = {name: away * slope for name, slope in since.tangents.items()}
+        return Series(np.where(origin < 0, FAR, np.abs(since.value)), tangents, steps=True)
 
 
-def _reversals(time: Array, positions: Array) -> list[tuple[float, float]]:
-    """Instants at which an axis turns round, and the direction from then on: the vertex of the parabola through the three rows
-    about it, or the end of a rest."""
+def _reversals(time: Array, position: Series) -> list[tuple[float, dict[str, float], float]]:
+    """Instants at which an axis turns round with their slopes, and the direction from then on: the vertex of the parabola through
+    the three rows about it, or the end of a rest."""
+    positions, found = position.value, []
     direction = approach(positions)
-    found = []
     for k in np.flatnonzero(np.diff(direction) != 0.0):
-        at = float(time[k])
+        at, slopes = float(time[k]), dict[str, float]()
         if k > 0 and positions[k - 1] != positions[k]:
-            before = (positions[k] - positions[k - 1]) / (time[k] - time[k - 1])
-            after = (positions[k + 1] - positions[k]) / (time[k + 1] - time[k])
-            middle = 0.5 * (time[k - 1] + time[k]), 0.5 * (time[k] + time[k + 1])
-            at = float(middle[0] + before / (before - after) * (middle[1] - middle[0]))
-        found.append((at, float(direction[k + 1])))
+            width = 0.5 * (time[k + 1] - time[k - 1])
+            before, after = np.diff(positions[k - 1 : k + 2]) / np.diff(time[k - 1 : k + 2])
+            at = float(0.5 * (time[k - 1] + time[k]) + before / (before - after) * width)
+            for name, tangent in position.tangents.items():
+                earlier, later = np.diff(tangent[k - 1 : k + 2]) / np.diff(time[k - 1 : k + 2])
+                slopes[name] = float((before * later - after * earlier) / (before - after) ** 2 * width)
+        found.append((at, slopes, float(direction[k + 1])))
     return found
 
 
@@ -167,22 +172,30 @@ class ReversalTime(_OfAxis):
     """
 
     def series(self, motion: RunMotion) -> Series:
+        time, position = motion.run.time, motion.axis(self.axis).position
         since = np.full(motion.run.rows, LONG_AGO_S)
-        for at, direction in _reversals(motion.run.time, motion.axis(self.axis).position.value):
-            after = motion.run.time >= at
-            since[after] = direction * np.maximum(motion.run.time[after] - at, 1e-9)
-        return Series(since, steps=True)
+        tangents = {name: np.zeros(motion.run.rows) for name in position.tangents}
+        for at, slopes, direction in _reversals(time, position):
+            after = time >= at
+            since[after] = direction * np.maximum(time[after] - at, 1e-9)
+            for name, tangent in tangents.items():
+                tangent[after] = -direction * slopes.get(name, 0.0)
+        return Series(since, tangents, steps=True)
 
 
 class ReversalAhead(_OfAxis):
     """Time until the next reversal, s, with the sign of the motion after it; after the last one it counts as far ahead."""
 
     def series(self, motion: RunMotion) -> Series:
+        time, position = motion.run.time, motion.axis(self.axis).position
         until = np.full(motion.run.rows, LONG_AGO_S)
-        for at, direction in reversed(_reversals(motion.run.time, motion.axis(self.axis).position.value)):
-            before = motion.run.time < at
-            until[before] = direction * (at - motion.run.time[before])
-        return Series(until, steps=True)
+        tangents = {name: np.zeros(motion.run.rows) for name in position.tangents}
+        for at, slopes, direction in reversed(_reversals(time, position)):
+            before = time < at
+            until[before] = direction * (at - time[before])
+            for name, tangent in tangents.items():
+                tangent[before] = direction * slopes.get(name, 0.0)
+        return Series(until, tangents, steps=True)
 
 
 @dataclass(frozen=True)

@@ -187,7 +187,7 @@ class _Prober(ProbeWays):
             f"sphere radius {probing.sphere_radius:g}, tip radius {probing.tip_radius:g}",
             f"probe length {-self.run.tool_ball[2]:g}",
             f"sphere at {' '.join(f'{v:g}' for v in self.run.table_ball)} in the workpiece frame",
-            "work offset: the workpiece frame's origin, all rotary axes at 0",
+            "work offset: origin of the workpiece frame, all rotary axes at 0",
             f"spindle locked, probe switched on before the first touch; {self.upright} goes up first, alone",
             "in air it ends at the first touch, without contact",
             self.cycle.says.format(log=self.log, kilobytes=kilobytes),

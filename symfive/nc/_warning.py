@@ -10,7 +10,7 @@ from symfive.nc._post import Post
 __all__ = ["UNCHECKED", "collision_warning", "which_point"]
 
 UNCHECKED = "Collisions were not checked"
-CARE = "Drive the program slowly, one hand on the feed."
+CARE = "Run the program slowly, one hand on the feed override."
 IN_AIR = "Run it in air first"
 RECORDED = "Dry run without the instrument; then feed override 100 percent, the feed is part of the result."
 """Instead, where the readings are those of a path at its feed."""
@@ -23,7 +23,7 @@ def collision_warning(machine: Machine, post: Post, *, recorded: bool = False) -
     if machine.workspace.spindle_nose is None:
         return f"{UNCHECKED}: the machine file names no spindle nose.", care
     if not post.tested:
-        return f"{UNCHECKED} for the ways of this program.", care
+        return f"{UNCHECKED} for the path of this program.", care
     return TESTED, f"Not tested: {', '.join(_untested(machine))}. {RECORDED if recorded else IN_AIR + '.'}"
 
 
@@ -40,7 +40,7 @@ def _untested(machine: Machine) -> list[str]:
         "cables",
         "sensors of the nest",
         "covers",
-        "the first moves from where the machine stands",
+        "the first moves from the start position",
     ]
 
 

@@ -52,6 +52,7 @@ class Writer:
         self.machine, self.run, self.post = machine, run, post
         self.nominal = Nominal(machine)
         self.names = machine.axis_names
+        self.signs = {n: -1.0 if n in post.reversed_axes else 1.0 for n in sorted(self.names, key=_by_letter)}
         self.rotary = [name for name in self.names if machine.axes[name].rotary]
         self.upright = upright_axis(machine)
         self.plane = [name for name in self.names if name not in (*self.rotary, self.upright)]
@@ -88,7 +89,7 @@ class Writer:
             Step(
                 kind="comment", text=f"table ball {_numbers(run.table_ball)} mm, tool length {-run.tool_ball[2]:g} mm"
             ),
-            Step(kind="comment", text="work offset: the workpiece frame's origin, all rotary axes at 0"),
+            Step(kind="comment", text="work offset: origin of the workpiece frame, all rotary axes at 0"),
         ]
         if run.length is not None:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
@@ -181,7 +182,7 @@ class Writer:
         for row in range(1, self.run.rows):
             seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.rest_s
             seconds -= ORIENT_S if self.turned(row) else 0.0
-            found += self._detour(row) if row in around else self._way(row, seconds)[0]
+            found += self._detour(row) if row in around else self._way(row, seconds)
             early = seconds - self.seconds_to(row) if row in around else 0.0
             found += [
                 *self._orient(row),
@@ -204,27 +205,32 @@ class Writer:
     def seconds_to(self, row: int) -> float:
         """How long the way to a row takes, s, without the dwell."""
         if row not in self.post.unsafe.get(self.run.id, ()):
-            steps, more = self._way(row, 0.0)
-            return sum(step.seconds for step in steps) + more
+            return 0.0 if self._stays(row) else sum(self._spread(self._paces(row), 0.0))
         steps = self._detour(row)
         return sum(HAND_S if step.kind == "stop" else step.seconds for step in steps)
 
-    def _way(self, row: int, seconds: float) -> tuple[list[Step], float]:
-        """From the pose before to this one in so many seconds, or as long as the axes need, and the time to get up to speed and
-        to rest."""
+    def _way(self, row: int, seconds: float) -> list[Step]:
+        """From the pose before to this one in so many seconds, or as long as the axes need."""
         if self._stays(row):
-            return [self._pose(row, max(seconds, 0.0))], 0.0
-        legs = self._blocks(row)
-        paces = [pace(self.machine, path) for *_, path in legs]
-        needed = sum(own for own, _ in paces)
-        least, more = spread(needed, sum(ramp for _, ramp in paces), seconds)
-        share = least / max(needed, 1e-12)
+            return [self._pose(row, max(seconds, 0.0))]
+        paces = self._paces(row)
+        share = self._spread(paces, seconds)[0] / max(sum(own for own, _ in paces), 1e-12)
         steps = [
             self._feed(dict(zip(self.names, ends, strict=True)), place, share * own / len(places), row)
-            for (commands, places, _), (own, _) in zip(legs, paces, strict=True)
+            for (commands, places, _), (own, _) in zip(self._blocks(row), paces, strict=True)
             for ends, place in zip(commands.tolist(), places, strict=True)
         ]
-        return [*steps[:-1], self._pose(row, steps[-1].seconds)], more
+        return [*steps[:-1], self._pose(row, steps[-1].seconds)]
+
+    def _paces(self, row: int) -> list[tuple[float, float]]:
+        """How long the axes need for each leg of the way to a row, and to get up to speed and to rest, s."""
+        return [pace(self.machine, path) for *_, path in self._blocks(row)]
+
+    @staticmethod
+    def _spread(paces: Sequence[tuple[float, float]], seconds: float) -> tuple[float, float]:
+        """The time of a whole way that is to take so many seconds, and what comes on top to get up to speed and to rest."""
+        own, ramps = (sum(parts) for parts in zip(*paces, strict=True))
+        return spread(own, ramps, seconds)
 
     def _stays(self, row: int) -> bool:
         return all(self.run.commands[n][row] == self.run.commands[n][row - 1] for n in self.names)
@@ -328,8 +334,7 @@ class Writer:
         return np.asarray(self.nominal.ball({n: np.array([v]) for n, v in commands.items()}, self.run.tool_ball)[0])
 
     def _words(self, commands: Mapping[str, float], place: Array) -> dict[str, float]:
-        signs = {name: -1.0 if name in self.post.reversed_axes else 1.0 for name in self.names}
-        words = {name: signs[name] * commands[name] for name in sorted(self.names, key=_by_letter)}
+        words = {name: sign * commands[name] for name, sign in self.signs.items()}
         if self.centred:
             words |= {axis: float(place[i]) for i, axis in enumerate("XYZ") if axis in words}
         return words

@@ -91,7 +91,7 @@ def _mixed(parts: Sequence[tuple[Posterior, float]]) -> dict[Subset, float]:
 def misfit(moments: Moments, subset: Subset) -> float:
     """M of a subset: what its unidentified members are wrong by, and what no member explains."""
     weighed = log_evidence(moments, subset)
-    open_ = [moments.terms[t].effect.nameless for t, _ in subset]
+    open_ = [moments.terms[t].effect.unidentified for t, _ in subset]
     energies = explained(moments, subset, weighed)
     return SHARE**2 * float(np.dot(energies, open_)) + left_over(moments, subset, weighed)
 
@@ -100,7 +100,9 @@ def left_over(moments: Moments, subset: Subset, plain: Weighed) -> float:
     """What all unidentified terms that a subset does not hold would explain together beyond what they find in noise, times the
     probability that they do, from the evidence of each size and of none, prior odds even."""
     taken = {int(column) for number, _ in subset for column in moments.columns[number].where}
-    free = [c.where for t, c in zip(moments.terms, moments.columns, strict=True) if t.effect.nameless and t.form.basis]
+    free = [
+        c.where for t, c in zip(moments.terms, moments.columns, strict=True) if t.effect.unidentified and t.form.basis
+    ]
     columns = np.array(sorted({int(column) for where in free for column in where} - taken), dtype=np.int64)
     if not len(columns):
         return 0.0

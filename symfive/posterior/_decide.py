@@ -21,7 +21,7 @@ __all__ = ["Verdict", "decide"]
 WRONG, UNKNOWN, MISSED = 10.0, 4.0, 5.0
 """In units of testing one more cause: a repair in vain; a fault that the diagnosis only places; one that it overlooks."""
 SAME = 2.0
-"""Nats: χ² of 4, 2 σ, by which a fit must be worse to be told from another one."""
+"""Nats: χ² of 4, 2 σ, by which a fit must be worse to be distinguished from another one."""
 
 
 UNNAMED: Name = (Unknown.id, None)
@@ -53,7 +53,7 @@ def decide(posterior: Posterior, coarse: Posterior) -> tuple[Verdict, ...]:
 
 def _verdict(posterior: Posterior, coarse: Posterior, held: frozenset[int], term: int) -> Verdict | None:
     terms = posterior.moments.terms
-    own, nameless = terms[term].name, terms[term].effect.nameless
+    own, unidentified = terms[term].name, terms[term].effect.unidentified
     nothing = _shares(posterior, held, term)[1]
     shares, empty = _shares(coarse, held, term)
     acts = 1.0 - nothing
@@ -70,14 +70,14 @@ def _verdict(posterior: Posterior, coarse: Posterior, held: frozenset[int], term
     choice = min(losses)[1]
     if choice == 0:
         return None
-    told = tuple(named[: max(choice, 0)])
-    if own not in told:  # what is said is what is fitted; another name that is likelier here is a rival
-        told = ()
+    stated = tuple(named[: max(choice, 0)])
+    if own not in stated:  # the statement is what is fitted; a more probable name is an alternative
+        stated = ()
     alias, alone = _alias(posterior, held, term)
-    first = told[0] if told else (own if nameless else UNNAMED)
-    probability = shares[first] if told else acts
+    first = stated[0] if stated else (own if unidentified else UNNAMED)
+    probability = shares[first] if stated else acts
     rivals = {name: share for name, share in shares.items() if name != first}
-    return Verdict(term, told, probability, rivals, alias, alone)
+    return Verdict(term, stated, probability, rivals, alias, alone)
 
 
 def _shares(posterior: Posterior, held: frozenset[int], term: int) -> tuple[dict[Name, float], float]:
@@ -111,5 +111,5 @@ def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple
     for subset in posterior.weights:
         extra = subset - rest
         if rest <= subset and len(extra) == 1 and term not in extra and mine - evidence(subset) < SAME:
-            found += [t for t in extra if not terms[t].effect.nameless and terms[t].name != terms[term].name]
+            found += [t for t in extra if not terms[t].effect.unidentified and terms[t].name != terms[term].name]
     return tuple(found), bool(found)

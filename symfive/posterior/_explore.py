@@ -116,9 +116,10 @@ class _Search:
             terms = self.moments.terms
             held = [terms[t] for t, _ in subset]
             full = sum(not term.needs for term in held) >= MOST
+            asked = [self.general or not (term.form.general or term.needs) for term in terms]
             free = [
                 k for k, term in enumerate(terms)
-                if k >= self.moments.held and (term.needs or not full) and (self.general or not term.form.general)
+                if k >= self.moments.held and asked[k] and (term.needs or not full)
                 and complete([*held, term]) and not any(term.excludes(h) for h in held)
             ]  # fmt: skip
             prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
@@ -178,7 +179,7 @@ def weighed(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
 
 def explore(moments: Moments, start: Sequence[int] = (), general: bool = True) -> Posterior:
     """Beam search from a set of terms (numbers) that are held by the fit, and from nothing; without `general` no term joins that
-    is more general than laws."""
+    is more general than laws, nor one by which a law changes."""
     search, done = _Search(moments, general), set[Subset]()
     search.see(())
     search.see((t, nearest_width(moments.terms[t].effect.spread)) for t in start)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from symfive.effects import Effect, Form, Varying
+from symfive.effects import Effect, Form, Varying, form_words
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
@@ -17,7 +17,7 @@ from symfive.posterior._evidence import SHARE, Member, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, weighed
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance
-from symfive.posterior._moments import Moments, moments_of
+from symfive.posterior._moments import moments_of
 from symfive.posterior._terms import Candidates
 
 __all__ = ["Expansion", "expanded", "polish"]
@@ -39,7 +39,7 @@ Keys = frozenset[tuple[str, str]]
 
 def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) -> tuple[Expansion, float]:
     """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy."""
-    covers = {form.effect.answers for form in held if not form.effect.nameless}
+    covers = {form.effect.answers for form in held if not form.effect.unidentified}
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
     moments = moments_of(fit, held, blocks)
     members = held_by(moments)
@@ -59,7 +59,7 @@ def polish(
     first = _first(before, candidates, progress)
     now = _settled(first)
     if candidates.vary:
-        now = _opened(now, first, candidates)
+        now = _opened(now, first)
     held = held_by(now.posterior.moments)
     return now.posterior.corrected(now.exactly | {held: now.mass}), settled(now.here)
 
@@ -67,24 +67,24 @@ def polish(
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
     """The expansion about the baseline, without the readings that stand alone or, where something that the library has explains
     these better than chance, with them. Only laws are searched, but the moments hold all."""
-    first = _Round.at(_at_ease(before, candidates), candidates, progress, laws=True)
+    first = _Round.at(_at_ease(before, candidates), candidates, progress)
     if not before.outliers:
         return first
     whole = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=()))
-    progress(f"with the {len(before.outliers)} readings that stand alone")
-    return max((first, _Round.at(_at_ease(whole, candidates), candidates, progress, laws=True)), key=_Round.promise)
+    progress(f"including the {len(before.outliers)} isolated readings")
+    return max((first, _Round.at(_at_ease(whole, candidates), candidates, progress)), key=_Round.promise)
 
 
-def _opened(laws: _Round, first: _Round, candidates: Candidates) -> _Round:
+def _opened(laws: _Round, first: _Round) -> _Round:
     """The expansion at which nothing moves once what is more general than laws may join: from the laws that settled or, where
     that is clearly more probable, from nothing: laws may have settled in the place of what no law is."""
-    start = first.searched(candidates)
-    now = start if laws.here is first.here else _Round.at(laws.here, candidates, laws.progress)
+    start = first.opened()
+    now = start if laws is first else laws.opened()
     if start.promise() > now.promise() + CLEAR:
         other = _settled(start)
         if other.whole > now.promise():
             return other
-    return _settled(now, laws)
+    return _settled(now)
 
 
 def _at_ease(before: Identification, candidates: Candidates) -> Expansion:
@@ -95,23 +95,20 @@ def _at_ease(before: Identification, candidates: Candidates) -> Expansion:
     return replace(here, fit=fit)
 
 
-def _settled(now: _Round, before: _Round | None = None) -> _Round:
-    """The expansion at which nothing moves any more, from `now` on; there the rivals were asked `before`, and what was settled
-    then is given up for a clear gain only."""
-    been, least = dict[Keys, _Round](), 0.0 if before is None else CLEAR
+def _settled(now: _Round) -> _Round:
+    """The expansion at which nothing moves any more, from `now` on."""
+    been = dict[Keys, _Round]()
     for number in range(ROUNDS):
         been[now.here.keys] = now
         better = (now.exact(subset) for subset in _ahead(now.posterior))
-        ahead = next((there for gain, there in better if gain > least and there.keys not in been), None)
-        if number == 0 and before is not None:
-            now.exactly.update({subset: mass for subset, mass in before.exactly.items() if subset not in now.exactly})
-        elif ahead is None:
+        ahead = next((there for gain, there in better if gain > 0.0 and there.keys not in been), None)
+        if ahead is None:
             rivals = [each for each in map(now.exact, _rivals(now.posterior)) if each[1].keys not in been]
             best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
-            ahead = ahead if best > least else None
+            ahead = ahead if best > 0.0 else None
         if ahead is None or number == ROUNDS - 1:
             break
-        now = _Round.at(settled(ahead), now.candidates, now.progress)
+        now = _Round.at(settled(ahead), now.candidates, now.progress, laws=now.laws)
     return _best(now, been)
 
 
@@ -127,31 +124,33 @@ def _best(now: _Round, been: Mapping[Keys, _Round]) -> _Round:
 
 @dataclass(frozen=True)
 class _Round:
-    """One expansion: its fit, the posterior about it, the log `mass` of what it holds, and `exactly` that of the subsets that
-    were refitted; `leads`: by what a refit holds, how much better it is than what the expansion holds, and its subset."""
+    """One expansion: its fit, the posterior about it, of `laws` alone or of all, the log `mass` of what it holds, the `refits`
+    of other subsets and `exactly` their masses; `leads`: by what a refit holds, how much better it is than what the expansion
+    holds, and its subset."""
 
     here: Expansion
     posterior: Posterior
     mass: float
     candidates: Candidates
     progress: Progress
+    laws: bool
     exactly: dict[Subset, float] = field(default_factory=dict)
+    refits: dict[Subset, Expansion] = field(default_factory=dict)
     leads: dict[Keys, tuple[float, Subset]] = field(default_factory=dict)
 
     @classmethod
-    def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, laws: bool = False) -> _Round:
-        """About a fit; of `laws` alone though more is in the moments."""
-        progress(f"expansion about {', '.join(f.effect.key for f in here.held) or 'the baseline'}")
-        here, evidence = expanded(here.fit, [_told(form, here.fit) for form in here.held], candidates)
+    def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, laws: bool = True) -> _Round:
+        """About a fit; the moments hold all that may join."""
+        progress(f"linearised about {_words(here) or 'the baseline'}")
+        here, evidence = expanded(here.fit, [_classified(form, here.fit) for form in here.held], candidates)
         moments = moments_about(here, candidates)
-        mass = evidence + log_prior(moments, held_by(moments))
-        searched = replace(candidates, vary=candidates.vary and not laws)
-        return cls(here, _searched(moments, searched), mass, searched, progress)
+        posterior = explore(moments, range(moments.held), general=candidates.vary and not laws)
+        return cls(here, posterior, evidence + log_prior(moments, held_by(moments)), candidates, progress, laws)
 
-    def searched(self, candidates: Candidates) -> _Round:
-        """The same moments searched for other candidates."""
-        posterior = _searched(self.posterior.moments, candidates)
-        return _Round(self.here, posterior, self.mass, candidates, self.progress)
+    def opened(self) -> _Round:
+        """The same expansion with all that is more general than laws."""
+        moments = self.posterior.moments
+        return replace(self, posterior=explore(moments, range(moments.held)), laws=False)
 
     @cached_property
     def whole(self) -> float:
@@ -165,20 +164,17 @@ class _Round:
     def exact(self, subset: Subset) -> tuple[float, Expansion]:
         """By how many nats an exact refit of a subset, in its best shapes, is better than what the expansion holds, and that
         fit: all subsets of its names together; of the same names, forms of them, that subset alone."""
-        known = {form.effect.key for form in self.here.held}
-        there, evidence = _shaped(refitted(self.posterior.moments, subset), self.candidates, self.progress, known)
-        mass = self.exactly[subset] = evidence + log_prior(self.posterior.moments, subset)
-        held = held_by(self.posterior.moments)
+        known, moments = {form.effect.key for form in self.here.held}, self.posterior.moments
+        if subset not in self.refits:
+            there, evidence = _shaped(refitted(moments, subset), self.candidates, self.progress, known)
+            self.refits[subset], self.exactly[subset] = there, evidence + log_prior(moments, subset)
+        there, mass, held = self.refits[subset], self.exactly[subset], held_by(moments)
         gain = mass - self.mass
         if self.posterior.named(subset) != self.posterior.named(held):
             gain = self.posterior.worth(subset, mass) - self.posterior.worth(held, self.mass)
         self.leads[there.keys] = gain, subset
-        self.progress(f"{', '.join(f.effect.key for f in there.held) or 'nothing'}: {gain:+.1f} nats")
+        self.progress(f"refitted with {_words(there) or 'no effect'}: log evidence {gain:+.1f}")
         return gain, there
-
-
-def _searched(moments: Moments, candidates: Candidates) -> Posterior:
-    return explore(moments, range(moments.held), general=candidates.vary)
 
 
 def _ahead(posterior: Posterior) -> Iterator[Subset]:
@@ -199,13 +195,14 @@ def _shaped(
 ) -> tuple[Expansion, float]:
     """The fit, and its evidence, with each of its effects, but for those `known` (keys), in the best of its shapes."""
     here, mass = expanded(here.fit, here.held, candidates)
+    machine = here.fit.model.machine
     for number in (k for k, form in enumerate(here.held) if form.effect.key not in known):
         for shape in here.held[number].shapes:
             trial = _reshaped(here, number, shape)
             if trial is None:
                 continue
             other, evidence = expanded(trial.fit, trial.held, candidates)
-            progress(f"{shape.key} in another shape: {evidence - mass:+.1f} nats")
+            progress(f"{form_words(shape.key, machine)} in another form: log evidence {evidence - mass:+.1f}")
             if evidence > mass + DECISIVE:
                 here, mass = other, evidence
     return here, mass
@@ -264,12 +261,17 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
     return mine - both > max(DECISIVE, 0.5 * (theirs - both))
 
 
-def _told(form: Form, fit: Identification) -> Form:
-    """The form; one that varies, under the name of its law if it varies by no more than a law is off anyway."""
+def _classified(form: Form, fit: Identification) -> Form:
+    """The form; a varying one under the name of its law if it varies by no more than the form error of laws."""
     effect = form.effect
     if not isinstance(effect, Varying):
         return form
     return replace(form, effect=replace(effect, minor=effect.variation(fit.model.campaign, fit.named) <= SHARE))
+
+
+def _words(here: Expansion) -> str:
+    """The effects of an expansion in words."""
+    return ", ".join(form_words(form.effect.key, here.fit.model.machine) for form in here.held)
 
 
 def _sane(fit: Identification) -> bool:

@@ -169,6 +169,7 @@ def compressed(
     found = []
     for draft, c, d in zip(drafts, cross, own, strict=True):
         power, axes = np.linalg.eigh(d - c.T @ np.linalg.solve(shared, c))
-        kept = np.flatnonzero(power > SEEN)[-MOST * (1 + draft.form.effect.coordinate.count(",")) ** 2 :]
+        most = max(MOST * (1 + draft.form.effect.coordinate.count(",")) ** 2, draft.form.directions)
+        kept = np.flatnonzero(power > SEEN)[-most:]
         found.append(Compressed(draft.form, axes[:, kept]))
     return found

@@ -65,7 +65,7 @@ class Term:
         """Whether both cannot act at once."""
         if self.needs and other.needs:
             return self.needs == other.needs
-        if self.effect.nameless != other.effect.nameless:
+        if self.effect.unidentified != other.effect.unidentified:
             return self.covers == other.covers
         return self.slot == other.slot or bool(self.frees & other.frees)
 
@@ -126,7 +126,7 @@ def own_parameters(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
 
 def name_of(effect: Effect) -> Name:
     """The word of the vocabulary and the axis under which an effect is reported."""
-    return effect.vocabulary, None if effect.nameless else effect.belongs_to
+    return effect.vocabulary, None if effect.unidentified else effect.belongs_to
 
 
 def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
@@ -137,7 +137,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
     for form in forms:
         slot: tuple[object, ...]
         effect, name = form.effect, name_of(form.effect)
-        if effect.nameless:
+        if effect.unidentified:
             prior, slot, covers = UNIDENTIFIED, ("", effect.coordinate), (form.channel, effect.coordinate)
         else:
             covers = effect.answers or ("", "")

@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of, form_words
+from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of
 from symfive.drawing import poses_figure
+from symfive.effects import form_words
 from symfive.errors import InputError
 from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten
 from symfive.report._bands import error_motion_bands
@@ -158,10 +159,11 @@ def _figure(name: str, title: str, reading: str, draw: Drawn, figures: Path) -> 
 
 
 def _sensitivity(diagnosis: Diagnosis) -> dict[str, object]:
+    machine = diagnosis.after.model.machine
     return {
         "tests": tests_table(diagnosis),
         "suspects": suspects_table(diagnosis),
-        "classes": diagnosis.classes,
+        "classes": [[form_words(key, machine) for key in group] for group in diagnosis.classes],
         "observability": observability_table(diagnosis),
         "standards": standards_section(diagnosis.after),
     }

@@ -6,7 +6,7 @@ import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.diagnose import Diagnosis
-from symfive.effects import EFFECTS
+from symfive.effects import EFFECTS, coordinate_words, form_words
 from symfive.numbers import expected_ratio, plain_number, power_of_ten
 from symfive.report._findings import FAINT_SIGMAS
 from symfive.report._tables import Cell, table
@@ -70,9 +70,12 @@ def suspects_table(diagnosis: Diagnosis) -> str:
     found = diagnosis.location.significant
     if not found:
         return ""
+    machine = diagnosis.after.model.machine
     rows: list[list[str | Cell]] = [
-        [s.link, s.axis or "–", s.coordinate, Cell(plain_number(s.nats), s.nats), s.effect.key] for s in found
-    ]
+        [s.link, s.axis or "–", coordinate_words(s.coordinate), Cell(plain_number(s.nats), s.nats),
+         form_words(s.effect.key, machine)]
+        for s in found
+    ]  # fmt: skip
     heads = ["link", "axis", "over", "log evidence gained", "best candidate"]
     return table("Where: each link and axis by itself, before any finding is fitted", heads, rows)
 
@@ -81,12 +84,14 @@ def observability_table(diagnosis: Diagnosis) -> str:
     """What the campaign can see of every effect of the catalogue, whether or not it was found."""
     rows: list[list[str | Cell]] = []
     classes = []
+    machine = diagnosis.after.model.machine
     together = {key: i for i, group in enumerate(diagnosis.classes, start=1) for key in group}
     for o in sorted(diagnosis.observability, key=lambda o: -o.sigmas):
         kind = EFFECTS.get(o.form.partition(".")[0])
         group = f"class {together[o.form]}" if o.form in together else ""
         hidden = kind.hidden_by if kind is not None and o.visible < 0.5 else ""
-        rows.append([o.effect.replace("_", " "), o.axis or "–", o.form, Cell(f"{100.0 * o.visible:.1f}", o.visible),
+        form, share = form_words(o.form, machine), Cell(f"{100.0 * o.visible:.1f}", o.visible)
+        rows.append([o.effect.replace("_", " "), o.axis or "–", form, share,
                      Cell(f"{o.sigmas:.1f}" if o.sigmas < 1e4 else plain_number(o.sigmas), o.sigmas), group, hidden])  # fmt: skip
         classes.append("weak" if o.sigmas < FAINT_SIGMAS else "")
     heads = ["effect", "axis", "form", "visible share / %", "usual size / σ", "class (not separable)",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from symfive.diagnose import EXPLAINED, Diagnosis, form_words, named
+from symfive.diagnose import EXPLAINED, Diagnosis
+from symfive.effects import effect_words, form_words
 from symfive.screen import wrapped
 
 __all__ = ["FAINT_SIGMAS", "closing", "diagnosis_text"]
@@ -14,7 +15,7 @@ SHOWN_FAINT = 8
 
 def closing(diagnosis: Diagnosis) -> str:
     """The verdict again and the next step, in one line."""
-    names = ", ".join(named(finding.name, finding.axis) for finding in diagnosis.by_share)
+    names = ", ".join(effect_words(finding.name, finding.axis) for finding in diagnosis.by_share)
     said = names or ("unnamed" if diagnosis.mismatch else "nothing found")
     return f"In short: {said}. Next: {_next_step(diagnosis)}."
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from scipy.special import chdtr, chdtrc
 
+from symfive.effects import form_words
 from symfive.identify import UNCONVERGED, Identification
 from symfive.machine import Machine
 from symfive.numbers import expected_ratio, plain_number, unit_words
@@ -15,7 +16,7 @@ LEVEL = 1e-3
 """How rarely declared noise alone may lead to "does not fit"."""
 NEAR = 1.1
 """Up to this χ²/dof a significant excess is called small."""
-_EFFECTS = {"drive": "gain of a drive", "instrument": "the instrument's own", "effect": "effect of the model"}
+_OTHERS = {"drive": "gain of a drive", "instrument": "parameter of the instrument"}
 
 
 def fits(identification: Identification) -> str:
@@ -111,8 +112,10 @@ def meaning(parameter: Parameter, machine: Machine) -> str:
     """What a parameter is, in a few words."""
     name, _, function = parameter.name.partition(".")
     term = machine.errors.get(name)
+    if parameter.kind == "effect":
+        return form_words(parameter.name, machine)
     if term is None:
-        return _EFFECTS.get(parameter.kind, parameter.kind)
+        return _OTHERS.get(parameter.kind, parameter.kind)
     letter = term.component
     along = f"about {'XYZ'['ABC'.index(letter)]}" if term.angular else f"along {letter}"
     if term.is_location:

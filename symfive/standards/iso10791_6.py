@@ -50,12 +50,12 @@ def _of_run(machine: Machine, run: Run, turned: list[str]) -> list[StandardValue
     speed = run.fastest(run.commands[turned[0]]) if run.dynamic else 0.0
     conditions = {
         "stroke": ", ".join(f"{n} {plain_number(float(np.ptp(run.commands[n])))}°" for n in turned),
-        "feed": f"{turned[0]} at most {plain_number(speed)} °/min" if run.dynamic else "readings at rest",
+        "feed": f"{turned[0]} at most {plain_number(speed)} °/min" if run.dynamic else "static readings",
         "direction": _sense(run, turned[0]), "readings": str(run.rows), **place_of(machine, run),
     }  # fmt: skip
     limits = ["as read: the eccentricity of the set-up is in the range"]
     if not run.dynamic:
-        limits.append("at rest: the standard measures in motion")
+        limits.append("static readings: the standard measures in motion")
     values = []
     for column, instrument_name in what.items():
         along = {"dx_um": "X", "dy_um": "Y", "dz_um": "Z"}.get(column) or _bar(machine, run, turned)

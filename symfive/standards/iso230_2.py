@@ -103,13 +103,13 @@ def _of_test(campaign: Campaign, runs: Sequence[Run]) -> list[StandardValue]:
         return []
     limits = []
     if min(counts) < ASKED:
-        limits.append(f"{min(counts)} approaches a direction: ISO 230-2 asks for {ASKED}")
+        limits.append(f"{min(counts)} approaches per direction: ISO 230-2 requires {ASKED}")
     if len(data.targets) < ASKED:
-        limits.append(f"{len(data.targets)} targets: ISO 230-2 asks for at least {ASKED}")
-    limits.append("U holds the reading's noise only: scale, alignment and temperature of the laser are not in it")
+        limits.append(f"{len(data.targets)} targets: ISO 230-2 requires at least {ASKED}")
+    limits.append("U contains the noise of a reading only, not scale, alignment and temperature of the laser")
     conditions = {
         "axis": axis, "targets": f"{len(data.targets)} from {data.targets[0]:g} to {data.targets[-1]:g} mm",
-        "approaches": f"{min(counts)} a direction", "feed": "not recorded", **place_of(campaign.machine, runs[0]),
+        "approaches": f"{min(counts)} per direction", "feed": "not recorded", **place_of(campaign.machine, runs[0]),
     }  # fmt: skip
 
     def value(name: str, what: str, of: Callable[..., float], *parts: Array) -> StandardValue:

@@ -145,7 +145,7 @@ def _squareness(
         both, standard="ISO 230-1", name=f"squareness {second} to {first}", what="(circle)",
         value=-per * float(np.mean(slopes)), u=COVERAGE * per * float(np.sqrt(variance)), unit="um/m",
         conditions={**both.conditions, "sign": f"+{first} to +{second} is 90° + value"},
-        limits=("of this circle only: straightness and angular errors change it from place to place",),
+        limits=("of this circle only: straightness and angular errors change it with the position",),
     )  # fmt: skip
 
 
@@ -191,10 +191,10 @@ def _limits(circle: Circle, angle: Array) -> tuple[str, ...]:
     steps = np.diff(np.sort(angle))
     gaps = steps[steps > GAP * np.median(steps)]
     if len(gaps):
-        where = f"{len(gaps)} places without readings, the widest {np.degrees(gaps.max()):.2g}°"
-        said.append(f"{where} (left out near reversals?): peaks there do not count, import with --angle-error 0")
+        where = f"{len(gaps)} gaps without readings, the widest {np.degrees(gaps.max()):.2g}°"
+        said.append(f"{where} (excluded near reversals?): peaks there do not count; import with --angle-error 0")
     if _length(circle.run) >= KNOWN_LENGTH_UM:
-        said.append("the bar's length is not calibrated: no F and no D")
+        said.append("the length of the bar is not calibrated: no F and no D")
     return tuple(said)
 
 

@@ -29,7 +29,7 @@ def first_move(path: Path) -> Iterator[Finding]:
     for event in path.events:
         if event.kind == "stop" and BY_HAND.search(event.text):
             known[:] = False
-        if not event.motion:
+        if not event.motion or known.all():
             continue
         moved = np.isin(np.arange(len(known)), event.moved)
         if not known.all() and (says := _out_of_order(path, event, known, moved)):

@@ -257,26 +257,32 @@ def touches(path: Path) -> Iterator[Finding]:
     if not np.isfinite(reach):
         yield path.fault("touch", 1, "the head does not say the radii of sphere and tip")
         return
-    yield from _clear(path, reach)
-    yield from _order(path, reach)
+    ways = _ways(path)
+    yield from _clear(path, ways, reach)
+    yield from _order(path, ways, reach)
 
 
-def _ends(path: Path, i: int) -> tuple[Array, Array]:
-    """The tip about the sphere's centre at a move's samples (N, 3), and where it aims (3,)."""
-    ball = path.run.tool_ball
-    event = path.events[i]
-    aim = event.aim if event.aim.size else event.end
-    there = path.machine.points(aim[None], ball[None])[0, 0] - path.run.table_ball
-    return path.ball[path.owner == i] - path.run.table_ball, there
+Ways = dict[int, tuple[Array, Array]]
+"""Of each move between known positions: the tip about the sphere's centre at its samples (N, 3), and where it aims (3,)."""
 
 
-def _clear(path: Path, reach: float) -> Iterator[Finding]:
+def _ways(path: Path) -> Ways:
+    if not path.known:
+        return {}
+    moves = [path.events[i] for i in path.known]
+    aims = np.stack([event.aim if event.aim.size else event.end for event in moves])
+    there = path.machine.points(aims, path.run.tool_ball[None])[:, 0] - path.run.table_ball
+    tips = np.split(path.ball - path.run.table_ball, np.searchsorted(path.owner, path.known[1:]))
+    return dict(zip(path.known, zip(tips, there, strict=True), strict=True))
+
+
+def _clear(path: Path, ways: Ways, reach: float) -> Iterator[Finding]:
     """Ways: which of them may come near."""
     proven: list[tuple[Array, Array]] = []
     rotary = path.machine.rotary
     for i in path.known:
         event = path.events[i]
-        tip, aim = _ends(path, i)
+        tip, aim = ways[i]
         off = np.linalg.norm(tip, axis=1)
         turning = np.abs(event.end - event.start)[rotary].max(initial=0.0) > 1e-9
         if turning:
@@ -298,7 +304,7 @@ def _clear(path: Path, reach: float) -> Iterator[Finding]:
                 yield path.fault("probing", event.line, says)
 
 
-def _order(path: Path, reach: float) -> Iterator[Finding]:
+def _order(path: Path, ways: Ways, reach: float) -> Iterator[Finding]:
     """Touches and lines of the log: for every row, in every declared direction, fast and slow."""
     declared = np.array(path.run.table.get("touches", FIVE), float)
     declared /= np.linalg.norm(declared, axis=1)[:, None]
@@ -307,7 +313,7 @@ def _order(path: Path, reach: float) -> Iterator[Finding]:
     logged = []
     for i, event in enumerate(path.events):
         if event.probing == "touch":
-            tip, aim = _ends(path, i)
+            tip, aim = ways[i]
             done.append((event, tip, aim))
             yield from _aimed(path, event, tip, aim, reach)
         elif event.kind == "log":

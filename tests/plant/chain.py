@@ -121,6 +121,8 @@ def rot_xyz(abc: Array) -> Array:
 
 def location(axis: Axis, location_errors: Mapping[str, ArrayLike]) -> Array:
     """Location errors (EX0j … EC0j) of `axis` in mm and rad, shape (6,) or (N, 6) when one of them varies."""
+    if not location_errors:
+        return np.zeros(6)
     values = [np.asarray(location_errors.get(f"{c}0{axis.name}", 0.0), float) for c in COMPONENTS]
     return np.stack(np.broadcast_arrays(*values), axis=-1)
 
@@ -131,6 +133,11 @@ def axis_transform(axis: Axis, q: Array, place: Array, motion: Array | None) -> 
     """
     s = axis.side * q
     e, o = np.asarray(axis.direction), np.asarray(axis.origin)
+    if motion is None and not place.any():  # exact, and several times as quick
+        if not axis.rotary:
+            return np.eye(3), s[:, None] * e
+        r = rot(axis.direction, s)
+        return r, o - r @ o
     r0 = rot_xyz(place[..., 3:])
     shift = np.zeros(3) if motion is None else motion[:, :3]
     turn = np.eye(3) if motion is None else rot_xyz(motion[:, 3:])

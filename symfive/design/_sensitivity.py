@@ -1,7 +1,7 @@
-"""What the poses of one set-up tell, φ = ⟨G, F(pose)⟩, with its derivatives and the limits of the poses.
+"""The sensitivity function φ = ⟨G, F(pose)⟩ of the poses of one set-up, with its derivatives and the limits of the poses.
 
-`climbed` leads poses to the local maxima of φ among those that can be reached. Most of these lie on limits, often where two of
-them meet, and a limit is curved: no step along an angle stays on it. So the climb is Newton's on φ less a growing penalty of the
+`local_maxima` moves poses to the local maxima of φ among those in reach. Most of these lie on limits, often where two of
+them meet, and a limit is curved: no step along an angle stays on it. So the ascent is Newton's on φ less a growing penalty of the
 limits' violation (J. Nocedal & S. J. Wright 2006, 17.1), in a trust region, and a last step back to where the limits end.
 """
 
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from symfive.design._information import Layout
 from symfive.design._space import Space
 
-__all__ = ["PENALTY", "Told", "climbed", "told_of"]
+__all__ = ["PENALTY", "SensitivityFunction", "local_maxima", "sensitivity_function"]
 
 Array = NDArray[np.float64]
 PENALTY = 10.0
 """Weight of the squared violation (in 100 mm) against φ over its largest value."""
 STAGES = ((PENALTY, 6), (PENALTY, 8), (30.0 * PENALTY, 6))
-"""Weights and steps of the climb, one after the other; after each stage poses that have met are one."""
+"""Weights and steps of the ascent, one after the other; after each stage poses that have met are one."""
 MET = 1e-3
 """rad."""
 SETTLED = 1e-5
@@ -38,7 +38,7 @@ INSIDE = 1e-9
 
 
 @dataclass(frozen=True)
-class Told:
+class SensitivityFunction:
     """φ = |half · J|² of the poses of one set-up: `setup` its variables, `k` its constants."""
 
     space: Space
@@ -88,36 +88,38 @@ class Told:
         return self.space.kernel.limit_curvature(*self.decided(poses), multipliers)[:, :d, :d]
 
 
-def told_of(space: Space, layout: Layout, pull: Array, setup: Array, k: Array, g: int) -> Told:
+def sensitivity_function(
+    space: Space, layout: Layout, pull: Array, setup: Array, k: Array, g: int
+) -> SensitivityFunction:
     """φ in the set-up of run `g` for G = `pull`."""
     values, vectors = np.linalg.eigh(pull)
     some = values > ROUNDING * values[-1]
     half = (vectors[:, some] * np.sqrt(values[some])).T
     first = layout.shared + g * layout.own
     columns = np.concatenate([np.arange(layout.shared), np.arange(first, first + layout.own)])
-    return Told(space, half[:, columns], setup, k)
+    return SensitivityFunction(space, half[:, columns], setup, k)
 
 
-def climbed(told: Told, poses: Array, top: float) -> Array:
-    """Local maxima of φ, of which `top` is about the largest, above the poses (n, d); some may end outside the limits.
+def local_maxima(phi: SensitivityFunction, poses: Array, top: float) -> Array:
+    """Local maxima of φ, of which `top` is about the largest, from the poses (n, d); some may end outside the limits.
 
     A pose near which the chain is singular, so that φ and the limits are not finite or their products are not, stays where it is.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         for penalty, steps in STAGES:
-            poses = _ascended(told, poses, top, penalty, steps)
+            poses = _newton_steps(phi, poses, top, penalty, steps)
             poses = poses[np.unique(np.round(poses / MET), axis=0, return_index=True)[1]]
-        return _restored(told, poses)
+        return _restored(phi, poses)
 
 
-def _ascended(told: Told, poses: Array, top: float, penalty: float, steps: int) -> Array:
+def _newton_steps(phi: SensitivityFunction, poses: Array, top: float, penalty: float, steps: int) -> Array:
     """Newton's steps on φ/top less the penalty of the limits; a pose that no longer moves is left where it is."""
     poses, d = poses.copy(), poses.shape[1]
-    low, high = told.space.lower[:d], told.space.upper[:d]
+    low, high = phi.space.lower[:d], phi.space.upper[:d]
 
     def less_penalty(poses: Array) -> tuple[Array, Array]:
-        violated = np.minimum(told.limits(poses), 0.0)
-        return told.values(poses) / top - penalty * np.sum(violated**2, axis=1), violated
+        violated = np.minimum(phi.limits(poses), 0.0)
+        return phi.values(poses) / top - penalty * np.sum(violated**2, axis=1), violated
 
     trust = np.full(len(poses), FIRST_TRUST)
     merit, violated = less_penalty(poses)
@@ -126,10 +128,10 @@ def _ascended(told: Told, poses: Array, top: float, penalty: float, steps: int) 
         if not live.size:
             break
         here, outside = poses[live], violated[live]
-        _, slope, bent = told.taylor(here)
+        _, slope, bent = phi.taylor(here)
         slope, bent = slope / top, bent / top
         out = np.flatnonzero((outside < 0.0).any(axis=1))
-        active = told.limit_slopes(here[out]) * (outside[out] < 0.0)[:, None, :]
+        active = phi.limit_slopes(here[out]) * (outside[out] < 0.0)[:, None, :]
         slope[out] -= 2.0 * penalty * np.einsum("nkg,ng->nk", active, outside[out])
         bent[out] -= 2.0 * penalty * (active @ active.transpose(0, 2, 1))
         held = ((here <= low) & (slope < 0.0)) | ((here >= high) & (slope > 0.0))
@@ -154,17 +156,17 @@ def _step(slope: Array, bent: Array, free: NDArray[np.bool_], trust: Array) -> A
     return np.asarray(step * np.minimum(1.0, trust / np.maximum(length, LEAST_BEND**2))[:, None])
 
 
-def _restored(told: Told, poses: Array) -> Array:
+def _restored(phi: SensitivityFunction, poses: Array) -> Array:
     """Poses just outside a limit put back onto it, by Newton's shortest steps."""
     poses, d = poses.copy(), poses.shape[1]
-    low, high = told.space.lower[:d], told.space.upper[:d]
+    low, high = phi.space.lower[:d], phi.space.upper[:d]
     for _ in range(RESTORED):
-        limits = told.limits(poses)
+        limits = phi.limits(poses)
         left = np.flatnonzero((limits < INSIDE).any(axis=1))
         if not left.size:
             break
         outside = limits[left] < INSIDE
-        slopes = told.limit_slopes(poses[left]) * outside[:, None, :]
+        slopes = phi.limit_slopes(poses[left]) * outside[:, None, :]
         gram = slopes.transpose(0, 2, 1) @ slopes
         gram += 1e-9 * (1.0 + np.einsum("nii->n", gram))[:, None, None] * np.eye(limits.shape[1])
         wanted = np.where(outside, 2.0 * INSIDE - limits[left], 0.0)

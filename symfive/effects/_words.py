@@ -1,0 +1,47 @@
+"""Effects, their forms and coordinates in words, for reports and the terminal."""
+
+from __future__ import annotations
+
+import re
+
+from symfive.machine import Machine
+
+__all__ = ["coordinate_words", "effect_words", "form_words"]
+
+_QUANTITIES = {
+    "velocity sign": "the direction of {}", "velocity": "the velocity of {}", "acceleration": "the acceleration of {}",
+    "since reversal": "the path of {} since its reversal", "": "the position of {}",
+}  # fmt: skip
+_PLAIN = {"t": "time", "time": "time", "pose": "the pose", "reading": "the reading"}
+_COMPONENT = re.compile(r"E[A-CX-Z]0?(.+)")
+_REPEATED = re.compile(r"1?(\++)")
+
+
+def effect_words(effect: str, axis: str | None) -> str:
+    """An effect and its axis, as `gravity sag of axis B`."""
+    return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
+
+
+def form_words(key: str, machine: Machine) -> str:
+    """The key of a form, or the name of one of its parameters, in words with the symbol of its component, as `gravity sag of axis
+    B (EXB, yielding)` or `unidentified effect over the velocity of X (force)`."""
+    effect, *rest = key.split(".")
+    if effect == "unknown" and rest:
+        said = f"unidentified effect over {coordinate_words(rest.pop(0).replace(',', ', '))}"
+    else:
+        component = _COMPONENT.fullmatch(rest[0]) if rest else None
+        if rest and rest[0] in machine.axes:
+            said = effect_words(effect, rest.pop(0))
+        else:
+            said = effect_words(effect, component[1] if component and component[1] in machine.axes else None)
+    more = [_REPEATED.sub(lambda tag: f" no. {len(tag[1]) + 1}", word).replace("_", " ").strip() for word in rest]
+    return said + (f" ({', '.join(more)})" if more else "")
+
+
+def coordinate_words(coordinate: str) -> str:
+    """A coordinate in words, as `the direction of B and time` for `B velocity sign, t`."""
+    said = []
+    for words in coordinate.split(", "):
+        name, _, quantity = words.partition(" ")
+        said.append(_PLAIN.get(words) or (_QUANTITIES[quantity].format(name) if quantity in _QUANTITIES else words))
+    return " and ".join(said)
