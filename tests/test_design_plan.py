@@ -32,7 +32,7 @@ from symfive.design import (
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
 from symfive.design._clearances import Clearances
-from symfive.design._discriminate import _left
+from symfive.design._discriminate import _Explained
 from symfive.design._moves import blocked_moves
 from symfive.design._optimise import value_of
 from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
@@ -141,7 +141,7 @@ def test_the_sheet_says_what_to_mount_again() -> None:
     assert "bar of 100 mm; 3 s at rest, then read dL_um" in table["what"] and len(table["rows"]) == first.rows
     nest = r_test_grid(OYAMA)[0]
     table = pose_table(campaign_of(OYAMA, (nest,)), nest, Post(unsafe={nest.id: (1,)}))
-    assert "out of the nest, seat it again" in table["rows"][1][1]
+    assert "leaves the nest; seat it again" in table["rows"][1][1]
 
 
 def test_plan_is_the_same_every_time() -> None:
@@ -295,13 +295,16 @@ def test_a_rival_whose_steps_lead_beyond_the_readings_is_judged_by_the_best_of_t
         return SimpleNamespace(prediction=100.0 * np.tanh(values)[None], jacobian=jacobian, columns=np.array([0]))
 
     readings: Any = SimpleNamespace(
-        predict_run=lambda run, truth: np.zeros((1, 1)), noise=lambda run: np.ones(1), start=np.zeros(1)
+        predict_run=lambda run, truth: np.zeros((1, 1)),
+        noise=lambda run: np.ones(1),
+        start=np.zeros(1),
+        campaign=SimpleNamespace(runs=[SimpleNamespace(id="run")]),
     )
     rival: Any = SimpleNamespace(
         prior_sigma=np.full(1, 1e200), prior_mean=np.zeros(1), start=np.full(1, 3.0), parameters=[bounds],
         linearise=linearise, noise=lambda run: np.ones(1),
     )  # fmt: skip
-    assert _left(readings, np.zeros(1), rival, ["run"]) == pytest.approx((100.0 * np.tanh(3.0)) ** 2)
+    assert _Explained(readings, np.zeros(1), rival, {}).left(["run"]) == pytest.approx((100.0 * np.tanh(3.0)) ** 2)
 
 
 def test_discrimination_finds_the_test_that_an_expert_would_take() -> None:

@@ -150,7 +150,7 @@ def test_readings_left_out_are_told():
                 readings={n: v[rows] for n, v in r.readings.items()}) for r in campaign.runs[:1]
     ]  # fmt: skip
     (g,) = (value for value in standard_values(replace(campaign, runs=tuple(cut))) if value.name == "G")
-    assert any("places without readings" in said for said in g.limits)
+    assert any("gaps without readings" in said for said in g.limits)
 
 
 def _by_hand(up: list[list[float]], down: list[list[float]]) -> dict[str, float]:
