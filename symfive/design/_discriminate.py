@@ -245,12 +245,11 @@ class _Explained:
 
     def left(self, ids: Sequence[str]) -> float:
         """T: what the rival cannot explain of the readings of some runs (Gauss–Newton with the priors)."""
-        rival = self._rival
+        rival, values, best = self._rival, self._rival.start, math.inf
         precision = rival.prior_sigma**-2.0
-        values = rival.start
-        best = math.inf
+        lower, upper = (np.array([getattr(p, side) for p in rival.parameters]) for side in ("lower", "upper"))
         for number in range(ITERATIONS):
-            gram, gradient, square = np.diag(precision), -precision * (values - rival.prior_mean), 0.0
+            gram, gradient = np.diag(precision), -precision * (values - rival.prior_mean)
             square = float(np.sum(precision * (values - rival.prior_mean) ** 2))
             try:
                 lines = self._lines(ids, values, first=number == 0)
@@ -269,7 +268,6 @@ class _Explained:
                 break  # far beyond what the readings say anything of: the best so far counts
             expected = max(square - float(gradient @ step), 0.0)
             best = min(best, square)
-            lower, upper = (np.array([getattr(p, side) for p in rival.parameters]) for side in ("lower", "upper"))
             moved = np.clip(values + step, lower, upper)
             if square - expected < 1e-3 * max(square, 1e-12) or not np.all(np.isfinite(moved)):
                 break

@@ -31,7 +31,7 @@ DECISIVE = 3.0
 """Nats by which another shape has to be better (H. Jeffreys 1961: strong evidence)."""
 CLEAR = 10.0
 """Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that. By so
-many something has to be better before settled laws are given up for it."""
+many a search from nothing has to promise more before it competes with the laws that settled."""
 Progress = Callable[[str], None]
 Keys = frozenset[tuple[str, str]]
 """What a fit holds: `Expansion.keys`."""
