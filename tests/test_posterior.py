@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ from symfive.machine import preset
 from symfive.model import Model
 from symfive.posterior import (
     WIDTHS,
-    Expansion,
     Moments,
     Sweep,
     baseline,
@@ -30,7 +28,6 @@ from symfive.posterior import (
     explore,
     grams,
     log_evidence,
-    moments_about,
     moments_of,
     nodes_of,
 )
@@ -252,21 +249,13 @@ def test_what_a_refit_says_of_a_subset_is_no_claim_for_others_of_its_names(momen
     assert 0.0 <= found.worth(poorest, 0.0) <= np.log(count) + 1e-9
 
 
-def test_what_is_more_general_than_laws_is_asked_after_them() -> None:
+def test_unidentified_effects_are_asked_after_named_ones(moments: Moments) -> None:
     """A place times the side from which it came holds every play of that axis, and would stand in its place."""
-    campaign = bars({"X": 6.0}, angles=200)
-    stated, here = candidates(campaign), Expansion(baseline(campaign), (), nodes_of(1.0)[0], 1.0)
-    general = {form.effect.key for form in stated.forms if form.general}
     first, later = (
-        {term.effect.key for term in moments_about(here, replace(stated, vary=vary)).terms} for vary in (False, True)
+        {moments.terms[t].effect.unidentified for subset in explore(moments, named=named).mass for t, _ in subset}
+        for named in (True, False)
     )
-    assert general and not general & first and general <= later
-    moments = moments_about(here, stated)  # which may hold more than a search of laws asks for
-    of_laws, of_all = (
-        {moments.terms[t].form.general for subset in explore(moments, general=asked).mass for t, _ in subset}
-        for asked in (False, True)
-    )
-    assert of_laws == {False} and of_all == {False, True}
+    assert first == {False} and later == {False, True}
 
 
 def test_a_circle_without_play_is_clean() -> None:

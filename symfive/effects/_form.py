@@ -38,8 +38,7 @@ class Form:
 
     `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
     the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
-    prior 1σ `sigma`. `general`: every law over one of its coordinates is nearly a case of it, so these are asked first.
-    `directions`: of those that the readings see, so many are kept at least.
+    prior 1σ `sigma`. `directions`: of those that the readings see, so many are kept at least.
     """
 
     effect: Effect
@@ -50,7 +49,6 @@ class Form:
     axis: str | None = None
     basis: Callable[[Run], Array] | None = None
     sigma: float = 1.0
-    general: bool = False
     directions: int = 0
 
     @property

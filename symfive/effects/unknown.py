@@ -170,7 +170,7 @@ class Unknown(Effect):
             cycle = cls(
                 over=("t",), basis="fourier", order=HARMONICS, period=1.0 / frequency, period_sigma=sigma, tag="cycle"
             )
-            return Form(effect=cycle, places=places, general=True)
+            return Form(effect=cycle, places=places)
 
         yield Tone(
             channel=TOOL, coordinate=lambda run: run.start_s + np.asarray(run.time), lowest=lowest, highest=highest,
@@ -193,7 +193,6 @@ class Unknown(Effect):
             axis=self.axis or self.carrier or None,
             basis=basis,
             sigma=self.parameters(campaign)[0].sigma,
-            general=self.over[1:] == (f"{self.over[0]}{SIGN}",),
             directions=len(self._basis(campaign.machine).names) if self.knots else 0,
         )
 

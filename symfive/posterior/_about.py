@@ -11,12 +11,13 @@ __all__ = ["moments_about"]
 
 
 def moments_about(here: Expansion, candidates: Candidates) -> Moments:
-    """With forms of other keys than the fit holds, that free no quantity which is free, and the best place of every scan; if not
-    only laws are asked for (`vary`) also with what is more general, and with the variations of what it holds."""
+    """With forms of other keys than the fit holds, that free no quantity which is free, the best place of every scan, and the
+    variations of what it holds."""
     taken = {effect.key for effect in here.fit.model.effects}
     freed = {place for effect in here.fit.model.effects for place in effect.frees()}
     scanned = placed(here.fit, candidates.scans, (here.node, WHITE))
-    asked = [form for form in (*candidates.forms, *scanned) if candidates.vary or not form.general]
-    fresh = [f for f in asked if f.effect.key not in taken and not freed & set(f.effect.frees())]
+    fresh = [
+        f for f in (*candidates.forms, *scanned) if f.effect.key not in taken and not freed & set(f.effect.frees())
+    ]
     varied = variations_of(here.held, here.fit.model.campaign) if candidates.vary else []
     return moments_of(here.fit, here.held, [*fresh, *varied])

@@ -98,7 +98,7 @@ class Posterior:
 @dataclass
 class _Search:
     moments: Moments
-    general: bool
+    named: bool
     mass: dict[Subset, float] = field(default_factory=dict)
     blocks: dict[Subset, Blocks] = field(default_factory=dict)
     swept: dict[Subset, tuple[list[int], list[float], Array]] = field(default_factory=dict)
@@ -116,7 +116,7 @@ class _Search:
             terms = self.moments.terms
             held = [terms[t] for t, _ in subset]
             full = sum(not term.needs for term in held) >= MOST
-            asked = [self.general or not (term.form.general or term.needs) for term in terms]
+            asked = [not (self.named and (term.effect.unidentified or term.needs)) for term in terms]
             free = [
                 k for k, term in enumerate(terms)
                 if k >= self.moments.held and asked[k] and (term.needs or not full)
@@ -177,10 +177,10 @@ def weighed(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     return float(np.logaddexp(plain.total, other) - np.log(2.0)), blocks if other > plain.total else ()
 
 
-def explore(moments: Moments, start: Sequence[int] = (), general: bool = True) -> Posterior:
-    """Beam search from a set of terms (numbers) that are held by the fit, and from nothing; without `general` no term joins that
-    is more general than laws, nor one by which a law changes."""
-    search, done = _Search(moments, general), set[Subset]()
+def explore(moments: Moments, start: Sequence[int] = (), *, named: bool = False) -> Posterior:
+    """Beam search from a set of terms (numbers) that are held by the fit, and from nothing; with `named` no unidentified term
+    joins, nor one by which a law changes."""
+    search, done = _Search(moments, named), set[Subset]()
     search.see(())
     search.see((t, nearest_width(moments.terms[t].effect.spread)) for t in start)
     while True:

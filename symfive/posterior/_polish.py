@@ -31,7 +31,7 @@ DECISIVE = 3.0
 """Nats by which another shape has to be better (H. Jeffreys 1961: strong evidence)."""
 CLEAR = 10.0
 """Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that. By so
-many a search from nothing has to promise more before it competes with the laws that settled."""
+many a search from nothing has to promise more before it competes with the named effects that settled."""
 Progress = Callable[[str], None]
 Keys = frozenset[tuple[str, str]]
 """What a fit holds: `Expansion.keys`."""
@@ -53,33 +53,33 @@ def polish(
 ) -> tuple[Posterior, Expansion]:
     """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset.
 
-    First the laws of the library; then whether those that are held are the same everywhere, and whether something acts that is
-    more general than laws.
+    First the effects that have a name; then whether those that are held are the same everywhere, and whether something acts that
+    none of them explains: a law of which the moments hold the slope alone is refitted before anything more general may stand in
+    its place.
     """
     first = _first(before, candidates, progress)
-    now = _settled(first)
-    if candidates.vary:
-        now = _opened(now, first)
+    now = _opened(_settled(first), first)
     held = held_by(now.posterior.moments)
     return now.posterior.corrected(now.exactly | {held: now.mass}), settled(now.here)
 
 
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
     """The expansion about the baseline, without the readings that stand alone or, where something that the library has explains
-    these better than chance, with them. Only laws are searched, but the moments hold all."""
+    these better than chance, with them. Only named effects are searched, but the moments hold all."""
     first = _Round.at(_at_ease(before, candidates), candidates, progress)
     if not before.outliers:
         return first
     whole = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=()))
     progress(f"including the {len(before.outliers)} isolated readings")
-    return max((first, _Round.at(_at_ease(whole, candidates), candidates, progress)), key=_Round.promise)
+    return max(
+        (first, _Round.at(_at_ease(whole, candidates), candidates, progress)), key=lambda each: each.opened.promise()
+    )
 
 
-def _opened(laws: _Round, first: _Round) -> _Round:
-    """The expansion at which nothing moves once what is more general than laws may join: from the laws that settled or, where
-    that is clearly more probable, from nothing: laws may have settled in the place of what no law is."""
-    start = first.opened()
-    now = start if laws is first else laws.opened()
+def _opened(named: _Round, first: _Round) -> _Round:
+    """The expansion at which nothing moves once unidentified effects may join: from the named ones that settled or, where that is
+    clearly more probable, from nothing: named effects may have settled in the place of what none of them is."""
+    start, now = first.opened, named.opened
     if start.promise() > now.promise() + CLEAR:
         other = _settled(start)
         if other.whole > now.promise():
@@ -108,7 +108,7 @@ def _settled(now: _Round) -> _Round:
             ahead = ahead if best > 0.0 else None
         if ahead is None or number == ROUNDS - 1:
             break
-        now = _Round.at(settled(ahead), now.candidates, now.progress, laws=now.laws)
+        now = _Round.at(settled(ahead), now.candidates, now.progress, named=now.named)
     return _best(now, been)
 
 
@@ -124,33 +124,34 @@ def _best(now: _Round, been: Mapping[Keys, _Round]) -> _Round:
 
 @dataclass(frozen=True)
 class _Round:
-    """One expansion: its fit, the posterior about it, of `laws` alone or of all, the log `mass` of what it holds, the `refits`
-    of other subsets and `exactly` their masses; `leads`: by what a refit holds, how much better it is than what the expansion
-    holds, and its subset."""
+    """One expansion: its fit, the posterior about it, of `named` effects alone or of all, the log `mass` of what it holds, the
+    `refits` of other subsets and `exactly` their masses; `leads`: by what a refit holds, how much better it is than what the
+    expansion holds, and its subset."""
 
     here: Expansion
     posterior: Posterior
     mass: float
     candidates: Candidates
     progress: Progress
-    laws: bool
+    named: bool
     exactly: dict[Subset, float] = field(default_factory=dict)
     refits: dict[Subset, Expansion] = field(default_factory=dict)
     leads: dict[Keys, tuple[float, Subset]] = field(default_factory=dict)
 
     @classmethod
-    def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, laws: bool = True) -> _Round:
+    def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, named: bool = True) -> _Round:
         """About a fit; the moments hold all that may join."""
         progress(f"linearised about {_words(here) or 'the baseline'}")
         here, evidence = expanded(here.fit, [_classified(form, here.fit) for form in here.held], candidates)
         moments = moments_about(here, candidates)
-        posterior = explore(moments, range(moments.held), general=candidates.vary and not laws)
-        return cls(here, posterior, evidence + log_prior(moments, held_by(moments)), candidates, progress, laws)
+        posterior = explore(moments, range(moments.held), named=named)
+        return cls(here, posterior, evidence + log_prior(moments, held_by(moments)), candidates, progress, named)
 
+    @cached_property
     def opened(self) -> _Round:
-        """The same expansion with all that is more general than laws."""
+        """The same expansion with all that may join."""
         moments = self.posterior.moments
-        return replace(self, posterior=explore(moments, range(moments.held)), laws=False)
+        return replace(self, posterior=explore(moments, range(moments.held)), named=False)
 
     @cached_property
     def whole(self) -> float:
