@@ -34,6 +34,11 @@ class Kernel:
         self.readings, self.width = rows.shape
         self.limit_count = limits.numel()
         self._z, self._k, self._flat, self._bound = z, k, ca.densify(ca.vec(rows)), ca.densify(limits)
+        self._matrix = rows
+
+    def of_first(self, count: int) -> Kernel:
+        """The same with only the first `count` of `z` decided; the others come before `k`."""
+        return Kernel(self._z[:count], ca.vertcat(self._z[count:], self._k), self._matrix, self._bound)
 
     def _mapped(self, name: str, result: Sequence[Any], *more: Any) -> Mapped:
         return Mapped(

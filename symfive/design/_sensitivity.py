@@ -51,6 +51,10 @@ class SensitivityFunction:
         n = len(poses)
         return np.concatenate([poses, np.tile(self.setup, (n, 1))], axis=1), np.tile(self.k, (n, 1))
 
+    def _given(self, n: int) -> Array:
+        """What is not decided for n poses, as `pose_kernel` takes it."""
+        return np.tile(np.concatenate([self.setup, self.k]), (n, 1))
+
     def _seen(self, rows: Array) -> Array:
         """half · J (…, ny, size) of sensitivities (…, width, ny), as one product of two matrices."""
         flat = np.ascontiguousarray(rows.swapaxes(-1, -2))
@@ -63,15 +67,15 @@ class SensitivityFunction:
 
     def taylor(self, poses: Array) -> tuple[Array, Array, Array]:
         """φ (n,), its slopes (n, d) and second derivatives (n, d, d)."""
-        z, k = self.decided(poses)
-        d = self.space.poses
-        rows, slopes = self.space.kernel.slopes(z, k)
-        seen = self._seen(rows).reshape(len(z), -1)
-        moved = self._seen(slopes[:, :d]).reshape(len(z), d, -1)
+        n, d = poses.shape
+        kernel, k = self.space.pose_kernel, self._given(n)
+        rows, slopes = kernel.slopes(poses, k)
+        seen = self._seen(rows).reshape(n, -1)
+        moved = self._seen(slopes).reshape(n, d, -1)
         value = np.einsum("nr,nr->n", seen, seen)
         slope = 2.0 * (moved @ seen[:, :, None])[..., 0]
-        own = (seen.reshape(-1, len(self.half)) @ self.half).reshape(len(z), -1, self.half.shape[1])
-        bent = moved @ moved.swapaxes(-1, -2) + self.space.kernel.curvature(z, k, own.swapaxes(1, 2))[:, :d, :d]
+        own = (seen.reshape(-1, len(self.half)) @ self.half).reshape(n, -1, self.half.shape[1])
+        bent = moved @ moved.swapaxes(-1, -2) + kernel.curvature(poses, k, own.swapaxes(1, 2))
         return value, slope, 2.0 * bent
 
     def limits(self, poses: Array) -> Array:
@@ -80,12 +84,11 @@ class SensitivityFunction:
 
     def limit_slopes(self, poses: Array) -> Array:
         """Their derivatives (n, d, ng)."""
-        return self.space.kernel.limit_slopes(*self.decided(poses))[:, : self.space.poses]
+        return self.space.pose_kernel.limit_slopes(poses, self._given(len(poses)))
 
     def limit_curvature(self, poses: Array, multipliers: Array) -> Array:
         """Second derivatives (n, d, d) of ⟨multipliers, limits⟩."""
-        d = self.space.poses
-        return self.space.kernel.limit_curvature(*self.decided(poses), multipliers)[:, :d, :d]
+        return self.space.pose_kernel.limit_curvature(poses, self._given(len(poses)), multipliers)
 
 
 def sensitivity_function(

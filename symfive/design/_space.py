@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -86,6 +87,11 @@ class Space:
     axes: Mapped
     limit_names: tuple[str, ...]
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def pose_kernel(self) -> Kernel:
+        """The kernel with derivatives in the pose alone; its constants are the set-up's variables and `k`."""
+        return self.kernel.of_first(self.poses)
 
     def commands(self, z: Array, k: Array) -> dict[str, Array]:
         """Commands of every axis, mm and degree."""
