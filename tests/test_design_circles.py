@@ -251,13 +251,15 @@ def test_circles_that_cannot_be(options: dict, says: str) -> None:
 
 
 def test_effects_without_a_derivative_are_chosen_from_the_list() -> None:
-    found = plan_circles(LEAN, [make_effect("friction", "C")], count=1, ratios=(0.5, 1.2), feeds=(800.0,), rate_hz=20.0)
+    found = plan_circles(
+        LEAN, [make_effect("friction", "C")], count=1, ratios=(0.5, 1.2), feeds=(800.0,), rate_hz=20.0, certify=False
+    )
     assert found.value == found.grid_value
     assert "are not refined; choose among the circles given" in found.notes[0]
 
 
 def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:
-    options = {"feeds": (800.0,), "rate_hz": 20.0, "refine": False}
+    options = {"feeds": (800.0,), "rate_hz": 20.0, "refine": False, "certify": False}
     repeated = plan_circles(LEAN, DRIVE[1:], ratios=(1.2,), **options)
     text = str(repeated)
     assert "X_T/r 1.2, radius r 50 mm, feed 800 mm/min, height 80 mm; ball at (60, 0) mm on the table" in text

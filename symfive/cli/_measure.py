@@ -187,7 +187,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--probe-on", default="", show_default=False, help="Your control's line that switches a touch probe on.")
 @click.option("--probe-off", default="", show_default=False, help="The line that switches it off.")
 @click.option("--probe-tool", type=click.IntRange(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
-@click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds.")
+@click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds; circles: none.")
 @click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: only this one.")
@@ -256,7 +256,7 @@ def plan(
     quiet: bool,
 ) -> None:
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
-    from symfive.design import FEEDS, circular_test, plan_circles, plan_until
+    from symfive.design import circular_test, plan_circles, plan_until
     from symfive.design import plan as make_plan
     from symfive.errors import InputError
     from symfive.executors import executor
@@ -302,7 +302,7 @@ def plan(
             result = plan_circles(
                 data, effects_of(effects), family=circles, count=count, for_=names, criterion=criterion or "D", robust=robust,
                 per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
-                feeds=feeds or FEEDS,
+                feeds=feeds or None, certify=not no_proof,
             )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:

@@ -8,18 +8,22 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from symfive.design._circles import Circle
-from symfive.design._paths import CircleShape
+from symfive.design._paths import CircleShape, limits_met
 from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.machine import Machine
 from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
 
-__all__ = ["circle_words", "gain_words", "list_end_words", "sigma_words", "warnings_of"]
+__all__ = ["circle_words", "gain_words", "limit_words", "list_end_words", "sigma_words", "warnings_of"]
 
 UNSEEN = 0.9
 """A parameter whose 1σ stays above this share of its prior's is not seen."""
 NOTHING = 0.05
 """Gains below this, per cent, are none."""
 STILL = 1e-6
+AT_LIMIT = 0.02
+"""Share of a limit left where a circle counts as limited by it: twice the margin of the refinement."""
 NEAR_END = 1e-3
 """Share of a list's range within which a refined value stands at its end."""
 NAMES = {"ratio": "X_T/r", "radius": "radius r"}
@@ -52,8 +56,24 @@ def gain_words(psi_of_list: float, psi: float) -> str:
     return f"refined: 1σ {gain:.2g} % smaller than with the best circles of the list"
 
 
-def list_end_words(circles: Sequence[Circle], listed: Sequence[CircleShape]) -> list[str]:
-    """Variables in which circles stand at an end of what was offered, so that a longer list may give better ones."""
+def limit_words(machine: Machine, circles: Sequence[Circle]) -> list[str]:
+    """Limits of the machine that keep circles where they are."""
+    notes = []
+    for i, circle in enumerate(circles):
+        try:
+            met = limits_met(machine, circle.shape, AT_LIMIT)
+        except InputError:
+            continue  # no smooth path: it was not refined
+        if met:
+            notes.append(f"circle {i + 1} is limited by the machine: {', '.join(met)}")
+    return notes
+
+
+def list_end_words(
+    circles: Sequence[Circle], listed: Sequence[CircleShape], most: Mapping[str, float] | None = None
+) -> list[str]:  # fmt: skip
+    """Variables in which circles stand at an end of what was offered, so that a longer list may give better ones; `most` is the
+    largest value that the machine allows, by variable (mm, mm/min)."""
     notes = []
     for name in circles[0].shape.values:
         offered = [shape.values[name] for shape in listed]
@@ -65,6 +85,11 @@ def list_end_words(circles: Sequence[Circle], listed: Sequence[CircleShape]) -> 
             if abs(circle.shape.values[name] - end) <= NEAR_END * (high - low)
         }
         for end in sorted(ends) if high > low else ():
+            if end == high and end >= (most or {}).get(name, math.inf):
+                notes.append(
+                    f"{NAMES.get(name, name)} {end:g}{UNITS.get(name, ' mm')} is the largest value the machine allows"
+                )
+                continue
             side = "smallest" if end == low else "largest"
             notes.append(
                 f"{NAMES.get(name, name)} {end:g}{UNITS.get(name, ' mm')} is the {side} value offered, not a limit of the "

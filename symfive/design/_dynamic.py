@@ -4,12 +4,14 @@ A synchronous circle (rotary and linear axis together, paper 3) has a radius r, 
 axis, a feed, a height and a direction. Near X_T/r = 1 the rotary axis must turn at F/|X_T - r|, so the drives' lag is seen well
 there, up to the axis' limits; a backlash is seen only where the axis reverses, which needs X_T > r. A planar circle has a
 centre, a radius and a feed. The information of a run with its set-up errors marginalised adds to that of the others, so
-circles are chosen like poses (greedy and exchange) and the chosen ones refined together (`_refine_circles`).
+circles are chosen like poses (greedy and exchange), the chosen ones refined together (`_refine_circles`) and compared with a
+dense set of circles at the same cost (`_circle_certificate`).
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +24,8 @@ from symfive.campaign import Campaign
 from symfive.design._assess import assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._choose_circles import check_clear, chosen_clear
-from symfive.design._circle_words import circle_words, gain_words, list_end_words, sigma_words, warnings_of
+from symfive.design._circle_certificate import CircleCertificate, certify_circles, farthest, fastest
+from symfive.design._circle_words import circle_words, gain_words, limit_words, list_end_words, sigma_words, warnings_of
 from symfive.design._circles import ROBUST, Circle, Goal, circle_information, circle_of_runs, measured
 from symfive.design._criteria import criterion_of
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
@@ -40,13 +43,15 @@ from symfive.procedures import PLANES, campaign_of, circle_frame, heights, sense
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["FEEDS", "Circle", "CirclePlan", "best_ratio", "circle_information", "plan_circles"]
+__all__ = ["Circle", "CirclePlan", "best_ratio", "circle_information", "plan_circles"]
 
 Array = NDArray[np.float64]
 RATIOS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.3, 1.5, 1.8)
 FREE = {"synchronous": ("ratio", "feed"), "planar": ("feed", "x", "y", "z")}
-FEEDS = (500.0, 1000.0)
-"""mm/min of circles where no others are given."""
+WIDER = 1.4
+"""Step of further ratios, as between the last of these."""
+SLOWEST = 500.0
+"""mm/min of the slowest circles where no feeds are given; faster ones double it up to the fastest linear axis."""
 RATE_HZ = 50.0
 DRAWS = 4
 TO_RUN = {"ratio": 1e-4, "radius": 1e-3, "feed": 1.0, "height": 1.0, "x": 1.0, "y": 1.0, "z": 1.0}
@@ -60,7 +65,8 @@ LEAST_GAIN = 1e-6
 class CirclePlan(OnScreen):
     """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' `parameters` (file units), all
     circles that were `considered`, ψ of the best of these (`grid_value`) and of the refined ones (`value`), `notes` in plain
-    words: circles that are repeats, parameters that none of them sees."""
+    words: limits and ends of lists that are met, circles that are repeats, parameters that none of them sees; the
+    `certificate`, None where none was asked for."""
 
     campaign: Campaign
     circles: tuple[Circle, ...]
@@ -71,6 +77,7 @@ class CirclePlan(OnScreen):
     effects: tuple[Effect, ...] = ()
     parameters: tuple[Parameter, ...] = ()
     notes: tuple[str, ...] = ()
+    certificate: CircleCertificate | None = None
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
@@ -80,6 +87,7 @@ class CirclePlan(OnScreen):
         ]
         return {
             "schema": SCHEMA, "machine": self.campaign.machine.name, "circles": shapes, "minutes": self.minutes,
+            "certificate": None if self.certificate is None else self.certificate.to_data(),
             "value": self.value, "value_of_the_grid": self.grid_value, "considered": len(self.considered),
             **assessment_data(assess(self.campaign, effects=self.effects)), "notes": list(self.notes),
         }  # fmt: skip
@@ -98,7 +106,8 @@ class CirclePlan(OnScreen):
         lines += [f"  {circle_words(circle)}" for circle in self.circles]
         lines += listed(sigma_words(self.parameters, self.sigma), "plan.sigma")
         notes = listed(self.notes, "plan.notes", 10)
-        return "\n".join([*lines, gain_words(self.grid_value, self.value), *notes])
+        says = [] if self.certificate is None else [self.certificate.says]
+        return "\n".join([*lines, gain_words(self.grid_value, self.value), *says, *notes])
 
     @property
     def minutes(self) -> float:
@@ -109,25 +118,29 @@ class CirclePlan(OnScreen):
 @one_thread
 def plan_circles(
     machine: Machine | Path | str, effects: Sequence[Effect], *, family: str = "synchronous", count: int = 2,
-    radii: Sequence[float] = (50.0,), ratios: Sequence[float] = RATIOS, feeds: Sequence[float] = FEEDS,
+    radii: Sequence[float] = (50.0,), ratios: Sequence[float] | None = None, feeds: Sequence[float] | None = None,
     centres: Sequence[Sequence[float]] = (), planes: Sequence[str] = ("XY",), directions: Sequence[str] = ("both",),
     for_: Iterable[str] = (), criterion: str = "D", robust: str = "nominal", draws: int = DRAWS,
     per_minute: bool = False, refine: bool = True, free: Sequence[str] | None = None, noise_um: float = 0.3,
-    rate_hz: float = RATE_HZ,
+    rate_hz: float = RATE_HZ, certify: bool = True,
 ) -> CirclePlan:  # fmt: skip
     """The `count` circles that together are most informative about the effects' parameters.
 
     `family` `synchronous` (ratios X_T/r × radii × feeds) or `planar` (centres, mm in the workpiece frame, × planes × radii ×
-    feeds); `directions` `both`, `ccw`, `cw` to choose from; `for_` names of the parameters that count (default: all of the
+    feeds); `ratios` by default up to the table's edge, `feeds` (mm/min) from 500 up to the fastest linear
+    axis; `directions` `both`, `ccw`, `cw` to choose from; `for_` names of the parameters that count (default: all of the
     effects'); `robust` `nominal`, or the `mean` or `worst` case over `draws` of the effects' parameters from their priors;
     `per_minute` weighs the recording time. `refine`: the best circles are refined in the variables `free` (default ratio and
-    feed; feed and centre) within the ranges of the lists, and kept only where they are better. Circles that an axis cannot
+    feed; feed and centre) within the ranges of the lists, and kept only where they are better. `certify`: they are compared
+    with a dense set of circles in as many runs, or in the same time (`CirclePlan.certificate`). Circles that an axis cannot
     follow, those whose ball would stand beside the table (`table_radius`) and those along which bodies meet are left out. Raises
     `InputError` where none is left or a name is unknown.
     """
     machine = machine_given(machine)
     _check(family, robust, count, planes, directions, free)
-    shapes = _shapes(machine, family, radii, ratios, feeds, centres, planes, directions)
+    offered = feeds_of(machine) if feeds is None else feeds
+    wide = ratios_of(machine, radii) if ratios is None else ratios
+    shapes = _shapes(machine, family, radii, wide, offered, centres, planes, directions)
     extra = 0 if robust == "nominal" else draws
     circles = _followed(machine, effects, shapes, noise_um, rate_hz, extra)
     model = Model(Campaign(machine=machine, runs=circles[0].runs), effects)
@@ -143,7 +156,28 @@ def plan_circles(
             notes.append(str(error))
         else:
             best = _kept(machine, effects, goal, chosen, refined_shapes(objective), noise_um, rate_hz, extra)
-    return _plan_of(machine, model, goal, effects, circles, chosen, best, [*notes, *list_end_words(best, shapes)])
+    most = {"feed": fastest(machine) or math.inf, "ratio": farthest(machine) / min(radii)}
+    notes += [*limit_words(machine, best), *list_end_words(best, shapes, most)]
+    found = _plan_of(machine, model, goal, effects, circles, chosen, best, notes)
+    if not certify:
+        return found
+    certificate = certify_circles(machine, effects, goal, best, circles, noise_um=noise_um, rate_hz=rate_hz)
+    return replace(found, certificate=certificate)
+
+
+def ratios_of(machine: Machine, radii: Sequence[float]) -> tuple[float, ...]:
+    """Ratios X_T/r where none are given: `RATIOS`, further ones in steps of `WIDER` up to the table's edge."""
+    top = farthest(machine) / min(radii, default=math.inf)
+    steps = max(math.ceil(math.log(max(top / RATIOS[-1], 1.0), WIDER)), 1)
+    further = (*(RATIOS[-1] * WIDER**i for i in range(1, steps)), top)
+    return tuple(ratio for ratio in (*RATIOS, *further) if ratio <= top)
+
+
+def feeds_of(machine: Machine) -> tuple[float, ...]:
+    """Feeds of circles where none are given, mm/min: doubled from `SLOWEST` up to the fastest linear axis."""
+    top = fastest(machine) or 2.0 * SLOWEST
+    steps = max(math.ceil(math.log2(top / SLOWEST)), 0)
+    return (*(SLOWEST * 2.0**i for i in range(steps)), top)
 
 
 def _check(
@@ -287,6 +321,6 @@ def best_ratio(
     places = [ratio for ratio in np.linspace(low, high, 7).tolist() if abs(ratio - 1.0) > 1e-9]
     found = plan_circles(
         machine, effects, count=1, radii=(radius,), ratios=places, feeds=(feed,), for_=(parameter,), criterion="A",
-        free=("ratio",), noise_um=noise_um,
+        free=("ratio",), noise_um=noise_um, certify=False,
     )  # fmt: skip
     return found.circles[0]

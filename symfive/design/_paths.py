@@ -36,7 +36,7 @@ from symfive.procedures import (
     tool_ball_of,
 )
 
-__all__ = ["FAMILIES", "CirclePath", "CircleShape", "circle_runs", "make_path"]
+__all__ = ["FAMILIES", "CirclePath", "CircleShape", "circle_runs", "limits_met", "make_path"]
 
 Array = NDArray[np.float64]
 FAMILIES = {
@@ -223,6 +223,20 @@ def _limits(machine: Machine, commands: Any, part: Any, rate: Any) -> Any:
         if axis.max_acceleration is not None:
             found.append(1.0 - (push[i] / (axis.max_acceleration * axis.to_internal)) ** 2)
     return ca.vertcat(*found)
+
+
+def limits_met(machine: Machine, circle: CircleShape, share: float) -> list[str]:
+    """Limits of which less than `share` is left along a circle, in words. Raises `InputError` as `make_path`."""
+    names = []
+    for name in machine.axis_names:
+        axis = machine.axes[name]
+        names += [f"the travel of {name}"] * 2
+        names += [f"the feed of {name}"] if axis.max_feed is not None else []
+        names += [f"the acceleration of {name}"] if axis.max_acceleration is not None else []
+    names += ["the edge of the table"] if machine.workspace.table_radius is not None else []
+    path = make_path(machine, circle, "cw" if circle.direction == "cw" else "ccw", ())
+    left = np.asarray(path.limits(circle.vector)).reshape(LIMIT_POINTS, len(names)).min(axis=0)
+    return [name for name in dict.fromkeys(names) if min(left[[n == name for n in names]]) < share]
 
 
 def _on_table(machine: Machine, ball: Any) -> Any:

@@ -110,17 +110,20 @@ def _driven(plan: Plan, post: Post) -> Plan:
 def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
     """Campaign, plan.json, programs, set-up sheet and its pictures into a folder that exists. Raises `InputError` where a program
     has no clear way."""
-    write_recordings(plan.campaign, assess(plan.campaign, effects=plan.effects), plan.to_data(), folder, nc, post)
+    worth = "" if plan.certificate is None else f"Certificate: {plan.certificate.says}"
+    expected = assess(plan.campaign, effects=plan.effects)
+    write_recordings(plan.campaign, expected, plan.to_data(), folder, nc, post, worth)
 
 
 def write_recordings(
-    campaign: Campaign, expected: Assessment, data: Mapping[str, Any], folder: Path, nc: tuple[str, ...], post: Post | None
+    campaign: Campaign, expected: Assessment, data: Mapping[str, Any], folder: Path, nc: tuple[str, ...], post: Post | None,
+    worth: str = "",
 ) -> None:  # fmt: skip
-    """Recordings as a plan: campaign, plan.json of `data`, programs and set-up sheet. Raises `InputError` where a program has no
-    clear way."""
+    """Recordings as a plan: campaign, plan.json of `data`, programs and set-up sheet with `worth`. Raises `InputError`
+    where a program has no clear way."""
     machine = campaign.machine
     own = cleared(machine, campaign.runs, {}, post) if set(machine.axis_names) <= set(LETTERS) else post
-    _write_files(Sheet(campaign=campaign, post=own or Post(), assessment=expected), folder, nc)
+    _write_files(Sheet(campaign=campaign, post=own or Post(), assessment=expected, worth=worth), folder, nc)
     write_json(folder / "plan.json", data)
 
 

@@ -1,0 +1,222 @@
+"""The certificate of circles: how good they are, compared with the best that any circles can be at the same cost.
+
+The cost is the number of runs or, for a plan per minute, the time they record. A circle of cost c adds the information M. Weights
+w (in units of cost) on candidates, Σ w = T, add Σ w M/c, and as for poses (`_relaxed`; Kiefer & Wolfowitz 1960, Pukelsheim 1993,
+ch. 7) every set of circles of cost T, whatever the weights are, has
+
+    ψ ≥ Σ λ ψ_d(w) - log(Σ λ ⟨G_d, P⟩ + T · max over circles of Σ λ ⟨G_d, M_d⟩/c),   G_d = -dψ_d/dM, P the prior's,
+
+summed over the draws d with λ ≥ 0, Σ λ = 1: 1/draws for the mean, found by dual averaging for the worst case (max ψ ≥ Σ λ ψ;
+Y. Nesterov 2009). `_relaxed` has the nominal case only, over poses. The maximum is sought over a dense set: all families of the
+machine, ratios, centres and heights that the table has room for, feeds up to the fastest linear axis, both directions; radii and
+planes are those of the plan. It is a search: what lies between its circles is not proved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from symfive.design._assessment_data import six_digits
+from symfive.design._circles import Circle, Goal, measured
+from symfive.design._paths import FAMILIES, CircleShape
+from symfive.effects import Effect
+from symfive.errors import InputError
+from symfive.machine import Machine
+from symfive.procedures import circle_frame, heights
+
+__all__ = ["CircleCertificate", "certify_circles", "farthest", "fastest", "relaxed_bound"]
+
+Array = NDArray[np.float64]
+DENSE, NEAR = 6, 5
+"""Powers of 2: circles of the dense set by family and radius, and in every round those near the circles that count."""
+ROUNDS, NARROW = 8, 0.1
+STEPS, GAP = 1000, 2e-3
+SUPPORT = 0.01
+
+
+@dataclass(frozen=True)
+class CircleCertificate:
+    """`efficiency` of circles: at least this share of the best that the `candidates` can do at the same cost with weights of any
+    size (in variance, per parameter); `bound` the lowest ψ these have, `feeds` the range searched, mm/min; `per_minute`: the cost
+    is the recording time, not the number of runs."""
+
+    efficiency: float
+    bound: float
+    candidates: int
+    feeds: tuple[float, float]
+    per_minute: bool = False
+
+    @property
+    def says(self) -> str:
+        """The certificate in one sentence."""
+        share = math.floor(self.efficiency * 1e3) / 1e3
+        low, high = self.feeds
+        cost = "in the same recording time" if self.per_minute else "in as many runs"
+        return (
+            f"efficiency ≥ {share:.3f} {cost} over {self.candidates} candidate circles of these radii and planes, feeds "
+            f"{low:g} to {high:g} mm/min (searched over a dense set, not proved)"
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """The certificate in plan.json."""
+        return {
+            "says": self.says, "efficiency": six_digits(self.efficiency), "bound": six_digits(self.bound),
+            "candidates": self.candidates, "feeds": list(self.feeds), "per_minute": self.per_minute,
+            "rigour": "searched over a dense set",
+        }  # fmt: skip
+
+
+def fastest(machine: Machine) -> float | None:
+    """Greatest feed of a linear axis, mm/min; None where the machine states none."""
+    feeds = [axis.max_feed for axis in machine.axes.values() if not axis.rotary and axis.max_feed is not None]
+    return max(feeds, default=None)
+
+
+def farthest(machine: Machine) -> float:
+    """How far from the table's centre a ball may stand, mm: its edge, or half the longest travel where none is stated."""
+    spans = [float(np.ptp(axis.travel)) / 2.0 for axis in machine.axes.values() if not axis.rotary]
+    return machine.workspace.table_radius or max(spans)
+
+
+def certify_circles(
+    machine: Machine, effects: Sequence[Effect], goal: Goal, circles: Sequence[Circle], considered: Sequence[Circle], *,
+    noise_um: float, rate_hz: float,
+) -> CircleCertificate:  # fmt: skip
+    """The certificate of `circles`, against those `considered` and a dense set with their radii and planes."""
+    draws = len(circles[0].matrices) - 1
+    shapes = [circle.shape for circle in (*circles, *considered)]
+    feeds = [shape.values["feed"] for shape in shapes]
+    range_ = (min(feeds), max([*feeds, fastest(machine) or 0.0]))
+    spaces = list(_spaces(machine, shapes, range_))
+
+    def near(shape: CircleShape) -> list[tuple[_Space, Array]]:
+        return [(space, space.place(shape)) for space in spaces if space.holds(shape)]
+
+    known = [*circles, *considered]
+    alone = replace(goal, per_minute=False)
+
+    def costs(some: Sequence[Circle]) -> Array:
+        return np.array([c.seconds if goal.per_minute else float(len(c.runs)) for c in some])
+
+    budget = float(costs(circles).sum())
+    wanted = [space.at(place) for space in spaces for place in _points(space.size, DENSE)]
+    bound, width = math.inf, 1.0
+    for _ in range(ROUNDS):
+        for shape in wanted:
+            try:
+                known.append(measured(machine, effects, shape, noise_um=noise_um, rate_hz=rate_hz, draws=draws))
+            except InputError:
+                continue  # an axis cannot follow
+        before = bound
+        weights, bound = relaxed_bound(alone, known, costs(known), budget)
+        width *= 0.5
+        count = [known[i].shape for i in np.flatnonzero(weights > SUPPORT * budget)]
+        places = [found for shape in count for found in near(shape)]
+        share = max(NEAR - math.ceil(math.log2(max(len(places), 1))), 1)
+        wanted = [
+            space.at(np.clip(place + width * (shift - 0.5), 0.0, 1.0))
+            for space, place in places
+            for shift in _points(space.size, share)
+        ]
+        if before - bound < GAP and width < NARROW:
+            break
+    efficiency = min(1.0, math.exp(bound - alone.value(circles)))
+    return CircleCertificate(efficiency, bound, len(known), range_, goal.per_minute)
+
+
+@dataclass(frozen=True)
+class _Space:
+    """Circles of one family, plane, direction and radius; the others between `low` and `high`, the feed as a logarithm."""
+
+    shape: CircleShape
+    low: Array
+    high: Array
+
+    @property
+    def size(self) -> int:
+        return len(self.low)
+
+    def holds(self, shape: CircleShape) -> bool:
+        """Whether a circle, or one of its two directions, is one of these."""
+        own = self.shape
+        same = (shape.family, shape.plane, shape.values["radius"]) == (own.family, own.plane, own.values["radius"])
+        return same and shape.direction in (own.direction, "both")
+
+    def place(self, shape: CircleShape) -> Array:
+        """The place of a circle in the unit cube."""
+        names = [name for name in FAMILIES[shape.family] if name != "radius"]
+        values = np.array([math.log(shape.values[n]) if n == "feed" else shape.values[n] for n in names])
+        return np.asarray((values - self.low) / np.maximum(self.high - self.low, 1e-12))
+
+    def at(self, place: Array) -> CircleShape:
+        """The circle at a place of the unit cube."""
+        values = self.low + place * (self.high - self.low)
+        names = [name for name in FAMILIES[self.shape.family] if name != "radius"]
+        found = dict(zip(names, map(float, values), strict=True))
+        found["feed"] = math.exp(found["feed"])
+        return replace(self.shape, values={**self.shape.values, **found})
+
+
+def _spaces(machine: Machine, shapes: Sequence[CircleShape], feeds: tuple[float, float]) -> Iterator[_Space]:
+    """Every family, radius, plane and direction with the room that the machine has."""
+    reach, (x, y) = farthest(machine), machine.table_centre
+    room = {"feed": np.log(feeds), "height": heights(machine), "z": heights(machine)}
+    room |= {"x": (x - reach, x + reach), "y": (y - reach, y + reach)}
+    families = ["planar"]
+    try:
+        circle_frame(machine)
+        families.append("synchronous")
+    except InputError:
+        pass
+    for family in families:
+        planes = sorted({shape.plane for shape in shapes}) if family == "planar" else ["XY"]
+        for radius in sorted({shape.values["radius"] for shape in shapes}):
+            ranges = [({**room, "ratio": (0.0, reach / radius)})[n] for n in FAMILIES[family] if n != "radius"]
+            low, high = np.array(ranges, dtype=float).T
+            for plane in planes:
+                for direction in ("ccw", "cw"):
+                    values = {"radius": radius}
+                    yield _Space(CircleShape(family=family, direction=direction, plane=plane, values=values), low, high)
+
+
+def _points(size: int, power: int) -> Array:
+    """2^power quasi-random places in the unit cube (I. M. Sobol 1967, scrambled with a fixed seed)."""
+    return np.asarray(qmc.Sobol(size, seed=0).random_base2(power))
+
+
+def relaxed_bound(goal: Goal, circles: Sequence[Circle], costs: Array, budget: float) -> tuple[Array, float]:
+    """Weights (n,) on circles, by multiplicative steps (D. M. Titterington 1976), of the costs (n,) that add up to a budget, and
+    the lowest ψ that any such weights can have."""
+    draws = 1 if goal.robust == "nominal" else len(circles[0].matrices)
+    flat = [
+        np.array([c.matrices[d].ravel() / cost for c, cost in zip(circles, costs, strict=True)]) for d in range(draws)
+    ]
+    k, n = len(goal.scale), len(circles)
+    power = 1.0 if goal.criterion.determinant else 0.5
+    weights, best, bound, value = np.full(n, budget / n), np.empty(0), -math.inf, math.inf
+    score = np.zeros(draws)
+    for step in range(1, STEPS + 1):
+        totals = [(weights @ rates).reshape(k, k) for rates in flat]
+        psi = np.array([goal.psi(total) for total in totals])
+        score += psi if goal.robust == "worst" else 0.0
+        share = np.exp((score - score.max()) / math.sqrt(step))
+        share /= share.sum()
+        pulls = [goal.pull(total) for total in totals]
+        seen = sum(s * (rates @ pull.ravel()) for s, rates, pull in zip(share, flat, pulls, strict=True))
+        prior = sum(s * float(np.diag(pull) @ goal.scale**-2.0) for s, pull in zip(share, pulls, strict=True))
+        here = float(share @ psi) - math.log(prior + budget * float(np.max(seen)))
+        bound, reached = max(bound, here), goal.joined(psi.tolist(), budget)
+        if reached < value:
+            value, best = reached, weights
+        if value - bound < GAP:
+            break
+        weights = weights * np.maximum(seen, 0.0) ** power
+        weights = weights * (budget / weights.sum())
+    return best, bound
