@@ -85,7 +85,7 @@ def _cycles(kind: type[Unknown], campaign: Campaign) -> Iterable[Tone]:
         cycle = kind(
             over=("t",), basis="fourier", order=HARMONICS, period=1.0 / frequency, period_sigma=sigma, tag="cycle"
         )
-        return Form(effect=cycle, places=places, general=True)
+        return Form(effect=cycle, places=places)
 
     yield Tone(
         channel=TOOL, coordinate=lambda run: run.start_s + np.asarray(run.time), lowest=lowest, highest=highest,
@@ -109,6 +109,5 @@ def _form(effect: Unknown, campaign: Campaign) -> Form:
         axis=effect.axis or effect.carrier or None,
         basis=basis,
         sigma=effect.parameters(campaign)[0].sigma,
-        general=effect.over[1:] == (f"{effect.over[0]}{SIGN}",),
         directions=len(effect.functions(campaign.machine).names) if effect.knots else 0,
     )
