@@ -37,7 +37,7 @@ SHOWN_SHARE = 0.01
 
 @dataclass(frozen=True)
 class RivalName:
-    """Another effect that could explain the same, with its probability."""
+    """An alternative explanation of a finding, with its probability."""
 
     effect: str
     axis: str | None
@@ -54,7 +54,7 @@ class RivalName:
 
 @dataclass(frozen=True, repr=False)
 class Finding(OnScreen):
-    """One effect that the baseline leaves out.
+    """One effect missing from the baseline model.
 
     `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
     `contribution` run → (N, ny) its readings, `moved` the machine's parameters that changed most when it joined: name →
@@ -88,7 +88,7 @@ class Finding(OnScreen):
 
     @property
     def unidentified(self) -> bool:
-        """Whether no effect of the library has its shape; the parameters are then those of the nearest one."""
+        """Whether no library effect matches; the parameters are then those of the nearest one."""
         return self.name == "unknown"
 
     @property
@@ -234,12 +234,12 @@ class Diagnosis(OnScreen):
 
     @property
     def observability(self) -> tuple[Observability, ...]:
-        """What the campaign can see at all of every effect."""
+        """Observability of every library effect in this campaign."""
         return self.location.observability
 
     @property
     def classes(self) -> tuple[tuple[str, ...], ...]:
-        """Effects that the campaign cannot separate."""
+        """Classes of effects that the campaign cannot separate."""
         return self.location.classes
 
     def to_data(self) -> dict[str, Any]:
@@ -275,7 +275,7 @@ class Diagnosis(OnScreen):
     @property
     def summary(self) -> str:
         """The verdict in words, one sentence per finding."""
-        return self._warned(" ".join([self._summary(), *self.excluded, *self.proof]))
+        return self._warned(" ".join([self._summary(), *self.excluded, *self.validation]))
 
     def _summary(self) -> str:
         if self.mismatch:
@@ -329,7 +329,7 @@ class Diagnosis(OnScreen):
         return (f"Excluded outliers: {numbers} readings; without them rms {kept} {self.after.unit}.",)
 
     @property
-    def proof(self) -> tuple[str, ...]:
+    def validation(self) -> tuple[str, ...]:
         """What was withdrawn, and before → after of all readings, the fitted and the held-out ones; none where none were."""
         parts = (part for part in (self.searched, self.hold_out) if part is not None)
         return tuple(said for part in parts for said in part.sentences(self.after.unit))
@@ -380,4 +380,4 @@ class Diagnosis(OnScreen):
         lines.append(f"chi²/dof {ratio} against the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:
             lines.append("±: 1σ (k = 1), if the names are right. Confidence: among catalogue and unidentified effects.")
-        return [*lines, *(line for said in self.proof for line in wrapped("", said))]
+        return [*lines, *(line for said in self.validation for line in wrapped("", said))]

@@ -93,7 +93,7 @@ class Unknown(Effect):
 
     @property
     def owners(self) -> frozenset[str]:
-        """What its coordinates speak of: axes, or `t`."""
+        """Axes of its coordinates, and `t` for time."""
         return frozenset(map(owner, self.over))
 
     @property
@@ -103,12 +103,12 @@ class Unknown(Effect):
 
     @property
     def link(self) -> str:
-        """Of a force the drive."""
+        """The affected link: of a force, the drive."""
         return DRIVE if self.place == "force" else super().link
 
     @property
     def coordinate(self) -> str:  # type: ignore[override]
-        """What its functions are of."""
+        """Its coordinates, separated by commas."""
         return ", ".join(self.over)
 
     @classmethod
@@ -175,7 +175,7 @@ class Unknown(Effect):
         return bool(self.carrier) and self.directions[:1] in ("a", "b", "c")
 
     def _held_by_the_drive(self, campaign: Campaign) -> tuple[tuple[float, ...], ...]:
-        """What of each function offset, direction and speed hold in the campaign's rows (least squares)."""
+        """Least-squares coefficients of each function on offset, direction and speed, over the campaign's rows."""
         runs = [run for run in campaign.runs if self.applies(run)]
         functions, own = self.table(campaign.machine, runs), self._of_the_drive(runs, campaign.machine)
         return tuple(tuple(map(float, part)) for part in np.linalg.lstsq(own, functions, rcond=None)[0].T)
@@ -208,7 +208,7 @@ class Unknown(Effect):
 
     @property
     def _channels(self) -> str | tuple[str]:
-        """The directions it moves, or what else."""
+        """Its directions, or its place if not `structure`."""
         return self.directions if self.place == "structure" else (self.place,)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:

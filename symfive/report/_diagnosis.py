@@ -81,7 +81,7 @@ def _head(diagnosis: Diagnosis, findings: Sequence[Finding]) -> dict[str, object
         "facts": facts,
         "bad": diagnosis.mismatch or not diagnosis.after.converged,
         "verdict": diagnosis.verdict,
-        "against": (*diagnosis.doubts, *diagnosis.excluded, *diagnosis.proof),
+        "against": (*diagnosis.doubts, *diagnosis.excluded, *diagnosis.validation),
         "closing": closing(diagnosis),
         "tiles": fragment("tiles", tiles=_tiles(diagnosis)),
         "chain": chain_picture(machine, list(enumerate(findings, start=1)), title) if findings else "",
