@@ -176,9 +176,9 @@ def test_evidence_is_the_dense_marginal_likelihood(moments: Moments) -> None:
     at[own] = 0.0
     # readings about what the priors alone would predict
     dense = multivariate_normal(cov=NOISE**2 * np.eye(len(r)) + j @ j.T).logpdf(r + j @ at)
-    weighed = log_evidence(moments, [(number, 1.0)])
-    assert weighed.kappa2 == 1.0 or weighed.by_node[0] < weighed.by_node.max()
-    white = weighed.by_node[0] - moments.log_prior[0] - len(r) * (np.log(NOISE) + 0.5 * np.log(2.0 * np.pi))
+    evidence = log_evidence(moments, [(number, 1.0)])
+    assert evidence.kappa2 == 1.0 or evidence.by_node[0] < evidence.by_node.max()
+    white = evidence.by_node[0] - moments.log_prior[0] - len(r) * (np.log(NOISE) + 0.5 * np.log(2.0 * np.pi))
     kappa_free = log_evidence_at_unit_scale(moments, number)
     assert kappa_free - len(r) * (np.log(NOISE) + 0.5 * np.log(2.0 * np.pi)) == pytest.approx(dense, abs=1e-3)
     assert white >= dense - 1e-6  # a fitted scale of the noise is never worse

@@ -73,11 +73,11 @@ def write(folder: Path, answers: Path, ids: Sequence[str], study: Path | None, s
         made = Path(place) / "challenge"
         for number, id in numbers.items():
             shutil.copytree(store.case(id) / "fit", made / "campaigns" / number)
-        told = {
+        solutions = {
             number: _answer(json.loads((store.root / "answers" / f"{id}.json").read_text()))
             for number, id in numbers.items()
         }
-        text = json.dumps({"schema": SCHEMA, "answers": told}, indent=1)
+        text = json.dumps({"schema": SCHEMA, "answers": solutions}, indent=1)
         head = {"schema": SCHEMA, "campaigns": list(numbers), "answers_sha256": digest(text.encode())}
         (made / "challenge.json").write_text(json.dumps(head, indent=1))
         answers.write_text(text)
@@ -198,8 +198,8 @@ def marks(challenge: Path, answers: Path, entry: Path) -> list[Mark]:
         raise InputError(
             f"{answers} are not the answers of this challenge", remedy="its SHA-256 stands in challenge.json"
         )
-    told = json.loads(text)["answers"]
-    return [mark(told[number], _diagnosis(entry / number / "diagnosis.json")) for number in head["campaigns"]]
+    solutions = json.loads(text)["answers"]
+    return [mark(solutions[number], _diagnosis(entry / number / "diagnosis.json")) for number in head["campaigns"]]
 
 
 def _diagnosis(path: Path) -> dict[str, Any] | None:

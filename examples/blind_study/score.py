@@ -85,7 +85,7 @@ def score(
         )
         row["named_again"] = named_again(facts[0], (oracle or {}).get("inseparable", []), verdict, again)
         last = (again or verdict)["diagnosis"]["findings"]
-        row["told_alike"] = not row["named_again"] and bool(last) and _told_alike(facts[0], last[0])
+        row["told_alike"] = not row["named_again"] and bool(last) and _indistinguishable(facts[0], last[0])
         row["found_again"] = [{k: f[k] for k in SHOWN} for f in again["diagnosis"]["findings"]] if again else []
     if answer["stratum"] == "outside":
         row["honest"] = (
@@ -153,7 +153,7 @@ def named_again(
     return bool(findings) and (findings[0]["effect"], findings[0]["axis"]) in alike
 
 
-def _told_alike(fact: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
+def _indistinguishable(fact: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
     """Whether the finding is the truth or says that it reads like it, and knows no test at hand that would tell more."""
     return _name(fact["name"]) in map(key_name, (finding["form"], *finding["alias"])) and not finding["next_test"]
 

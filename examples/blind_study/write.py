@@ -22,7 +22,7 @@ PROBABILITIES = [1.0 / (1.0 + 10.0 ** (-0.05 * k)) for k in range(-10, 68)]
 def write(
     root: Path, rows: Sequence[Row], seed: int, total: int, errors: Mapping[str, str], extra: Sequence[Line] = ()
 ) -> None:
-    """Everything that the study has to say of the cases finished so far."""
+    """Write table, calibration, failures and pictures of the cases finished so far into `root`."""
     lines = [*table(rows), *extra]
     data = {
         "seed": seed, "cases": total, "finished": len(rows), "code": dict(Counter(r["code"] for r in rows)),
@@ -73,7 +73,7 @@ def _confusion(rows: Sequence[Row]) -> list[str]:
 
 
 def shortcomings(row: Row) -> list[str]:
-    """What went wrong in a case, in words; empty if nothing did."""
+    """Shortcomings of a case, in words; empty if there are none."""
     stratum, out = row["stratum"], []
     truth = row["truth"][0] if row["truth"] else None
     if stratum == "none":
@@ -90,7 +90,7 @@ def shortcomings(row: Row) -> list[str]:
     if stratum in BEYOND and not row["honest"]:
         out.append("not an unknown over the right coordinate")
     if stratum == "instrument" and not row["told"]:
-        out.append("not told from the machine")
+        out.append("not distinguished from the machine")
     if row["invented"] and stratum not in BEYOND and (row["named"] or stratum == "pairs"):
         out.append("further effect invented")
     if stratum == "alias" and row["named"] and not row["class_complete"]:
@@ -116,10 +116,10 @@ def shortcomings(row: Row) -> list[str]:
 
 
 def reason(row: Row) -> str:
-    """What the oracle's fit says of a failure."""
+    """Explanation of a failure by the oracle's fit."""
     best, mine = row["oracle_chi2_dof"], row["chi2_dof"]
     if best is None:
-        return "the library has not this form, so there is no oracle"
+        return "the library does not have this form, so there is no oracle"
     if not as_well(mine, best):
         return f"the library could explain it (oracle χ²/dof {best:.3f}): the search ended elsewhere"
     if not as_well(best, mine):
@@ -128,7 +128,7 @@ def reason(row: Row) -> str:
 
 
 def failures(rows: Sequence[Row], seed: int, errors: Mapping[str, str]) -> str:
-    """All cases with a shortcoming, worst kinds first; how to make one again."""
+    """All cases with a shortcoming, most frequent kinds first, and how to reproduce one."""
     bad = [(row, shortcomings(row)) for row in rows]
     bad = [(row, words) for row, words in bad if words]
     kinds = Counter(
@@ -136,7 +136,7 @@ def failures(rows: Sequence[Row], seed: int, errors: Mapping[str, str]) -> str:
     )
     out = [
         "# Failures", "",
-        f"{len(bad)} of {len(rows)} cases have a shortcoming, {len(errors)} ended in an error. One again, from scratch: "
+        f"{len(bad)} of {len(rows)} cases have a shortcoming, {len(errors)} ended in an error. To reproduce one: "
         f"`python -m examples.blind_study --seed {seed} --case ID -o DIR` (recordings in DIR/cases/ID/fit, answer in "
         "DIR/answers/ID.json).",
         "", *(f"* {n} × {k}" for k, n in kinds.most_common()), "",
@@ -149,7 +149,7 @@ def failures(rows: Sequence[Row], seed: int, errors: Mapping[str, str]) -> str:
             "",
         ]
         out += [f"* truth: {_truth(t)}" for t in row["truth"]]
-        out += [f"* without a name: {words}" for words in row["unnamed"]]
+        out += [f"* unidentified: {words}" for words in row["unnamed"]]
         out += [
             f"* found: {_found(f)}, over {where}"
             for f, where in zip(row["found"], row["coordinates_found"], strict=True)

@@ -124,10 +124,12 @@ class Controller:
         log = (folder / "linuxcnc.log").read_text(errors="replace")
         if not done.exists():
             raise InputError(f"LinuxCNC ended early: {_last_lines(log)}", remedy="try its configuration by hand")
-        told = json.loads(done.read_text())
-        if told["error"]:
-            raise InputError(f"LinuxCNC stopped a programme: {told['error']}", remedy="read the programme at that line")
-        self.version = str(told["version"])
+        status = json.loads(done.read_text())
+        if status["error"]:
+            raise InputError(
+                f"LinuxCNC stopped a programme: {status['error']}", remedy="read the programme at that line"
+            )
+        self.version = str(status["version"])
         return {name: self._recording(folder / f"{name}.txt") for name in programs}
 
     def _write(self, folder: Path, programs: Mapping[str, str], setp: Sequence[str], feed_override: float) -> None:

@@ -100,15 +100,15 @@ def sampling(on: bool) -> None:
 def main() -> None:
     here = Path.cwd()
     session = json.loads((here / "session.json").read_text())
-    told: dict[str, object] = {"error": "", "version": linuxcnc.version}
+    status: dict[str, object] = {"error": "", "version": linuxcnc.version}
     try:
         operator = Operator(session["joints"])
         operator.switch_on(session["feed_override"])
         for run in session["runs"]:
             operator.run(here / run["program"], here / run["samples"], session["seconds"])
-    except Exception as error:  # whatever it is, the one who waits for the file must be told
-        told["error"] = f"{type(error).__name__}: {error}"
-    (here / "session-done.json").write_text(json.dumps(told))
+    except Exception as error:  # whatever it is, the one who waits for the file must be informed
+        status["error"] = f"{type(error).__name__}: {error}"
+    (here / "session-done.json").write_text(json.dumps(status))
 
 
 if __name__ == "__main__":

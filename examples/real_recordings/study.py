@@ -107,9 +107,9 @@ class Study:
         if finding.confidence < 0.9:
             other = next((r.words for r in finding.rivals), "another cause")
             return f"it is {100.0 * finding.confidence:.0f} % probable only, beside {other}"
-        lacking = [p.label for p in self.held_out if what not in {(f.name, f.axis) for f in p.findings}]
-        if lacking:
-            return f"it is not found again where less is fitted ({lacking[0]})"
+        missing = [p.label for p in self.held_out if what not in {(f.name, f.axis) for f in p.findings}]
+        if missing:
+            return f"it is not found again where less is fitted ({missing[0]})"
         useless = [p.label for p in self.held_out if not p.after < p.before]
         return f"{useless[0]} is not predicted better" if useless else ""
 

@@ -43,13 +43,12 @@ def _number(value: float, std: float | None, unit: str | None) -> str:
 
 
 def believed(study: Study) -> str:
-    """What the plain fit believes of the machine, value ± 1σ, those furthest from nothing first, and what the findings make
-    of it."""
+    """Machine parameters of the plain fit, value ± 1σ, most significant first, and their values with the findings."""
     before, after = study.found.before, study.found.after
     known = [(name, value, std, unit) for name, value, std, unit, sigma in before.table() if std < 0.5 * sigma]
     ordered = sorted(known, key=lambda row: -abs(row[1]) / max(row[2], 1e-12))[:MOST]
     if not ordered:
-        return "Nothing of the machine: nothing but zeros and set-ups can be learnt here.\n"
+        return "No machine parameter: these readings determine only zeros and set-ups.\n"
     rows = []
     for name, value, std, unit in ordered:
         then = _number(after[name], after.uncertainty(name), unit) if study.found.findings else "as before"
@@ -58,12 +57,12 @@ def believed(study: Study) -> str:
 
 
 def left_by(fit: Identification) -> str:
-    """rms of what a fit leaves, by unit of reading."""
+    """Residual rms of a fit, by unit of reading."""
     return ", ".join(f"{rms:.3g} {shown_unit(unit)}" for unit, rms in fit.rms.items())
 
 
 def failing(detection: Detection) -> str:
-    """The tests that fail, in words; what passes is said too."""
+    """One line per test: p-value and its statement if it fails."""
     limit = detection.level / max(len(detection.tests), 1)
     lines = [f"- {t.name}: {'p < 1e-300' if t.p_value == 0.0 else f'p = {t.p_value:.2g}'}" + (
         f"; {t.says}" if t.p_value < limit else "; passes") for t in detection.tests]  # fmt: skip
@@ -88,7 +87,7 @@ def sizes(finding: Finding) -> str:
 def _places(study: Study) -> str:
     suspects = study.found.location.significant
     if not suspects:
-        return "No place of the chain stands out of the noise.\n"
+        return "No place of the chain is significant.\n"
     rows = [
         (s.link, s.axis or "", s.coordinate, s.effect.key, f"{s.log_p / math.log(10.0):.0f}") for s in suspects[:SHOWN]
     ]
@@ -111,7 +110,7 @@ def _findings(study: Study) -> str:
 def units_said(study: Study) -> str:
     """The verdict without findings, in the units of the readings."""
     left = left_by(study.found.after)
-    return f"Of {len(study.found.observability)} effects none stands out of what the baseline leaves ({left})."
+    return f"Of {len(study.found.observability)} effects none is significant in the residual of the baseline ({left})."
 
 
 def _held_out(study: Study) -> str:
@@ -127,7 +126,7 @@ def _held_out(study: Study) -> str:
                 f"{part.rival:.3g} {unit} ({part.rival_name})", f"{part.seconds:.0f} s",
             )
         )  # fmt: skip
-    head = ("learnt → predicted", "plain", "ours", "findings of the part", "withdrawn", "rival", "time")
+    head = ("fitted → predicted", "plain", "ours", "findings of the part", "withdrawn", "rival", "time")
     return table(head, rows)
 
 
@@ -142,7 +141,9 @@ def _published(study: Study) -> str:
                 unit = shown_unit(q.unit)
                 rows.append((name, f"{value:g} {unit}", _number(q.value, q.std, q.unit), f"{away:.1f} σ"))
     return (
-        "Published values of what was taken out:\n\n" + table(("", "published", "found", "apart"), rows) if rows else ""
+        "Published values of the removed effects:\n\n" + table(("", "published", "found", "difference"), rows)
+        if rows
+        else ""
     )
 
 
@@ -152,12 +153,12 @@ def section(study: Study, figure: str) -> str:
     left = f"{left_by(found.before)} → {left_by(found.after)}"
     pieces = [
         f"## {recording.name}\n",
-        f"{recording.machine[0].upper()}{recording.machine[1:]} ({recording.source}). Handed over: {recording.prepared}; "
+        f"{recording.machine[0].upper()}{recording.machine[1:]} ({recording.source}). Input: {recording.prepared}; "
         f"{len(study.campaign.runs)} runs, {study.campaign.rows} rows. {study.seconds:.0f} s of processor time.\n",
         f"![{recording.name}](figures/{figure})\n",
-        f"**1. A plain fit** leaves {left_by(found.before)} and believes:\n",
+        f"**1. A plain fit** leaves {left_by(found.before)}; its parameters:\n",
         believed(study),
-        "What the tests say of it:\n",
+        "Tests of its residual:\n",
         failing(found.detection),
         "**2. Place**\n",
         _places(study),
@@ -172,7 +173,7 @@ def section(study: Study, figure: str) -> str:
         "**5. What is left**\n",
         failing(found.remaining),
         f"{study.left.says}\n",
-        *(f"Without a name: {text}\n" for text in found.unnamed),
+        *(f"Unidentified: {text}\n" for text in found.unnamed),
     ]  # fmt: skip
     return "\n".join(piece for piece in pieces if piece)
 
@@ -188,7 +189,7 @@ def summary_row(study: Study) -> tuple[str, ...]:
 
 
 def score(studies: Sequence[Study]) -> str:
-    """How the held-out parts of all recordings went, in a sentence."""
+    """Score over the held-out parts of all recordings, in a sentence."""
     parts = [part for study in studies for part in study.held_out]
     won, worse = sum(p.won for p in parts), sum(p.worse for p in parts)
     raw = sum(p.unfiltered > 1.01 * p.before for p in parts)
@@ -202,13 +203,13 @@ def page(studies: Sequence[Study], figures: Sequence[str], absent: Sequence[str]
     """`recordings.md`."""
     lines = [
         "# Recordings of real machines: what the diagnosis does with them\n",
-        "Every number comes from readings that others took on real machines. What the model lacks was not looked up: the tool "
-        "had to find it. Nothing here says that a name is right where nothing independent confirms it.\n",
+        "Every number comes from readings that others took on real machines. The missing effects were not known "
+        "beforehand. A name that nothing independent confirms may be wrong.\n",
         table(SUMMARY_HEAD, [summary_row(study) for study in studies]),
         score(studies),
-        'What makes a held-out part worse is withdrawn by that very part, so "ours" is no independent estimate where something '
+        'Findings are withdrawn by the same held-out part that scores them, so "ours" is no independent estimate where something '
         "was withdrawn; the rival is the best of three by that part as well.\n",
-        *(f"Left out: {text}\n" for text in absent),
+        *(f"Not included: {text}\n" for text in absent),
         *(section(study, figure) for study, figure in zip(studies, figures, strict=True)),
     ]
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""What a plan or a campaign will tell: expected uncertainties, rank, what stays confounded, what each pose is worth."""
+"""Assessment of a plan or campaign: expected uncertainties, rank, confounded combinations, worth of each pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may not meet: table, post, bar, tool and spindle nose as simple bodies, in the workpiece frame.
+"""Collision bodies: table, post, bar, tool and spindle nose as simple bodies, in the workpiece frame.
 
     table   a cylinder under the plane z = 0 of the workpiece frame, `TABLE_EDGE` mm wider than where a ball can stand, about the
             table's centre; where nobody says how wide it is, everything under that plane

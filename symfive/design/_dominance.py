@@ -1,4 +1,4 @@
-"""What a criterion is stuck at: the set-up error, or the machine's own error, that no number of poses can average away.
+"""The set-up or machine error that limits a criterion however many poses are measured.
 
 With more and more readings at the plan's poses the criterion falls towards that of readings without noise. Where a plan is close
 to it, only knowing something else helps: each group of set-up errors, and where none matters each error of the machine, is

@@ -1,4 +1,4 @@
-"""Where the ball of a run stands, and which path its tool ball takes: facts for the person at the machine."""
+"""Ball position and tool-ball path of a run, for the operator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""In which order the poses are visited: short travel, and a drift that is not mistaken for geometry.
+"""Order of the poses: short travel, with drift separable from geometry.
 
 A round trip on the shortest way makes time and pose nearly the same thing, and a slow drift then looks like geometry. The
 alternative visits every second pose on the way out and the others on the way back, so that each part of the workspace is

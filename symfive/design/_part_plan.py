@@ -108,7 +108,7 @@ class PartPlan:
         }
 
     def to_data(self) -> dict[str, Any]:
-        """As it stands in plan.json."""
+        """As written to plan.json."""
         path = self.part.path
         plans = {
             name: self.part.data(left.expected)

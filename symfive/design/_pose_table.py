@@ -1,4 +1,4 @@
-"""The list of poses on the set-up sheet: where each stands, when to read, what to do before."""
+"""Table of poses on the set-up sheet: positions, time of reading, preparation."""
 
 from __future__ import annotations
 

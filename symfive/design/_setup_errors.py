@@ -1,4 +1,4 @@
-"""Set-up errors that a plan cannot average away, in words, and what makes each known."""
+"""Set-up errors that limit a plan, in words, with the remedy for each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The set-up sheet: one page with all that the person at the machine has to know, for poses and for recordings alike."""
+"""The set-up sheet: one page for the operator, for static poses and recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans that end when it is enough: the fewest poses after which every error asked for is known as well as asked.
+"""Plans with a target uncertainty: the fewest poses that reach it for every requested error.
 
 The criterion is the largest of the expected variances over those asked for (G of as many directions). Bisection over the number
 of poses makes a plan for each and looks at its own expected 1σ, return poses included.

@@ -1,4 +1,4 @@
-"""Ask: what to record next where another name could still stand in a finding's place."""
+"""The next test for a finding that still has rivals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RIVALS = 3
 
 
 def asked(posterior: Posterior, here: Expansion, verdict: Verdict) -> Discrimination | None:
-    """The next test for a verdict; None where nothing rivals it or nothing that can be recorded tells more."""
+    """The next test for a verdict; None without rivals, or if no further test separates them better."""
     terms = posterior.moments.terms
     own = terms[verdict.term].effect
     rivals = _rivals(posterior, verdict)

@@ -1,4 +1,4 @@
-"""Prove: prediction of readings that were left out, before and after."""
+"""Cross-validation: prediction of held-out readings, before and after."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Detect: is anything left that noise does not explain?
+"""Detection: tests for residuals that noise does not explain.
 
-Four tests of one fit, none of which needs to know an effect:
+Four tests of one fit, independent of any effect:
 
-* *lack of fit*, where runs repeat each other: what they have in common against how they differ (F test);
+* *lack of fit*, if runs are repeated: residual beyond their scatter, against that scatter (F test);
 * *whiteness*: correlation of the whitened residual from row to row (G. Ljung & G. Box 1978);
 * *tension with the priors*: how far the estimates lie from what was thought possible, in the directions that were learnt;
 * *disagreement*: one parameter, given a value of its own in every group of runs (feeds, directions, places, …), as a score
@@ -69,7 +69,7 @@ class Disagreement:
 
 @dataclass(frozen=True, repr=False)
 class Detection(OnScreen):
-    """What noise does not explain of one fit. `level` the rate at which clean campaigns may seem not to be."""
+    """Test results for the residuals of one fit. `level` the rate at which clean campaigns may seem not to be."""
 
     fit: Identification
     level: float
@@ -88,7 +88,7 @@ class Detection(OnScreen):
 
     @property
     def says(self) -> str:
-        """The tests in words, those that fail first."""
+        """One sentence per test, failed tests first."""
         ordered = sorted(self.tests, key=lambda t: t.p_value)
         return " ".join(t.says for t in ordered if t.p_value * len(self.tests) < self.level) or (
             "Noise alone explains the residual."
@@ -105,7 +105,7 @@ class Detection(OnScreen):
 def detect(
     campaign: Campaign | Identification, *, level: float = 0.01, progress: Callable[[str], None] = lambda message: None
 ) -> Detection:
-    """Fit the baseline (or take a fit) and test what it leaves.
+    """Fit the baseline (or take a fit) and test its residuals.
 
     `level` is the false-alarm rate of all tests together. Raises `InputError` for a campaign without readings.
     """
@@ -159,7 +159,7 @@ def _total(grams: Sequence[_Gram], size: int) -> Array:
 
 
 def _lack_of_fit(fit: Identification, whitened: Mapping[str, Array]) -> list[Test]:
-    """What all runs have in common beyond noise, against how far runs that repeat each other differ (R. A. Fisher 1922)."""
+    """F test of lack of fit: residual beyond the scatter of repeated runs, against that scatter (R. A. Fisher 1922)."""
     groups = fit.model.campaign.repeats
     pure, square = 0.0, 0.0
     for group in groups:
@@ -176,7 +176,7 @@ def _lack_of_fit(fit: Identification, whitened: Mapping[str, Array]) -> list[Tes
 
 
 def _learnt(fit: Identification, run: str) -> float:
-    """How many set-up parameters of a run its readings determine."""
+    """Effective number of set-up parameters that the readings of a run determine."""
     own = [i for i, p in enumerate(fit.parameters) if p.run == run]
     return float(np.sum(1.0 - np.diag(fit.covariance)[own] / fit.model.prior_sigma[own] ** 2))
 

@@ -1,4 +1,4 @@
-"""`diagnose`: what may be missing, weighed by one posterior, decided, put into words and proved."""
+"""`diagnose`: search for missing effects, decide, describe and validate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from symfive.campaign import Campaign
 from symfive.diagnose._cross_validation import cross_validated
 from symfive.diagnose._detect import detect
 from symfive.diagnose._findings import findings_of, model_averaged
-from symfive.diagnose._hold_out import HoldOut, held_out, proved, variations_withdrawn, withdraw, worse_held_out
+from symfive.diagnose._hold_out import HoldOut, held_out, validated, variations_withdrawn, withdraw, worse_held_out
 from symfive.diagnose._locate import located
 from symfive.diagnose._result import Diagnosis
 from symfive.diagnose._split import Split, parted
@@ -38,15 +38,15 @@ def diagnose(
     hold_out: str | Split | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Diagnosis:
-    """The effects that the baseline model lacks: named, located, sized and identified with all parameters.
+    """Find the effects missing from the baseline model, with location, size and all parameters identified.
 
     `campaign` with readings, or the path of its folder; `false_alarms` is the rate at which the tests that need no name may fail
     a clean campaign (names follow from probabilities and losses: `symfive.posterior.decide`); `exclude` takes
-    effects (by id) out of the library, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) everything is
-    learnt from the rest; a finding that makes the held-out part worse is withdrawn. Of recordings of more than 20,000 rows in all
-    names are searched for in some rows (`stretches_of`); a finding that makes the others worse is withdrawn, and every value is
-    identified from all rows, window by window. Raises `InputError` for a campaign without readings, for one that the instrument
-    cannot have read, and where nothing is left to fit.
+    effects (by id) out of the library, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) only
+    the rest is fitted; a finding that worsens the prediction of the held-out part is withdrawn. In recordings with more than
+    20,000 rows in total the search uses a subset (`stretches_of`); a finding that worsens the prediction of the other rows is
+    withdrawn, and every value is identified from all rows, window by window. Raises `InputError` for a campaign without readings,
+    for readings outside the range of the instrument, and if nothing is left to fit.
 
     The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened` and `decide` of
     `symfive.posterior`; `withdraw`, `findings_of`, `cross_validated`, `held_out`.
@@ -67,10 +67,10 @@ def diagnose(
     before = baseline(seen)
     posterior, here = polish(before, stated, progress)
     searched: HoldOut | None = None
-    proof: HoldOut | None = None
+    hold_out_result: HoldOut | None = None
     if seen is not campaign:
         progress("predicting the rows outside the search")
-        here, searched = proved(before, here, campaign, Split(UNSEEN, lambda run: rows[run.id]))
+        here, searched = validated(before, here, campaign, Split(UNSEEN, lambda run: rows[run.id]))
     start, first = before, here.fit
     if seen is not campaign:
         progress("identifying from all rows")
@@ -85,9 +85,9 @@ def diagnose(
             if worse_held_out(here, plain, whole, split):
                 withdrawn = (*variations_withdrawn(full, laws, whole, split), *gone)
                 posterior, here, first = other, plain, same.fit
-        proof = held_out(before, here.fit, whole, split, withdrawn)
+        hold_out_result = held_out(before, here.fit, whole, split, withdrawn)
     verdicts = decide(posterior, coarsened(posterior))
-    if searched is not None or proof is not None:
+    if searched is not None or hold_out_result is not None:
         kept = {form.effect.key for form in here.held}
         verdicts = tuple(v for v in verdicts if posterior.moments.terms[v.term].effect.key in kept)
     after = here.fit
@@ -110,7 +110,7 @@ def diagnose(
         before=before,
         after=model_averaged(posterior, first, after),
         false_alarms=false_alarms,
-        hold_out=proof,
+        hold_out=hold_out_result,
         searched=searched,
     )
 

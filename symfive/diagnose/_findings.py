@@ -1,4 +1,4 @@
-"""Findings: what was decided, in words and numbers; and effects that a user names, joined to a fit."""
+"""Findings from verdicts, and fits amended by effects that the user names."""
 
 from __future__ import annotations
 
@@ -183,9 +183,9 @@ def _other_forms(posterior: Posterior, term: int) -> list[int]:
     """Forms of the same name, as other components, that give what the readings see of a term but for χ² of 4."""
     moments, terms = posterior.moments, posterior.moments.terms
     held = _most_probable(posterior, frozenset(range(moments.held)))
-    weighed = log_evidence(moments, held)
-    gram, own = moments.gram[weighed.node] / weighed.kappa2, moments.columns[term]
-    at, x = own.where[own.amplitude], solution(moments, held, weighed)[term][own.amplitude]
+    evidence = log_evidence(moments, held)
+    gram, own = moments.gram[evidence.node] / evidence.kappa2, moments.columns[term]
+    at, x = own.where[own.amplitude], solution(moments, held, evidence)[term][own.amplitude]
     found = []
     for number, (other, columns) in enumerate(zip(terms, moments.columns, strict=True)):
         if other.name == terms[term].name and other.slot != terms[term].slot:

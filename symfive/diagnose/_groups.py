@@ -1,4 +1,4 @@
-"""Ways to part a campaign's runs: by feed, direction, place, height, time, instrument."""
+"""Partitions of a campaign's runs by feed, direction, place, height, time or instrument."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def partitions(campaign: Campaign) -> dict[str, dict[str, tuple[str, ...]]]:
 
 
 def kind_of(run: Run, campaign: Campaign) -> str:
-    """What runs that may stand for each other have in common: instruments, the axes that move, the sense of a circle."""
+    """Key of comparable runs: instruments, moving axes, direction of a circle."""
     moves = ",".join(name for name, way in run.commands.items() if np.ptp(way) > 0.0)
     return f"{_instrument(run, campaign)} {moves} {_direction(run, campaign)}"
 

@@ -1,4 +1,4 @@
-"""Hold out: what findings are worth on readings that no fit has seen, and those that do not stand it."""
+"""Hold-out validation: prediction of held-out readings, and withdrawal of findings that worsen it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,17 @@ from symfive.posterior import Expansion, fitted
 from symfive.threads import one_thread
 
 __all__ = [
-    "WORSE", "HoldOut", "Withdrawn", "held_out", "held_out_square", "over_whole", "proved", "root", "variations_withdrawn",
-    "withdraw", "worse_held_out",
+    "WORSE",
+    "HoldOut",
+    "Withdrawn",
+    "held_out",
+    "held_out_square",
+    "over_whole",
+    "root",
+    "validated",
+    "variations_withdrawn",
+    "withdraw",
+    "worse_held_out",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -36,7 +45,7 @@ PARTS = {"all": "of all readings", "fitted": "of the fitted part", "held_out": "
 
 @dataclass(frozen=True)
 class Withdrawn:
-    """An effect that the fitted part shows, and with which the held-out part is predicted worse: rms without and with it."""
+    """An effect that worsens the prediction of the held-out part: rms of that part without and with it."""
 
     effect: Effect
     rms_without_um: float
@@ -55,8 +64,8 @@ class Withdrawn:
 
 @dataclass(frozen=True)
 class HoldOut:
-    """How readings that no fit has seen are predicted. `label` says what was held out, `readings` how many there are and `rms`
-    (before, after) by part: `all`, `fitted`, `held_out`. `withdrawn` are the effects that did not stand it, in order."""
+    """Prediction of held-out readings. `label` names the held-out part; `readings` counts and `rms` (before, after) by part:
+    `all`, `fitted`, `held_out`; `withdrawn` effects in the order of their withdrawal."""
 
     label: str
     readings: Mapping[str, int]
@@ -64,7 +73,7 @@ class HoldOut:
     withdrawn: tuple[Withdrawn, ...] = ()
 
     def sentences(self, unit: str) -> tuple[str, ...]:
-        """What was withdrawn and why; at last before → after of each part."""
+        """One sentence per withdrawn effect; the last gives the rms of each part, before → after."""
         gone = [
             f"Withdrawn: {w.words} predicted {self.label} worse, {change(w.rms_without_um, w.rms_with_um, unit)} {unit}."
             for w in self.withdrawn
@@ -94,17 +103,17 @@ class HoldOut:
 def held_out_square(fit: Identification, campaign: Campaign, split: Split, unit: str) -> tuple[float, int]:
     """Sum of squares, in `unit`, of the campaign's readings that the split holds out, and how many they are.
 
-    `fit` has learnt from the rest (`over_whole`). Outliers count.
+    `fit` was fitted on the rest (`over_whole`). Outliers count.
     """
     model, values = over_whole(fit, campaign, split)
     return _square(model, values, {run.id: ~split.learn(run) for run in campaign.runs}, unit)
 
 
 def over_whole(fit: Identification, campaign: Campaign, split: Split) -> tuple[Model, Array]:
-    """The model of the whole campaign and its values as a fit of what the split leaves has them.
+    """The model of the whole campaign, with the parameter values of a fit to part of it.
 
-    A run of which the fit knows nothing has its own zeros and set-up fitted, nothing else: so the machine is predicted, not where
-    the instrument stood. A run of which a part was fitted keeps its set-up.
+    A run outside the fit gets its own zeros and set-up, nothing else, so that the machine is tested and not the mounting. A run
+    that was fitted in part keeps its set-up.
     """
     model = fit.model if fit.model.campaign is campaign else Model(campaign, fit.model.added)
     values = model.vector({name: value for name, value in fit.named.items() if name in model.index})
@@ -157,7 +166,7 @@ def withdraw(
         raise InputError(problem, remedy="hold out runs of the same instrument")
     now, plain = (_held_out_rms(fit, campaign, split) for fit in (here.fit, before))
     while here.held:
-        others = [_lacking(here, form.effect) for form in here.held]
+        others = [_refit_without(here, form.effect) for form in here.held]
         sizes = [_held_out_rms(other.fit, campaign, split) for other in others]
         least = int(np.argmin(sizes))
         if now <= (1.0 + WORSE) * sizes[least]:
@@ -171,7 +180,7 @@ def withdraw(
 
 
 def worse_held_out(here: Expansion, other: Expansion, campaign: Campaign, split: Split) -> bool:
-    """Whether a fit predicts the held-out part worse than another one."""
+    """Whether `here` predicts the held-out part worse than `other`."""
     mine, others = (_held_out_rms(each.fit, campaign, split) for each in (here, other))
     return mine > (1.0 + WORSE) * others
 
@@ -193,7 +202,7 @@ def held_out(
     split: Split,
     withdrawn: tuple[Withdrawn, ...] = (),
 ) -> HoldOut:
-    """Before → after over the fitted part, of which the two fits are, over the held-out part and over all."""
+    """rms before and after, over the fitted part, the held-out part and all readings."""
     unit, fits = after.file_unit, (before, after)
     whole = {run.id: np.ones(run.rows, dtype=bool) for run in after.model.campaign.runs}
     learnt = [_square(fit.model, fit.values, whole, unit) for fit in fits]
@@ -204,14 +213,14 @@ def held_out(
     return HoldOut(split.label, {part: last[1] for part, (_, last) in squares.items()}, rms, withdrawn)
 
 
-def proved(before: Identification, here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansion, HoldOut]:
-    """The fit of what stands the held-out part, and how it and the one before it predict that part."""
+def validated(before: Identification, here: Expansion, campaign: Campaign, split: Split) -> tuple[Expansion, HoldOut]:
+    """The fit after withdrawals, and how the baseline and this fit predict the held-out part."""
     here, withdrawn = withdraw(here, before, campaign, split)
     return here, held_out(before, here.fit, campaign, split, withdrawn)
 
 
-def _lacking(here: Expansion, effect: Effect) -> Expansion:
-    """The fit without an effect, under the same noise and without the same outliers."""
+def _refit_without(here: Expansion, effect: Effect) -> Expansion:
+    """Refit without an effect; noise and excluded outliers unchanged."""
     kept = tuple(form for form in here.held if form.effect.key != effect.key)
     model = Model(here.fit.model.campaign, [form.effect for form in kept])
     fit = fitted(model, [here.fit.named], here.node, here.kappa2, here.fit)
@@ -219,5 +228,5 @@ def _lacking(here: Expansion, effect: Effect) -> Expansion:
 
 
 def root(square: float, count: int) -> float:
-    """Root mean square of a sum of squares; NaN of nothing."""
+    """Root mean square from a sum of squares; NaN if `count` is 0."""
     return float(np.sqrt(square / count)) if count else float("nan")

@@ -1,4 +1,4 @@
-"""Locate: which link of the chain, which axis, over which coordinate, where along it, in which direction of space.
+"""Localisation of a fault: link of the chain, axis, coordinate, interval, direction in space.
 
 From the moments of one fit, without a refit. Before any verdict stands the observability table: what share of each effect the
 campaign can see at all, and which effects it cannot distinguish.
@@ -104,12 +104,12 @@ class Location(OnScreen):
 
     @property
     def significant(self) -> tuple[Suspect, ...]:
-        """Suspects beyond what chance gives at the detection's level."""
+        """Suspects that are significant at the detection's level."""
         return tuple(s for s in self.suspects if s.log_p < np.log(self.detection.level))
 
     @property
     def p_value(self) -> float:
-        """The smallest p-value of all that was looked at, corrected for their number."""
+        """The smallest p-value, corrected for the number of candidates."""
         return float(np.exp(max(min((s.log_p for s in self.suspects), default=0.0), -690.0)))
 
     @property
@@ -150,7 +150,7 @@ def locate(
 
 
 def located(moments: Moments, detection: Detection, beside: Subset = ()) -> Location:
-    """What moments say of every term, each `beside` a subset of them."""
+    """Localisation from moments: each term is scored jointly with the subset `beside`."""
     node = log_evidence(moments, beside).node
     return Location(
         detection, _observability(moments, node), _classes(moments, node), _suspects(moments, beside),

@@ -1,4 +1,4 @@
-"""The next test: of all that the user could record with the same instrument, the one that separates rivals best."""
+"""The next test: the one with the same instrument that separates rivals best."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an effect acts: stretches of the runs, direction of space."""
+"""Where an effect acts: intervals of the runs, direction in space."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ SHOWN_SHARE = 0.01
 
 @dataclass(frozen=True)
 class RivalName:
-    """Another effect that could explain the same, with its probability."""
+    """An alternative explanation of a finding, with its probability."""
 
     effect: str
     axis: str | None
@@ -54,7 +54,7 @@ class RivalName:
 
 @dataclass(frozen=True, repr=False)
 class Finding(OnScreen):
-    """One effect that the baseline leaves out.
+    """One effect missing from the baseline model.
 
     `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
     `contribution` run → (N, ny) its readings, `moved` the machine's parameters that changed most when it joined: name →
@@ -88,7 +88,7 @@ class Finding(OnScreen):
 
     @property
     def unidentified(self) -> bool:
-        """Whether no effect of the library has its shape; the parameters are then those of the nearest one."""
+        """Whether no library effect matches; the parameters are then those of the nearest one."""
         return self.name == "unknown"
 
     @property
@@ -234,12 +234,12 @@ class Diagnosis(OnScreen):
 
     @property
     def observability(self) -> tuple[Observability, ...]:
-        """What the campaign can see at all of every effect."""
+        """Observability of every library effect in this campaign."""
         return self.location.observability
 
     @property
     def classes(self) -> tuple[tuple[str, ...], ...]:
-        """Effects that the campaign cannot separate."""
+        """Classes of effects that the campaign cannot separate."""
         return self.location.classes
 
     def to_data(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Stretches: of long recordings the rows that the search for names sees.
+"""Subsets of rows of long recordings, used by the search.
 
 What a search takes grows with the rows, what they tell of an effect's form soon does not: it is the same motion again. So of
 recordings that are long together it sees some rows of some stretches, chosen so that every place of every axis, from either side,
@@ -118,7 +118,7 @@ def _shares(run: Run, stretches: NDArray[np.int64]) -> Array:
 
 
 def _cells(values: Array, count: int) -> NDArray[np.int64]:
-    """The number of the cell, of so many equal ones, in which each value lies."""
+    """Index of the equal-width cell in which each value lies."""
     low, reach = float(values.min()), max(float(np.ptp(values)), 1e-300)
     return np.minimum((values - low) * (count / reach), count - 1).astype(np.int64)
 

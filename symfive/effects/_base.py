@@ -83,7 +83,7 @@ class Effect:
 
     @property
     def link(self) -> str:
-        """The link of the chain that is to blame, one of `LINKS`: that of its stage."""
+        """The affected link of the chain, one of `LINKS`: that of its stage."""
         return _LINKS[self.stage]
 
     @property
@@ -122,7 +122,7 @@ class Effect:
     def prepare(self, campaign: Campaign) -> Self:
         """This effect with all that it takes from the campaign written into its fields.
 
-        Raises `InputError` where it cannot join: an axis or a drive is lacking, the baseline already holds
+        Raises `InputError` where it cannot join: an axis or a drive is missing, the baseline already holds
         it.
         """
         if self.needs_axis and self.axis is None:
@@ -145,7 +145,7 @@ class Effect:
         return {p.name: p.sigma if p.mean == 0.0 else p.mean for p in self.parameters(campaign)}
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
-        """What is not known of the state in which the recording of a run begins, as parameters of its set-up."""
+        """Unknown initial states of a run, as parameters of its set-up."""
         return ()
 
     def signals(self) -> tuple[Signal, ...]:
@@ -217,7 +217,7 @@ class Effect:
         return f"setup.{self.key}.start"
 
     def start_of_contact(self, run: Run, axis: str, *, memory: bool = True) -> tuple[Parameter, ...]:
-        """Where between its flanks (-1…+1) a contact stands before its axis first moves in a run: anywhere.
+        """Initial position of a contact between its flanks (-1…+1), before its axis first moves in a run; uniform prior.
 
         In a static run whose second pose is reached by moving the axis the first one counts as approached like the second
         (docs/conventions.md, section 5); so does the first row of what goes by the direction alone and has no `memory`.

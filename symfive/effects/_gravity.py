@@ -31,7 +31,7 @@ def later_axes(machine: Machine, axis: str) -> tuple[str, ...]:
 
 
 def rotary_chain(machine: Machine, axis: str) -> tuple[str, ...]:
-    """The rotary axes of the chain in which `axis` stands, from the bed outward."""
+    """The rotary axes on the same side of the chain as `axis`, from the bed outward."""
     return tuple(name for name in _side(machine, axis) if machine.axes[name].rotary)
 
 

@@ -1,4 +1,4 @@
-"""How common effects are beside each other: prior odds where readings cannot separate two names.
+"""Relative frequencies of effects: prior odds where readings cannot separate two names.
 
 No count of machines is published. The order in which the makers of ball bars list what their software finds (backlash, reversal
 spikes, lateral play, cyclic error, servo mismatch, scaling, squareness, straightness: Quality Magazine, "The ins and outs of

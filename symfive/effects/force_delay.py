@@ -41,7 +41,7 @@ class ForceDelay(Effect):
 
     @property
     def link(self) -> str:
-        """The recorder is to blame."""
+        """The affected link: the recorder."""
         return INSTRUMENT
 
     def prepare(self, campaign: Campaign) -> Self:

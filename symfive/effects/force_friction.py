@@ -59,7 +59,7 @@ class ForceFriction(Effect):
 
     @property
     def link(self) -> str:
-        """The drive is to blame."""
+        """The affected link: the drive."""
         return DRIVE
 
     @property

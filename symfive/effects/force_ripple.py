@@ -52,7 +52,7 @@ class ForceRipple(Effect):
 
     @property
     def link(self) -> str:
-        """The drive is to blame."""
+        """The affected link: the drive."""
         return DRIVE
 
     def prepare(self, campaign: Campaign) -> Self:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import combinations
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -25,10 +24,10 @@ from symfive.effects._coordinates import (
     steps,
     usual_span,
 )
-from symfive.effects._force import FORCE_SHARE, driven_axes, usual_force
-from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing, revisited
+from symfive.effects._force import FORCE_SHARE, usual_force
 from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
+from symfive.effects._unidentified_forms import unidentified_forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import Basis
@@ -37,16 +36,13 @@ from symfive.motion import Acceleration, Direction, Position, ReversalDistance, 
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
+    from symfive.effects._form import Form, Scan, Tone
     from symfive.motion import Signal
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
 Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "force")
-HARMONICS, LEAST_CYCLES = 3, 2.0
-"""Of a cycle over time: its harmonics, and how often it has to come back."""
-SIDES, CLOSEST = 16, 1e-5
-"""Intervals of a term over the way since a reversal, each twice as long as the last; the first is a few µm, as a play is."""
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 
 
@@ -97,7 +93,7 @@ class Unknown(Effect):
 
     @property
     def owners(self) -> frozenset[str]:
-        """What its coordinates speak of: axes, or `t`."""
+        """Axes of its coordinates, and `t` for time."""
         return frozenset(map(owner, self.over))
 
     @property
@@ -107,94 +103,18 @@ class Unknown(Effect):
 
     @property
     def link(self) -> str:
-        """Of a force the drive."""
+        """The affected link: of a force, the drive."""
         return DRIVE if self.place == "force" else super().link
 
     @property
     def coordinate(self) -> str:  # type: ignore[override]
-        """What its functions are of."""
+        """Its coordinates, separated by commas."""
         return ", ".join(self.over)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
-        """Every channel (the axis itself, the tool) over every coordinate: an axis that moves, its velocity, its acceleration,
-        its way since it reversed, its place by the side from which it came (a table where its places are read again and again, as
-        in a test by ISO 230-2), two rotary axes together, and time, also as a cycle; the force of a drive over velocity and
-        place."""
-        machine, axes = campaign.machine, moving(campaign)
-        drafts = [cls(over=("t",))]
-        for axis in axes:
-            words = [axis, f"{axis}{SINCE}"]
-            if any(run.dynamic for run in campaign.runs):
-                words += [f"{axis}{VELOCITY}", f"{axis}{ACCELERATION}"]
-            for word in words:
-                order = SIDES if word.endswith(SINCE) else cls.order
-                drafts += [
-                    cls(over=(word,), order=order, finest=CLOSEST),
-                    cls(over=(word,), order=order, finest=CLOSEST, place="axis", tag="axis"),
-                ]
-        for pair in combinations([axis for axis in axes if machine.axes[axis].rotary], 2):
-            round_ = [goes_round(campaign, axis) for axis in pair]
-            basis, order = tuple("fourier" if r else "polynomial" for r in round_), tuple(3 if r else 4 for r in round_)
-            pose = cls(over=pair, basis=basis, order=order)
-            drafts += [pose, *(replace(pose, carrier=axis, tag=f"carried-{axis}") for axis in pair)]
-        for axis in reversing(campaign):
-            places = revisited(campaign, axis)
-            kind, order = ("fourier", 3) if goes_round(campaign, axis) else ("polynomial", 4)
-            kind, order = ("bspline", 1) if places else (kind, order)
-            by_side = cls(over=(axis, f"{axis}{SIGN}"), basis=(kind, "polynomial"), order=(order, 1), knots=places)
-            drafts.append(replace(by_side, place="axis", tag="axis"))
-        drafts += [cls(over=(f"{axis}{what}",), order=SIDES, place="force", tag="force")
-                   for axis in driven_axes(campaign) for what in (VELOCITY, "")]  # fmt: skip
-        for draft in drafts:
-            try:
-                effect = draft.prepare(campaign)
-            except InputError:
-                continue  # the campaign does not move there
-            yield effect._form(campaign)
-        yield from cls._cycles(campaign)
-
-    @classmethod
-    def _cycles(cls, campaign: Campaign) -> Iterable[Tone]:
-        """Any course that comes back over time, as of a cooler: from two cycles in all to two rows each."""
-        runs = [run for run in campaign.runs if run.has_clock]
-        if not runs:
-            return
-        first, last = (end(run.start_s + float(run.time[k]) for run in runs) for end, k in ((min, 0), (max, -1)))
-        lowest, highest = LEAST_CYCLES / max(last - first, 1e-9), 0.5 / max(run.interval for run in runs)
-        if lowest >= highest:
-            return
-
-        def form(frequency: float, resolution: float, places: int) -> Form:
-            sigma = resolution / frequency**2
-            cycle = cls(
-                over=("t",), basis="fourier", order=HARMONICS, period=1.0 / frequency, period_sigma=sigma, tag="cycle"
-            )
-            return Form(effect=cycle, places=places)
-
-        yield Tone(
-            channel=TOOL, coordinate=lambda run: run.start_s + np.asarray(run.time), lowest=lowest, highest=highest,
-            form=form, runs=tuple(run.id for run in runs),
-        )  # fmt: skip
-
-    def _form(self, campaign: Campaign) -> Form:
-        def basis(run: Run) -> Array:
-            shares = np.array([share_of(name) for name in self._basis(campaign.machine).names])
-            return (
-                self._table(campaign.machine, [run]) * shares
-                if self.applies(run)
-                else np.zeros((run.rows, len(shares)))
-            )
-
-        channel = {"axis": AXIS, "force": FORCE}.get(self.place, CARRIED if self.carrier else TOOL)
-        return Form(
-            effect=self,
-            channel=channel,
-            axis=self.axis or self.carrier or None,
-            basis=basis,
-            sigma=self.parameters(campaign)[0].sigma,
-            directions=len(self._basis(campaign.machine).names) if self.knots else 0,
-        )
+        """Every channel over every coordinate that the campaign moves, and cycles over time."""
+        return unidentified_forms(cls, campaign)
 
     @property
     def over_time(self) -> bool:  # type: ignore[override]
@@ -242,7 +162,7 @@ class Unknown(Effect):
             raise InputError(f"{self.key}: the campaign does not move there", remedy="choose a coordinate that changes")
         axis = owner(self.over[0]) if self.place in ("axis", "force") else None
         prepared = replace(super().prepare(campaign), span=spans, axis=axis)
-        if self.place != "force" or len(self.less) == len(prepared._basis(machine).names):
+        if self.place != "force" or len(self.less) == len(prepared.functions(machine).names):
             return prepared  # what was prepared for a campaign stays so for some of its runs
         less = replace(prepared, less=())._held_by_the_drive(campaign)
         return replace(
@@ -255,9 +175,9 @@ class Unknown(Effect):
         return bool(self.carrier) and self.directions[:1] in ("a", "b", "c")
 
     def _held_by_the_drive(self, campaign: Campaign) -> tuple[tuple[float, ...], ...]:
-        """What of each function offset, direction and speed hold in the campaign's rows (least squares)."""
+        """Least-squares coefficients of each function on offset, direction and speed, over the campaign's rows."""
         runs = [run for run in campaign.runs if self.applies(run)]
-        functions, own = self._table(campaign.machine, runs), self._of_the_drive(runs, campaign.machine)
+        functions, own = self.table(campaign.machine, runs), self._of_the_drive(runs, campaign.machine)
         return tuple(tuple(map(float, part)) for part in np.linalg.lstsq(own, functions, rcond=None)[0].T)
 
     def _of_the_drive(self, runs: Sequence[Run], machine: Machine) -> Array:
@@ -275,7 +195,8 @@ class Unknown(Effect):
         rates = any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
         return super().applies(run) and (run.dynamic or not rates)
 
-    def _basis(self, machine: Machine) -> Basis:
+    def functions(self, machine: Machine) -> Basis:
+        """The functions of its coordinates, without a constant one."""
         kinds = tuple(machine.axes[name].kind if name in machine.axes else "linear" for name in self.over)
         if self.period:
             kinds = ("rotary",)
@@ -287,11 +208,11 @@ class Unknown(Effect):
 
     @property
     def _channels(self) -> str | tuple[str]:
-        """The directions it moves, or what else."""
+        """Its directions, or its place if not `structure`."""
         return self.directions if self.place == "structure" else (self.place,)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        names = self._basis(campaign.machine).names
+        names = self.functions(campaign.machine).names
         rotary = self._turns or (self.axis is not None and self.its_axis(campaign).rotary)
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
         if self.place == "force":
@@ -320,7 +241,7 @@ class Unknown(Effect):
         return self.start_of_contact(run, sides.pop(), memory=False) if len(sides) == 1 else ()
 
     def apply(self, row: Row) -> None:
-        basis = self._basis(row.machine)
+        basis = self.functions(row.machine)
         functions = ca.vertcat(*basis.values(*(self._held(row, number) for number in range(len(self.over)))))
         if self.less:
             motion = [1.0, *(self._coordinate(row, f"{self.axis}{what}") for what in (SIGN, VELOCITY))]
@@ -375,8 +296,8 @@ class Unknown(Effect):
             return row.signal(of(axis)) / row.machine.axes[axis].to_internal
         return row.signal(Position(name))
 
-    def _table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
-        """The functions in all rows of some runs (N, number of functions)."""
+    def table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
+        """The functions (N, number of functions) in all N rows of `runs`."""
         points = []
         for number, (name, (low, high)) in enumerate(zip(self.over, self.span, strict=True)):
             there = np.concatenate([coordinate_values(name, run, machine) for run in runs])
@@ -387,16 +308,16 @@ class Unknown(Effect):
             points.append(
                 np.sign(there) * steps(np.abs(there) / high, np, self.finest) if name.endswith(SINCE) else there
             )
-        table = self._basis(machine).matrix(*points)
+        table = self.functions(machine).matrix(*points)
         return table - self._of_the_drive(runs, machine) @ np.array(self.less).T if self.less else table
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`over`, its `rms` over the campaign's rows as far as the readings determine it, the main `direction` of a shift, and
         the `carrier` in whose frame it is."""
-        machine, basis = campaign.machine, self._basis(campaign.machine)
+        machine, basis = campaign.machine, self.functions(campaign.machine)
         runs = [run for run in campaign.runs if self.applies(run)]
         period = values[f"{self.key}.period"] if self.period_sigma else self.period
-        matrix = self._table(machine, runs, period)
+        matrix = self.table(machine, runs, period)
         amplitudes = self.parameters(campaign)[: -1 if self.period_sigma else None]
         names = [p.name for p in amplitudes]
 

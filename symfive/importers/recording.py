@@ -188,10 +188,10 @@ def probe_run(
     some tenths of a millimetre only, its prior is `SPHERE`.
     """
     linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    lacking = [name for name in linear if name not in found]
-    if lacking:
-        problem = f"where {', '.join(lacking)} found the centre is missing"
-        raise InputError(problem, remedy=f"add --map {lacking[0]}_found=2:mm")
+    missing = [name for name in linear if name not in found]
+    if missing:
+        problem = f"where {', '.join(missing)} found the centre is missing"
+        raise InputError(problem, remedy=f"add --map {missing[0]}_found=2:mm")
     nominal, ball, rows = Nominal(machine), tool_ball_of(machine, setting.tool_ball), len(next(iter(found.values())))
     positions = nominal.follow(
         np.tile(setting.centre, (rows, 1)), ball, {**setting.hold, **commands}, f"probe cycle {id}"

@@ -1,10 +1,10 @@
 """The engine of a diagnosis: one posterior over what may be missing in a model.
 
 terms     = candidates(campaign)          every effect states its own forms, places and how common it is
-moments   = moments_of(fit, held, fresh)  whitened Gram matrices, all that the search sees
+moments   = moments_of(fit, held, fresh)  whitened Gram matrices, the search's only data
 posterior = explore(moments)              subsets of terms: birth, death, swap, width
-posterior = polish(before, candidates)    exact refits of the best few, relinearised, until nothing moves
-coarse    = coarsened(posterior)          the same, less sure the more stays that no name explains
+posterior = polish(before, candidates)    exact refits of the best few, relinearised, until converged
+coarse    = coarsened(posterior)          tempered by the misfit that no named effect explains
 verdicts  = decide(posterior, coarse)     one rule from stated losses: name, class, unknown, nothing
 """
 

@@ -1,4 +1,4 @@
-"""Coarse: what names are worth where the library lacks something.
+"""Coarsened posterior: confidence in named effects when the library may be incomplete.
 
 No law is exactly the machine's. If the readings' distribution is only near to what the model says, within a relative entropy that
 is exponentially distributed with mean R a reading, the likelihood counts to the power (J. W. Miller & D. B. Dunson 2019)
@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.posterior._evidence import SHARE, STEPS, Weighed, beside, explained, log_evidence
+from symfive.posterior._evidence import SHARE, STEPS, LogEvidence, beside, explained, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
@@ -39,16 +39,16 @@ def coarsened(posterior: Posterior) -> Posterior:
     """
     moments = posterior.moments
     held = held_by(moments)
-    weighed = log_evidence(moments, held)
-    energy, node = misfit(moments, held), moments.nodes[weighed.node]
-    nodes = weighed.by_node - np.logaddexp.reduce(weighed.by_node)
-    usual = _tempered(posterior, energy, nodes, weighed.kappa2)
+    evidence = log_evidence(moments, held)
+    energy, node = misfit(moments, held), moments.nodes[evidence.node]
+    nodes = evidence.by_node - np.logaddexp.reduce(evidence.by_node)
+    usual = _tempered(posterior, energy, nodes, evidence.kappa2)
     doubt = _no_noise(moments, node)
     if doubt == 0.0:
         return usual
     white = np.where(np.arange(len(moments.nodes)) == 0, 0.0, -np.inf)
-    slow = moments.count * weighed.kappa2 * node.size**2
-    other = _tempered(posterior, energy + slow, white, weighed.kappa2)
+    slow = moments.count * evidence.kappa2 * node.size**2
+    other = _tempered(posterior, energy + slow, white, evidence.kappa2)
     return replace(posterior, mass=_mixed([(usual, 1.0 - doubt), (other, doubt)]))
 
 
@@ -90,13 +90,13 @@ def _mixed(parts: Sequence[tuple[Posterior, float]]) -> dict[Subset, float]:
 
 def misfit(moments: Moments, subset: Subset) -> float:
     """M of a subset: what its unidentified members are wrong by, and what no member explains."""
-    weighed = log_evidence(moments, subset)
+    evidence = log_evidence(moments, subset)
     open_ = [moments.terms[t].effect.unidentified for t, _ in subset]
-    energies = explained(moments, subset, weighed)
-    return SHARE**2 * float(np.dot(energies, open_)) + left_over(moments, subset, weighed)
+    energies = explained(moments, subset, evidence)
+    return SHARE**2 * float(np.dot(energies, open_)) + left_over(moments, subset, evidence)
 
 
-def left_over(moments: Moments, subset: Subset, plain: Weighed) -> float:
+def left_over(moments: Moments, subset: Subset, plain: LogEvidence) -> float:
     """What all unidentified terms that a subset does not hold would explain together beyond what they find in noise, times the
     probability that they do, from the evidence of each size and of none, prior odds even."""
     taken = {int(column) for number, _ in subset for column in moments.columns[number].where}

@@ -1,4 +1,4 @@
-"""Decide: one rule from stated losses for every member of the most probable subset: name, class, unknown or nothing.
+"""Decision by expected loss for each member of the most probable subset: name, class, unknown or nothing.
 
 The loss of a report is `WRONG` where the cause is another one, one for every further name in a class (each is one more thing to
 look after), `UNKNOWN` where a cause is there and stays without a name, and `MISSED` where it is there and nothing is said. What

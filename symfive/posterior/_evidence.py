@@ -1,4 +1,4 @@
-"""The evidence of a subset of terms, from moments alone.
+"""Log evidence of a subset of terms, from moments.
 
 With the reduced Gram matrix of a noise node, H of the subset's columns times their widths w, g of them with the residual, and q
 of the residual with itself,
@@ -22,8 +22,20 @@ from numpy.typing import NDArray
 from symfive.posterior._moments import Moments
 
 __all__ = [
-    "SHARE", "STEPS", "Blocks", "Equations", "Member", "Turned", "Weighed", "beside", "discrepancies", "equations", "evidence_of",
-    "explained", "log_evidence", "solution",
+    "SHARE",
+    "STEPS",
+    "Blocks",
+    "Equations",
+    "LogEvidence",
+    "Member",
+    "Turned",
+    "beside",
+    "discrepancies",
+    "equations",
+    "evidence_of",
+    "explained",
+    "log_evidence",
+    "solution",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -40,20 +52,20 @@ STEPS = 3
 
 
 @dataclass(frozen=True)
-class Weighed:
-    """Log evidence of a subset, by node (J,) with the nodes' priors, and the noise scale κ² at the best node."""
+class LogEvidence:
+    """Log evidence of a subset by noise node (J,), node priors included, and the noise scale κ² at the best node."""
 
     by_node: Array
     kappa2: float
 
     @cached_property
     def total(self) -> float:
-        """Over all nodes."""
+        """Log evidence marginalised over the noise nodes."""
         return float(np.logaddexp.reduce(self.by_node))
 
     @cached_property
     def node(self) -> int:
-        """The best node."""
+        """Index of the most probable noise node."""
         return int(np.argmax(self.by_node))
 
 
@@ -135,12 +147,12 @@ def beside(
     return h - turned @ solved[:, :, :-1], g - (turned @ solved[:, :, -1:])[:, :, 0], left
 
 
-def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> Weighed:
+def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> LogEvidence:
     """The evidence of one subset, with the discrepancies `blocks` of its terms."""
     return evidence_of(moments, equations(moments, members, blocks))
 
 
-def evidence_of(moments: Moments, s: Equations) -> Weighed:
+def evidence_of(moments: Moments, s: Equations) -> LogEvidence:
     """The evidence of the subset whose equations these are."""
     form = Turned.of(s) if np.trace(s.h, axis1=1, axis2=2).max() > PLAIN else s
     kappa2 = np.maximum(1.0, s.q / moments.count)
@@ -155,7 +167,7 @@ def evidence_of(moments: Moments, s: Equations) -> Weighed:
     pull = np.sum((x + form.d) ** 2, axis=1)
     cost = left / kappa2 + pull + moments.count * np.log(kappa2) + form.logdet(kappa2)
     by_node = -0.5 * (cost + moments.const) + moments.log_prior
-    return Weighed(by_node, float(kappa2[np.argmax(by_node)]))
+    return LogEvidence(by_node, float(kappa2[np.argmax(by_node)]))
 
 
 @dataclass(frozen=True)
@@ -206,9 +218,11 @@ def discrepancies(moments: Moments, members: Sequence[Member], x: Array) -> Bloc
     return tuple((number, size) for number, size in sizes.items() if size > 0.0)
 
 
-def solution(moments: Moments, members: Sequence[Member], weighed: Weighed) -> list[Array]:
+def solution(moments: Moments, members: Sequence[Member], evidence: LogEvidence) -> list[Array]:
     """x of each member under the noise that fits best, in units of its usual prior, amplitudes counted from nothing."""
-    return _by_member(moments, members, equations(moments, members).at(weighed.node, weighed.kappa2)) if members else []
+    return (
+        _by_member(moments, members, equations(moments, members).at(evidence.node, evidence.kappa2)) if members else []
+    )
 
 
 def _by_member(moments: Moments, members: Sequence[Member], x: Array) -> list[Array]:
@@ -216,14 +230,14 @@ def _by_member(moments: Moments, members: Sequence[Member], x: Array) -> list[Ar
     return np.split(x, ends[:-1])
 
 
-def explained(moments: Moments, members: Sequence[Member], weighed: Weighed) -> list[float]:
+def explained(moments: Moments, members: Sequence[Member], evidence: LogEvidence) -> list[float]:
     """The energy of what each member adds to the readings behind set-up and geometry, in units of the noise that fits best."""
-    gram, found = moments.gram[weighed.node], list[float]()
-    for (number, _), x in zip(members, solution(moments, members, weighed), strict=True):
+    gram, found = moments.gram[evidence.node], list[float]()
+    for (number, _), x in zip(members, solution(moments, members, evidence), strict=True):
         own = moments.columns[number]
         added = np.zeros(moments.size)
         added[own.where] = x
         if own.exact >= 0:
             added[own.exact] = 1.0
-        found.append(float(added @ gram @ added) / weighed.kappa2)
+        found.append(float(added @ gram @ added) / evidence.kappa2)
     return found

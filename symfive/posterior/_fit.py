@@ -13,7 +13,7 @@ from symfive.effects import Effect, Form
 from symfive.identify import Identification, summarise
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
-from symfive.posterior._evidence import Weighed, log_evidence, solution
+from symfive.posterior._evidence import LogEvidence, log_evidence, solution
 from symfive.posterior._explore import Subset
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
@@ -41,12 +41,12 @@ class Expansion:
 
     @property
     def keys(self) -> frozenset[tuple[str, str]]:
-        """Of the effects that it holds, and what each is of."""
+        """(key, coordinate) of each effect that it holds."""
         return frozenset((form.effect.key, form.effect.coordinate) for form in self.held)
 
 
 def baseline(campaign: Campaign) -> Identification:
-    """The fit of what the machine file describes, under white noise as declared."""
+    """The fit of the baseline model, with white noise of the declared size."""
     return fitted(Model(campaign), [{}], WHITE, 1.0)
 
 
@@ -54,7 +54,7 @@ def baseline(campaign: Campaign) -> Identification:
 def fitted(
     model: Model, starts: Sequence[Mapping[str, float]], node: Node, kappa2: float, like: Identification | None = None
 ) -> Identification:
-    """The fit from the best of some starts. Readings that no noise explains and that stand alone are left out; of a fit that is
+    """The fit from the best of some starts. Isolated outliers are excluded; of a fit that is
     compared with another one `like` it, the same."""
     problem = like.problem(model) if like is not None else Problem.of(model)
     for key, noise in problem.noises.items():
@@ -72,20 +72,20 @@ def fitted(
 
 def refitted(moments: Moments, subset: Subset) -> Expansion:
     """The exact fit of a subset under the noise that fits it best, its amplitudes' priors as wide as the subset says."""
-    weighed = log_evidence(moments, subset)
+    evidence = log_evidence(moments, subset)
     forms = [replace(moments.terms[t].form, effect=effect) for t, effect in _effects(moments, subset).items()]
     still = dict(moments.fit.named)
-    effects, moved = linear_estimate(moments, subset, weighed)
+    effects, moved = linear_estimate(moments, subset, evidence)
     at = {name: value for t, _ in subset for name, value in moments.terms[t].form.at.items()}
     starts = [moved, still, {**moved, **at}] if any(moments.terms[t].frees for t, _ in subset) else [moved]
-    model, node = Model(moments.fit.model.campaign, effects), moments.nodes[weighed.node]
-    return expansion(fitted(model, starts, node, weighed.kappa2, moments.fit), forms, node, weighed.kappa2)
+    model, node = Model(moments.fit.model.campaign, effects), moments.nodes[evidence.node]
+    return expansion(fitted(model, starts, node, evidence.kappa2, moments.fit), forms, node, evidence.kappa2)
 
 
-def linear_estimate(moments: Moments, subset: Subset, weighed: Weighed) -> tuple[list[Effect], dict[str, float]]:
+def linear_estimate(moments: Moments, subset: Subset, evidence: LogEvidence) -> tuple[list[Effect], dict[str, float]]:
     """The effects of a subset, and all parameters by name where the moments put those that join."""
     values = dict(moments.fit.named)
-    for (t, _), part in zip(subset, solution(moments, subset, weighed), strict=True):
+    for (t, _), part in zip(subset, solution(moments, subset, evidence), strict=True):
         if moments.terms[t].needs:
             own = moments.terms[t].effect.parameters(moments.fit.model.campaign)[-len(part) :]
             values |= {p.name: float(x) for p, x in zip(own, part, strict=True)}

@@ -1,4 +1,4 @@
-"""Readings that stand alone: outliers of the instrument, or physics that shows at a few places alone."""
+"""Isolated readings: instrument outliers, or physics confined to a few positions."""
 
 from __future__ import annotations
 

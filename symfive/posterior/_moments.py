@@ -1,4 +1,4 @@
-"""Moments: all that the search sees of the readings.
+"""Moments: whitened Gram matrices, the search's only data.
 
 Whitened Gram matrices of [set-up | geometry | terms | exact contributions | residual] per noise node, columns times their prior
 1σ, rows over the declared noise. Each run's set-up is eliminated in its own matrix, the runs are added up, and the geometry is

@@ -1,4 +1,4 @@
-"""Scans: where on its grid of places an effect would explain most of what a fit leaves.
+"""Scans: the location on a grid at which an effect explains most of the residual.
 
 With the whitened columns X of one place (a channel's tangent times a course along the run) and J of all that is fitted,
 

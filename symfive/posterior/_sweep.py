@@ -22,13 +22,13 @@ WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
 
 
 def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
-    """The widths that a term may have: the usual one where it frees a quantity of a drive, since no slope holds beyond, and where
-    it has no size of its own, as what only varies another."""
+    """Prior widths to try for a term: only the usual one if it frees a drive quantity, since its slope is not valid beyond, or
+    if it is a variation of another effect and has no size of its own."""
     return WIDTHS[:1] if moments.terms[number].frees or moments.terms[number].needs else WIDTHS
 
 
 def nearest_width(size: float, widths: Sequence[float] = WIDTHS) -> float:
-    """The width nearest to a size of amplitudes, by ratio."""
+    """The prior width nearest to an amplitude in log scale."""
     return min(widths, key=lambda width: abs(np.log(width / max(size, 1e-300))))
 
 

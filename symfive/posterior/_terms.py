@@ -1,4 +1,4 @@
-"""Terms: what may be missing, as the effects state it themselves."""
+"""Candidate terms of a campaign, as stated by the effects."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Term:
         return bool(self.needs) and not other.needs and self.needs == other.effect.key
 
     def excludes(self, other: Term) -> bool:
-        """Whether both cannot act at once."""
+        """Whether the two terms are mutually exclusive."""
         if self.needs and other.needs:
             return self.needs == other.needs
         if self.effect.unidentified != other.effect.unidentified:
@@ -84,7 +84,7 @@ def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
 
 
 def variations_of(held: Sequence[Form], campaign: Campaign) -> list[Form]:
-    """The ways in which what a fit holds may not be the same everywhere, each as probable as any other."""
+    """Variations of the effects that a fit holds, all equally probable."""
     found = list[Form]()
     for form in held:
         ways = Varying.of_effect(form.effect, campaign)
@@ -93,7 +93,7 @@ def variations_of(held: Sequence[Form], campaign: Campaign) -> list[Form]:
 
 
 def complete(terms: Iterable[Term]) -> bool:
-    """Whether a subset holds what its variations are of."""
+    """Whether a subset contains the effect of each of its variations."""
     chosen = list(terms)
     return all(any(term.varies(other) for other in chosen) for term in chosen if term.needs)
 
@@ -125,7 +125,7 @@ def own_parameters(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
 
 
 def name_of(effect: Effect) -> Name:
-    """The word of the vocabulary and the axis under which an effect is reported."""
+    """Vocabulary term and axis under which an effect is reported."""
     return effect.vocabulary, None if effect.unidentified else effect.belongs_to
 
 

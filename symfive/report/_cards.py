@@ -1,4 +1,4 @@
-"""A card for each finding: what, how large, how sure, where, what had hidden it, how the geometry moved, what next."""
+"""A card for each finding: cause, size, confidence, location, change of geometry, next step."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def _badges(places: _Places, left: dict[str, int], names: Sequence[str]) -> tupl
 
 
 def _spot(place: _Place, left: dict[str, int], names: Sequence[str]) -> tuple[float, float]:
-    """Where the first badge of a place stands."""
+    """Position of the first badge of a place."""
     if place.part == "instrument":
         return (left[names[0]] + left[names[-1]] + BOX) / 2 + 62, INSTRUMENT + 2
     if place.part == "loop":

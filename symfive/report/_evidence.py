@@ -1,4 +1,4 @@
-"""Tables of a diagnosis: before and after, what the campaign can see at all, gaps in the recordings."""
+"""Tables of a diagnosis: before and after, observability, gaps in the recordings."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def observability_table(diagnosis: Diagnosis) -> str:
 
 
 def gap_table(campaign: Campaign) -> str:
-    """Rows that recordings at a constant rate lack; "" where none does."""
+    """Rows missing from recordings at a constant rate; "" if none is."""
     rows: list[list[str | Cell]] = []
     for run in campaign.runs:
         if not run.dynamic or run.rows < 3:

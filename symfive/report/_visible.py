@@ -1,4 +1,4 @@
-"""The part of an effect's readings that the fit without it could not take: what stands in the residual before."""
+"""The part of an effect's readings that a fit without it leaves in the residual."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An identification in sentences, its parameters in words. Plain text: who shows it escapes it."""
+"""An identification in sentences, its parameters in words. Plain text, escaped by the caller."""
 
 from __future__ import annotations
 

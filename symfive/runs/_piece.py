@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symfive.runs._data import Run
+    from symfive.runs._run import Run
 
 __all__ = ["Piece"]
 
