@@ -210,7 +210,13 @@ def test_rms_is_told_by_unit(simulated: Study) -> None:
 def test_page_data_and_figure_are_written(simulated: Study, tmp_path: Path) -> None:
     story.write([simulated], ["emps: not there"], tmp_path)
     text = (tmp_path / "recordings.md").read_text()
-    for expected in ("## simulated (cycles)", "backlash of X", "Not included: emps: not there", "Published values", " µm"):
+    for expected in (
+        "## simulated (cycles)",
+        "backlash of X",
+        "Not included: emps: not there",
+        "Published values",
+        " µm",
+    ):
         assert expected in text
     assert "um |" not in text and " um" not in text
     data = json.loads((tmp_path / "recordings.json").read_text())
