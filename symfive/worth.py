@@ -110,15 +110,20 @@ def effect_worth(identification: Identification, effect: Effect) -> Worth:
     return effect_worths(identification, [effect])[0]
 
 
-def effect_worths(identification: Identification, effects: Iterable[Effect]) -> tuple[Worth, ...]:
-    """The worth of several effects, each corrected alone."""
+def effect_worths(identification: Identification, effects: Iterable[Effect | tuple[Effect, ...]]) -> tuple[Worth, ...]:
+    """The worth of several effects, or of several together, each corrected alone."""
     model, groups, machines = identification.model, [], []
-    for effect in effects:
-        names = [p.name for p in effect.parameters(model.campaign) if p.name in model.index]
-        if effect not in model.effects or not names:
-            raise InputError(f"the model has no effect {effect.key}", remedy="give one of identification.model.effects")
+    for one in effects:
+        together, names = one if isinstance(one, tuple) else (one,), list[str]()
+        for effect in together:
+            own = [p.name for p in effect.parameters(model.campaign) if p.name in model.index]
+            if effect not in model.effects or not own:
+                raise InputError(
+                    f"the model has no effect {effect.key}", remedy="give one of identification.model.effects"
+                )
+            names += own
         groups.append(names)
-        machines.append(effect.stage in AT_THE_TOOL)
+        machines.append(all(effect.stage in AT_THE_TOOL for effect in together))
     found = worth_of(identification, groups)
     return tuple(replace(worth, of_machine=machine) for worth, machine in zip(found, machines, strict=True))
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,24 +91,73 @@ def findings_of(
     posterior: Posterior, here: Expansion, before: Identification, verdicts: Sequence[Verdict], location: Location
 ) -> tuple[Finding, ...]:
     """What was decided, in the order of the evidence that each adds to all others. `here`: the fit that the posterior is
-    expanded at, `before` the baseline."""
-    shares = _shares(here, before, [posterior.moments.terms[verdict.term].effect for verdict in verdicts])
-    found = [
-        _finding(posterior, here, verdict, location, *shares[posterior.moments.terms[verdict.term].effect.key])
-        for verdict in verdicts
-    ]
+    expanded at, `before` the baseline.
+
+    Of an unidentified cause only its coordinate and its runs are known: verdicts that agree in both are one finding.
+    """
+    causes = _causes(posterior, here, verdicts)
+    shares = _shares(here, before, [frozenset(cause.keys) for cause in causes])
+    found = [_finding(posterior, here, cause, location, *shares[frozenset(cause.keys)]) for cause in causes]
     return tuple(sorted(found, key=lambda finding: finding.log_p))
 
 
-def _shares(
-    here: Expansion, before: Identification, effects: Sequence[Effect]
-) -> dict[str, tuple[float, Identification]]:
-    """Effect → share of the deviation's mean square that it explains, and the fit without it; all else identified anew.
+@dataclass(frozen=True)
+class _Cause:
+    """One cause: its `verdicts`, the largest first, their `effects`, and what these do to the readings (run → (N, ny))."""
 
-    The effects join one after the other, that which explains most by itself first: the shares add up to what all explain
+    verdicts: tuple[Verdict, ...]
+    effects: tuple[Effect, ...]
+    contribution: Mapping[str, Array]
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return tuple(effect.key for effect in self.effects)
+
+    @cached_property
+    def runs(self) -> tuple[str, ...]:
+        """Where it acts."""
+        square = {run: _size(each) for run, each in self.contribution.items()}
+        return tuple(run for run, s in square.items() if s > ACTS * max(square.values()))
+
+    @property
+    def what(self) -> object:
+        """What is known of it: of an unidentified cause its coordinates and runs."""
+        if self.verdicts[0].names:
+            return self.keys
+        own = self.effects[0]
+        return frozenset(own.coordinate.format(axis=own.belongs_to).split(", ")), self.runs
+
+
+def _size(contribution: Array) -> float:
+    """Mean square about its mean."""
+    return float(np.mean((contribution - contribution.mean(axis=0)) ** 2))
+
+
+def _causes(posterior: Posterior, here: Expansion, verdicts: Sequence[Verdict]) -> list[_Cause]:
+    """The verdicts as causes, the unidentified ones of which the same is known together."""
+    after, problem, together = here.fit, here.fit.problem(), dict[object, list[_Cause]]()
+    for verdict in verdicts:
+        effect = posterior.moments.terms[verdict.term].effect
+        cause = _Cause((verdict,), (effect,), problem.contribution(effect, after.values))
+        together.setdefault(cause.what, []).append(cause)
+    found = []
+    for causes in together.values():
+        ranked = sorted(causes, key=lambda cause: -sum(map(_size, cause.contribution.values())))
+        total = {run: np.sum([c.contribution[run] for c in ranked], axis=0) for run in ranked[0].contribution}
+        found.append(_Cause(tuple(c.verdicts[0] for c in ranked), tuple(c.effects[0] for c in ranked), total))
+    return found
+
+
+def _shares(
+    here: Expansion, before: Identification, causes: Sequence[frozenset[str]]
+) -> dict[frozenset[str], tuple[float, Identification]]:
+    """Cause (keys of its effects) → share of the deviation's mean square that it explains, and the fit without it; all else
+    identified anew.
+
+    The causes join one after the other, that which explains most by itself first: the shares add up to what all explain
     together. What geometry and set-up explain without any of them, under the noise of the final fit, is not theirs.
     """
-    after, keys = here.fit, frozenset(effect.key for effect in effects)
+    after, keys = here.fit, frozenset[str]().union(*causes)
     fits = {keys: after}
 
     def with_only(joined: frozenset[str]) -> Identification:
@@ -120,21 +170,19 @@ def _shares(
         return mean_square(with_only(joined), after.outliers)
 
     whole = mean_square(before, after.outliers)
-    shares, joined, reached = dict.fromkeys(keys, 0.0), frozenset[str](), min(whole, left(frozenset()))
-    for key in sorted(keys, key=lambda k: left(frozenset({k}))):
-        joined |= {key}
-        shares[key] = max(reached - left(joined), 0.0) / max(whole, 1e-300)
+    shares, joined, reached = dict.fromkeys(causes, 0.0), frozenset[str](), min(whole, left(frozenset()))
+    for cause in sorted(causes, key=left):
+        joined |= cause
+        shares[cause] = max(reached - left(joined), 0.0) / max(whole, 1e-300)
         reached = min(reached, left(joined))
-    return {key: (shares[key], with_only(keys - {key})) for key in keys}
+    return {cause: (shares[cause], with_only(keys - cause)) for cause in causes}
 
 
 def _finding(
-    posterior: Posterior, here: Expansion, verdict: Verdict, location: Location, share: float, without: Identification
+    posterior: Posterior, here: Expansion, cause: _Cause, location: Location, share: float, without: Identification
 ) -> Finding:
     moments, after, campaign = posterior.moments, here.fit, here.fit.model.campaign
-    terms, effect = moments.terms, moments.terms[verdict.term].effect
-    contribution = after.problem().contribution(effect, after.values)
-    square = {run: float(np.mean((c - c.mean(axis=0)) ** 2)) for run, c in contribution.items()}
+    verdict, effect, terms = cause.verdicts[0], cause.effects[0], moments.terms
     first = verdict.names[0] if verdict.names else ("unknown", None)
     name, axis = first[0], effect.belongs_to if effect.unidentified else first[1]
     rivals = [
@@ -144,15 +192,17 @@ def _finding(
     ]
     alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *_other_forms(posterior, verdict.term)))
     draft = Finding(
-        effect=effect, name=name, axis=axis, confidence=min(verdict.probability, 0.999),
+        effect=effect, name=name, axis=axis, confidence=min(max(v.probability for v in cause.verdicts), 0.999),
         parameters=effect.describe(campaign, after.named, _covariance(after, effect)),
         rivals=tuple(sorted(rivals, key=lambda r: -r.confidence)),
-        runs=tuple(run for run, s in square.items() if s > ACTS * max(square.values())),
-        coordinate=effect.coordinate.format(axis=effect.belongs_to), intervals=intervals_of(campaign, contribution),
-        direction=direction_of(after.model.machine, effect, after.named), says="",
-        log_p=_log_nothing(posterior, verdict.term), share=share, moved=moved(without, after), contribution=contribution,
+        runs=cause.runs,
+        coordinate=effect.coordinate.format(axis=effect.belongs_to), intervals=intervals_of(campaign, cause.contribution),
+        direction=None if cause.effects[1:] else direction_of(after.model.machine, effect, after.named), says="",
+        log_p=min(_log_nothing(posterior, v.term) for v in cause.verdicts), share=share, moved=moved(without, after),
+        contribution=cause.contribution,
         visible=next((o.visible for o in location.observability if o.form == effect.key), 1.0),
         alias=tuple(alias), by_experience=verdict.by_experience, sigmas=_sigmas_from_nothing(after, effect),
+        further=tuple((e, e.describe(campaign, after.named, _covariance(after, e))) for e in cause.effects[1:]),
     )  # fmt: skip
     test = asked(posterior, here, verdict)
     says = sentence_of(draft, after)

@@ -61,7 +61,8 @@ class Finding(OnScreen):
     (before, after), file units. `log_p` natural log of the probability that nothing acts there, `by_experience` whether only
     how common it is puts its name before those of `alias`, effects that the readings do not distinguish from it; `sigmas` by
     which all its amplitudes together differ from nothing. `test` is what to record next where a rival stays, `next_test` the
-    folder of its plan.
+    folder of its plan. `further`: effects that describe the same unidentified cause together with `effect`, the largest of
+    them, and their parameters.
     """
 
     effect: Effect
@@ -85,6 +86,12 @@ class Finding(OnScreen):
     sigmas: float = 0.0
     next_test: str | None = None
     test: Discrimination | None = None
+    further: tuple[tuple[Effect, Mapping[str, Quantity]], ...] = ()
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All effects that describe it."""
+        return (self.effect, *(effect for effect, _ in self.further))
 
     @property
     def unidentified(self) -> bool:
@@ -118,6 +125,10 @@ class Finding(OnScreen):
                 "direction": None if self.direction is None else list(self.direction),
             },
             "parameters": {name: _quantity(q) for name, q in self.parameters.items()},
+            "further": [
+                {"form": effect.key, "parameters": {name: _quantity(q) for name, q in parameters.items()}}
+                for effect, parameters in self.further
+            ],
             "rivals": [
                 {"effect": r.effect, "axis": r.axis, "confidence": round(r.confidence, 4), "component": r.component}
                 for r in self.rivals

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from symfive.effects import coordinate_words, effect_words, form_words
+import numpy as np
+
+from symfive.effects import Unknown, coordinate_words, effect_words, form_words
 from symfive.identify import Identification
 from symfive.machine import Machine
-from symfive.numbers import in_words, name_words, percent, plain_number, rounded, with_std
+from symfive.numbers import in_words, name_words, percent, plain_number, rounded, unit_words, with_std
 
 if TYPE_CHECKING:
     from symfive.diagnose._result import Finding
@@ -27,7 +29,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     `after` is the fit with all findings.
     """
     machine = after.model.machine
-    words, numbers, vectors = _sizes(finding)
+    words, numbers, vectors = _sizes(finding, after)
     sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors]
     if (usual := _times_usual(finding, after)) > HUGE:
         sizes.append(f"{plain_number(usual)} times its usual size: check the units, or look for another cause")
@@ -56,7 +58,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
 
 def sentence_of(finding: Finding, after: Identification) -> str:
     """One sentence: name, axis, the two main values, how sure, what hid it."""
-    words, numbers, _ = _sizes(finding)
+    words, numbers, _ = _sizes(finding, after)
     text = ", ".join([*words, *numbers[:2], _sure(finding, after.model.machine)])
     if (usual := _times_usual(finding, after)) > HUGE:
         text += f"; {plain_number(usual)} times its usual size: check the units, or look for another cause"
@@ -76,7 +78,7 @@ def _deed(finding: Finding) -> str:
 
 def _to_do(finding: Finding) -> str:
     """What a service engineer does about it; nothing before the test that separates its name from its rivals."""
-    action = finding.effect.action
+    action = Unknown.action if finding.unidentified and not finding.effect.unidentified else finding.effect.action
     return (
         f"record the next test; if it confirms this cause, {action}" if action and finding.test is not None else action
     )
@@ -100,9 +102,13 @@ def _component_is_open(finding: Finding) -> str:
     return f" (component open: not separated from {' and '.join(others)})" if others else ""
 
 
-def _sizes(finding: Finding) -> tuple[list[str], list[str], list[str]]:
+def _sizes(finding: Finding, after: Identification) -> tuple[list[str], list[str], list[str]]:
     """Its parameters: words, numbers, several numbers at once. Numbers within 2σ of 0 only where no other one stands out, and
-    then by how many σ all amplitudes together do."""
+    then by how many σ all amplitudes together do. Of a cause that several terms describe, what they do to the readings."""
+    if finding.further:
+        most = max(float(np.abs(c - np.median(c, axis=0)).max()) for c in finding.contribution.values())
+        unit = unit_words(after.file_unit)
+        return [f"up to {plain_number(most, unit)} {unit} of the readings, by {len(finding.effects)} terms"], [], []
     words, clear, faint, vectors = list[str](), list[str](), list[str](), list[str]()
     for name, q in finding.parameters.items():
         said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}"

@@ -92,8 +92,8 @@ class Varying(Effect):
     @property
     def coordinate(self) -> str:  # type: ignore[override]
         """What its size is of, and what its course is of."""
-        own = self.of.coordinate.format(axis=self.of.belongs_to)
-        return f"{own}, {'time' if self.over == 't' else self.over}"
+        own = self.of.coordinate.format(axis=self.of.belongs_to).split(", ")
+        return ", ".join(dict.fromkeys((*own, "time" if self.over == "t" else self.over)))
 
     @property
     def over_time(self) -> bool:  # type: ignore[override]

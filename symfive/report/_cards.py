@@ -55,10 +55,12 @@ def _tiles(finding: Finding) -> list[tuple[str, str]]:
 
 def _parameters(finding: Finding) -> str:
     rows: list[list[str | Cell]] = []
-    for name, quantity in finding.parameters.items():
-        value, std, unit = _words(quantity)
-        said = name.removesuffix("_s") if quantity.unit == "s" else name
-        rows.append([said.replace("_", " "), value, std, unit])
+    for number, parameters in enumerate((finding.parameters, *(each for _, each in finding.further)), start=1):
+        for name, quantity in parameters.items():
+            value, std, unit = _words(quantity)
+            said = name.removesuffix("_s") if quantity.unit == "s" else name
+            part = f" (part {number})" if finding.further else ""
+            rows.append([said.replace("_", " ") + part, value, std, unit])
     return table("Parameters", ["parameter", "value", "± 1σ", "unit"], rows) if rows else ""
 
 

@@ -176,7 +176,7 @@ def _worth(diagnosis: Diagnosis, findings: Sequence[Finding]) -> Markup:
         f"{f.title} (or {', '.join(form_words(key, machine) for key in f.alias)})" if f.alias else f.title
         for f in findings
     ]
-    return worth_section(diagnosis.after, titles, [f.effect for f in findings])
+    return worth_section(diagnosis.after, titles, [f.effects for f in findings])
 
 
 def _quality(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:

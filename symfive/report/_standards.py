@@ -42,7 +42,9 @@ def standards_section(identification: Identification) -> Markup:
     return fragment("standards", table=shown, limits=limits)
 
 
-def worth_section(identification: Identification, titles: Sequence[str] = (), effects: Sequence[Effect] = ()) -> Markup:
+def worth_section(
+    identification: Identification, titles: Sequence[str] = (), effects: Sequence[Effect | tuple[Effect, ...]] = ()
+) -> Markup:
     """What disappears with each of the `effects` of the fitted model, under their `titles`, and with each location error, these
     the most at the tool first; nothing where there is neither."""
     found = [*zip(titles, effect_worths(identification, effects), strict=True)] if effects else []

@@ -1,0 +1,68 @@
+"""What is said of several terms that describe one unidentified cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symfive.campaign import read_campaign
+from symfive.diagnose import Finding, amend, facts_of, findings_of, locate
+from symfive.effects import EFFECTS, Form, make_effect
+from symfive.posterior import (
+    Expansion,
+    Posterior,
+    Verdict,
+    baseline,
+    candidates,
+    expanded,
+    moments_about,
+    nearest_width,
+)
+from symfive.worth import effect_worths
+
+CAMPAIGN = Path(__file__).parent / "data" / "campaigns" / "planar-none" / "fit"
+
+
+def _found(names: tuple[tuple[str, str | None], ...], elsewhere: bool) -> tuple[tuple[Finding, ...], Expansion]:
+    """Of two shifts, the second in another run if `elsewhere`, that are stated under `names`."""
+    campaign = read_campaign(CAMPAIGN)
+    campaign = replace(campaign, runs=tuple(run.part(0, 400) for run in campaign.runs[:2]))
+    others = set(EFFECTS) - {"setup_shift"}
+    first, second = campaign.runs[0], campaign.runs[1 if elsewhere else 0]
+    shifts = [
+        make_effect("setup_shift", run=run.id, t_s=float(run.time[int(share * run.rows)]), tag=tag).prepare(campaign)
+        for run, share, tag in ((first, 0.3, ""), (second, 0.6, "2"))
+    ]
+    before, stated = baseline(campaign), candidates(campaign, others)
+    here, evidence = expanded(amend(before, *shifts), [Form(effect=effect) for effect in shifts], stated)
+    moments = moments_about(here, stated)
+    held = tuple((t, nearest_width(1.0)) for t in range(moments.held))
+    verdicts = [Verdict(t, names, 0.99, {}, (), False) for t in range(moments.held)]
+    return findings_of(
+        Posterior(moments, {held: evidence}), here, before, verdicts, locate(before, exclude=others)
+    ), here
+
+
+def test_an_unidentified_cause_over_one_coordinate_of_a_run_is_one_finding() -> None:
+    """Six shifts that no name explains came back as six findings over time in the same run."""
+    (finding,), here = _found((), elsewhere=False)
+    assert finding.unidentified
+    assert len(finding.effects) == 2
+    whole = sum(here.fit.problem().contribution(e, here.fit.values)[finding.runs[0]] for e in finding.effects)
+    np.testing.assert_allclose(finding.contribution[finding.runs[0]], whole)
+    assert "by 2 terms" in finding.says
+    assert "needs no repair" not in facts_of(finding, here.fit)["what to do"]
+    assert len(finding.to_data()["further"]) == 1
+    together = effect_worths(here.fit, [finding.effects])[0]
+    assert together.names == tuple(
+        n for e in finding.effects for n in (p.name for p in e.parameters(here.fit.model.campaign))
+    )
+
+
+@pytest.mark.parametrize(("names", "elsewhere"), [((("setup_shift", None),), False), ((), True)])
+def test_what_has_a_name_or_acts_in_another_run_is_a_finding_of_its_own(names: tuple, elsewhere: bool) -> None:
+    found, _ = _found(names, elsewhere)
+    assert [finding.further for finding in found] == [(), ()]
