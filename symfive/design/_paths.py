@@ -105,13 +105,14 @@ class CirclePath:
 
     `rows` maps (variables v, share) to the commands of all axes (mm, rad) and their derivatives in the variables `free`
     (indices), column by column; `setting` maps v to (table ball 3, length, duration s) and its derivatives; `limits` maps
-    v to what must be ≥ 0.
+    v to what must be ≥ 0: at every point of the path the limits of these `limit_names`.
     """
 
     free: tuple[int, ...]
     rows: Any
     setting: Any
     limits: Any
+    limit_names: tuple[str, ...]
 
     def at(self, values: Array, count: int) -> tuple[Array, Array]:
         """Commands (N, axes) and their derivatives (N, axes, nv) at N rows."""
@@ -155,12 +156,12 @@ def make_path(machine: Machine, circle: CircleShape, direction: str, free: Itera
         "rows", [v, share], [ca.densify(in_rows), ca.densify(ca.jacobian(in_rows, v[chosen]))], {"cse": True}
     )  # fmt: skip
     at = ca.Function("setting", [v], [ca.densify(setting), ca.densify(ca.jacobian(setting, v[chosen]))])
-    bounded = ca.vertcat(_limits(machine, commands, part, speed / end), _on_table(machine, ball))
-    limits = ca.Function("limits", [v, part], [bounded], {"cse": True})
+    limit_names, bounded = zip(*_limits(machine, commands, ball, part, speed / end), strict=True)
+    limits = ca.Function("limits", [v, part], [ca.vertcat(*bounded)], {"cse": True})
     points = np.linspace(0.0, 1.0, LIMIT_POINTS)
     vector = ca.MX.sym("v", len(names))
     every = limits.map(LIMIT_POINTS)(ca.repmat(vector, 1, LIMIT_POINTS), points[None, :])
-    return CirclePath(tuple(chosen), rows, at, ca.Function("all_limits", [vector], [ca.vec(every)]))
+    return CirclePath(tuple(chosen), rows, at, ca.Function("all_limits", [vector], [ca.vec(every)]), limit_names)
 
 
 def _way(angle: Any, run_up: Any, reach: float, end: Any) -> Any:
@@ -209,37 +210,31 @@ def _commands(machine: Machine, turning: Mapping[str, Any], target: Any) -> Any:
     return ca.vertcat(*(position[name] for name in machine.axis_names))
 
 
-def _limits(machine: Machine, commands: Any, part: Any, rate: Any) -> Any:
-    """Travel, feed and acceleration at one point of the path, each as a share of what the axis can do; `rate` of `part`."""
+def _limits(machine: Machine, commands: Any, ball: Any, part: Any, rate: Any) -> list[tuple[str, Any]]:
+    """Name and what is left, as a share of it, of every limit at one point of the path: travel, feed and acceleration of each
+    axis, the edge of the table; `rate` of `part`."""
     pace = ca.jacobian(commands, part) * rate
     push = ca.jacobian(pace, part) * rate
     found = []
     for i, name in enumerate(machine.axis_names):
         axis = machine.axes[name]
         low, high = (value * axis.to_internal for value in axis.travel)
-        found += [(commands[i] - low) / (high - low), (high - commands[i]) / (high - low)]
+        travel = (commands[i] - low) / (high - low), (high - commands[i]) / (high - low)
+        found += [(f"the travel of {name}", left) for left in travel]
         if axis.max_feed is not None:
-            found.append(1.0 - (pace[i] / (axis.max_feed * axis.to_internal / 60.0)) ** 2)
+            used = pace[i] / (axis.max_feed * axis.to_internal / 60.0)
+            found.append((f"the feed of {name}", 1.0 - used**2))
         if axis.max_acceleration is not None:
-            found.append(1.0 - (push[i] / (axis.max_acceleration * axis.to_internal)) ** 2)
-    return ca.vertcat(*found)
+            used = push[i] / (axis.max_acceleration * axis.to_internal)
+            found.append((f"the acceleration of {name}", 1.0 - used**2))
+    radius, (x, y) = machine.workspace.table_radius, machine.table_centre
+    if radius is not None:
+        found.append(("the edge of the table", 1.0 - ((ball[0] - x) ** 2 + (ball[1] - y) ** 2) / radius**2))
+    return found
 
 
 def limits_met(machine: Machine, circle: CircleShape, share: float) -> list[str]:
     """Limits of which less than `share` is left along a circle, in words. Raises `InputError` as `make_path`."""
-    names = []
-    for name in machine.axis_names:
-        axis = machine.axes[name]
-        names += [f"the travel of {name}"] * 2
-        names += [f"the feed of {name}"] if axis.max_feed is not None else []
-        names += [f"the acceleration of {name}"] if axis.max_acceleration is not None else []
-    names += ["the edge of the table"] if machine.workspace.table_radius is not None else []
     path = make_path(machine, circle, "cw" if circle.direction == "cw" else "ccw", ())
-    left = np.asarray(path.limits(circle.vector)).reshape(LIMIT_POINTS, len(names)).min(axis=0)
-    return [name for name in dict.fromkeys(names) if min(left[[n == name for n in names]]) < share]
-
-
-def _on_table(machine: Machine, ball: Any) -> Any:
-    """The table ball stands on the table."""
-    radius, (x, y) = machine.workspace.table_radius, machine.table_centre
-    return ca.SX(0, 1) if radius is None else 1.0 - ((ball[0] - x) ** 2 + (ball[1] - y) ** 2) / radius**2
+    left = np.asarray(path.limits(circle.vector)).reshape(LIMIT_POINTS, -1).min(axis=0)
+    return list(dict.fromkeys(name for name, some in zip(path.limit_names, left, strict=True) if some < share))
