@@ -95,10 +95,6 @@ def certify_circles(
     feeds = [shape.values["feed"] for shape in shapes]
     range_ = (min(feeds), max([*feeds, fastest(machine) or 0.0]))
     spaces = list(_spaces(machine, shapes, range_))
-
-    def near(shape: CircleShape) -> list[tuple[_Space, Array]]:
-        return [(space, space.place(shape)) for space in spaces if space.holds(shape)]
-
     known = [*circles, *considered]
     alone = replace(goal, per_minute=False)
 
@@ -117,8 +113,8 @@ def certify_circles(
         before = bound
         weights, bound = relaxed_bound(alone, known, costs(known), budget)
         width *= 0.5
-        count = [known[i].shape for i in np.flatnonzero(weights > SUPPORT * budget)]
-        places = [found for shape in count for found in near(shape)]
+        support = [known[i].shape for i in np.flatnonzero(weights > SUPPORT * budget)]
+        places = [(space, space.place(shape)) for shape in support for space in spaces if space.holds(shape)]
         share = max(NEAR - math.ceil(math.log2(max(len(places), 1))), 1)
         wanted = [
             space.at(np.clip(place + width * (shift - 0.5), 0.0, 1.0))
@@ -151,17 +147,21 @@ class _Space:
 
     def place(self, shape: CircleShape) -> Array:
         """The place of a circle in the unit cube."""
-        names = [name for name in FAMILIES[shape.family] if name != "radius"]
+        names = _free(shape.family)
         values = np.array([math.log(shape.values[n]) if n == "feed" else shape.values[n] for n in names])
         return np.asarray((values - self.low) / np.maximum(self.high - self.low, 1e-12))
 
     def at(self, place: Array) -> CircleShape:
         """The circle at a place of the unit cube."""
         values = self.low + place * (self.high - self.low)
-        names = [name for name in FAMILIES[self.shape.family] if name != "radius"]
-        found = dict(zip(names, map(float, values), strict=True))
+        found = dict(zip(_free(self.shape.family), map(float, values), strict=True))
         found["feed"] = math.exp(found["feed"])
         return replace(self.shape, values={**self.shape.values, **found})
+
+
+def _free(family: str) -> list[str]:
+    """Variables of a family that differ within a space."""
+    return [name for name in FAMILIES[family] if name != "radius"]
 
 
 def _spaces(machine: Machine, shapes: Sequence[CircleShape], feeds: tuple[float, float]) -> Iterator[_Space]:
@@ -178,8 +178,8 @@ def _spaces(machine: Machine, shapes: Sequence[CircleShape], feeds: tuple[float,
     for family in families:
         planes = sorted({shape.plane for shape in shapes}) if family == "planar" else ["XY"]
         for radius in sorted({shape.values["radius"] for shape in shapes}):
-            ranges = [({**room, "ratio": (0.0, reach / radius)})[n] for n in FAMILIES[family] if n != "radius"]
-            low, high = np.array(ranges, dtype=float).T
+            ranges = {**room, "ratio": (0.0, reach / radius)}
+            low, high = np.array([ranges[name] for name in _free(family)], dtype=float).T
             for plane in planes:
                 for direction in ("ccw", "cw"):
                     values = {"radius": radius}
