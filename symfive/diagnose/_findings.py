@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,8 +95,8 @@ def findings_of(
     Of an unidentified cause only its coordinate and its runs are known: verdicts that agree in both are one finding.
     """
     causes = _causes(posterior, here, verdicts)
-    shares = _shares(here, before, [frozenset(cause.keys) for cause in causes])
-    found = [_finding(posterior, here, cause, location, *shares[frozenset(cause.keys)]) for cause in causes]
+    shares = _shares(here, before, [cause.keys for cause in causes])
+    found = [_finding(posterior, here, cause, location, *shares[cause.keys]) for cause in causes]
     return tuple(sorted(found, key=lambda finding: finding.log_p))
 
 
@@ -110,10 +109,11 @@ class _Cause:
     contribution: Mapping[str, Array]
 
     @property
-    def keys(self) -> tuple[str, ...]:
-        return tuple(effect.key for effect in self.effects)
+    def keys(self) -> frozenset[str]:
+        """Of its effects."""
+        return frozenset(effect.key for effect in self.effects)
 
-    @cached_property
+    @property
     def runs(self) -> tuple[str, ...]:
         """Where it acts."""
         square = {run: _size(each) for run, each in self.contribution.items()}

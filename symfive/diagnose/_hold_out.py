@@ -21,17 +21,8 @@ from symfive.posterior import Expansion, fitted
 from symfive.threads import one_thread
 
 __all__ = [
-    "WORSE",
-    "HoldOut",
-    "Withdrawn",
-    "held_out",
-    "held_out_square",
-    "over_whole",
-    "root",
-    "validated",
-    "variations_withdrawn",
-    "withdraw",
-    "worse_held_out",
+    "WORSE", "HoldOut", "Withdrawn", "held_out", "held_out_square", "over_whole", "root", "validated", "variations_withdrawn",
+    "withdraw", "worse_held_out",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]

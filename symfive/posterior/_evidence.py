@@ -22,20 +22,8 @@ from numpy.typing import NDArray
 from symfive.posterior._moments import Moments
 
 __all__ = [
-    "SHARE",
-    "STEPS",
-    "Blocks",
-    "Equations",
-    "LogEvidence",
-    "Member",
-    "Turned",
-    "beside",
-    "discrepancies",
-    "equations",
-    "evidence_of",
-    "explained",
-    "log_evidence",
-    "solution",
+    "SHARE", "STEPS", "Blocks", "Equations", "LogEvidence", "Member", "Turned", "beside", "discrepancies", "equations",
+    "evidence_of", "explained", "log_evidence", "solution",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
