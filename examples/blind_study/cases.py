@@ -22,7 +22,7 @@ from .span import Array, Span, aliases, size
 STRATA = {"none": 100, "visible": 100, "masked": 80, "alias": 30, "pairs": 60, "outside": 30, "instrument": 20}
 """Cases of each stratum at 420."""
 MASKED = 0.7
-"""Share of an effect's energy that geometry and set-up can swallow, from which it counts as masked."""
+"""Share of an effect's energy that geometry and set-up can absorb, from which it counts as masked."""
 SIZES = (1.0, 8.0)
 """rms of an effect over the declared noise."""
 FAINT = (2.0, 60.0)

@@ -19,7 +19,7 @@ WIDE = 1e3
 ROOM = 10.0
 """Prior sigma of an effect over what it turned out, within a tenth."""
 WIDENINGS = 10
-"""At most so many: what geometry swallows nearly whole comes out larger each time."""
+"""At most so many: what geometry absorbs nearly whole comes out larger each time."""
 SHAPES: dict[tuple[str, str], dict[str, Any]] = {
     ("backlash", "presliding"): {"shape": "pre_sliding"},
     ("backlash", "wind_up"): {"shape": "wind_up"},

@@ -154,7 +154,7 @@ def named_again(
 
 
 def _indistinguishable(fact: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
-    """Whether the finding is the truth or says that it reads like it, and knows no test at hand that would tell more."""
+    """Whether the finding is the truth or states that both cannot be distinguished, and no test at hand separates them."""
     return _name(fact["name"]) in map(key_name, (finding["form"], *finding["alias"])) and not finding["next_test"]
 
 

@@ -1,4 +1,4 @@
-"""What geometry and set-up can swallow, by finite differences of the plant: masked share, SNR of the rest, aliases.
+"""What geometry and set-up can absorb, by finite differences of the plant: masked share, SNR of the rest, aliases.
 
 Readings are whitened with the noise that the plant will really add (white plus AR(1): an ARMA(1,1)), the geometry's and
 the set-ups' columns are weighed by their priors as any fit would, and what such a fit leaves of an effect is its
@@ -186,7 +186,7 @@ class Span:
         return full - self.basis @ (self.basis.T @ full)
 
     def masked(self, change: Sequence[Array]) -> tuple[float, float]:
-        """Share of an effect's energy that geometry and set-up can swallow, and the SNR of the rest."""
+        """Share of an effect's energy that geometry and set-up can absorb, and the SNR of the rest."""
         centred = self._stack([y - y.mean(axis=0) for y in change])
         left = float(np.linalg.norm(self.orthogonal(change)))
         return 1.0 - min(1.0, left**2 / max(float(centred @ centred), 1e-30)), left
@@ -214,7 +214,7 @@ def aliases(span: Span, spec: Spec, change: Sequence[Array]) -> dict[str, list[N
 
 
 def oversized(setting: Setting, spec: Spec) -> list[Name]:
-    """Names that read the same only if they move the ball `FAR` times as far as the effect does (rms about the mean): a bar that
+    """Names that give the same readings only if they move the ball `FAR` times as far as the effect does (rms about the mean): a bar that
     lies across an axis reads a micrometre of sideways play as millimetres of backlash."""
     span = Span.of(setting)
     target = span.orthogonal(span.change(spec))

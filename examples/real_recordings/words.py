@@ -204,7 +204,7 @@ def page(studies: Sequence[Study], figures: Sequence[str], absent: Sequence[str]
     lines = [
         "# Recordings of real machines: what the diagnosis does with them\n",
         "Every number comes from readings that others took on real machines. The missing effects were not known "
-        "beforehand. A name that nothing independent confirms may be wrong.\n",
+        "before. A name that nothing independent confirms may be wrong.\n",
         table(SUMMARY_HEAD, [summary_row(study) for study in studies]),
         score(studies),
         'Findings are withdrawn by the same held-out part that scores them, so "ours" is no independent estimate where something '

@@ -208,7 +208,7 @@ def _classes(moments: Moments, node: int) -> tuple[tuple[str, ...], ...]:
 
 
 def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
-    """The term of every link and axis that adds most evidence, those without a name left out, which belong to no link."""
+    """The term of every link and axis that adds most evidence, without unidentified ones, which belong to no link."""
     held = {t for t, _ in beside}
     free = [t for t, term in enumerate(moments.terms) if t not in held and not term.effect.unidentified]
     if not free:

@@ -24,7 +24,7 @@ Name = tuple[str, str | None]
 EXPECTED = 0.3
 """Effects that a campaign is expected to lack, all names together: one in three machines that are examined."""
 UNIDENTIFIED = float(np.exp(-5.0))
-"""Prior odds of an effect without a name: decisive evidence has to speak for it (H. Jeffreys 1961, appendix B)."""
+"""Prior odds of an unidentified effect: decisive evidence has to speak for it (H. Jeffreys 1961, appendix B)."""
 
 
 @dataclass(frozen=True)
