@@ -214,8 +214,8 @@ def aliases(span: Span, spec: Spec, change: Sequence[Array]) -> dict[str, list[N
 
 
 def oversized(setting: Setting, spec: Spec) -> list[Name]:
-    """Names that give the same readings only if they move the ball `FAR` times as far as the effect does (rms about the mean): a bar that
-    lies across an axis reads a micrometre of sideways play as millimetres of backlash."""
+    """Names that give the same readings only if they move the ball `FAR` times as far as the effect does (rms about the mean): a
+    bar that lies across an axis reads a micrometre of sideways play as millimetres of backlash."""
     span = Span.of(setting)
     target = span.orthogonal(span.change(spec))
     least: dict[Name, float] = {}
