@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 from symfive.errors import InputError
 from symfive.files import shown
 
-__all__ = ["SIGNS", "Marks", "cells_of", "sign_of", "signs_of"]
+__all__ = ["SIGNS", "Marks", "are_numbers", "cells_of", "sign_of", "signs_of"]
 
 LARGEST = 1e12
 """No number in a file or an option is larger, in its unit: beside 1e12 µm a double resolves no nanometre any more."""
@@ -84,3 +85,14 @@ class Marks:
         if marks and not self._mark:
             self._mark, self._first = marks[0], line
         return text.replace(",", ".")
+
+
+def are_numbers(cells: Sequence[str], sign: str) -> bool:
+    """Whether each cell of a row that `sign` separates is a number."""
+    marks = Marks(sign)
+    try:
+        for cell in cells:
+            marks.number(cell, 0)
+    except InputError:
+        return False
+    return True

@@ -13,7 +13,7 @@ import numpy as np
 from symfive.campaign._csv import read_columns, write_columns
 from symfive.errors import InputError, inside
 from symfive.files import shown
-from symfive.instruments import instruments_of
+from symfive.instruments import columns_of, instruments_of
 from symfive.machine import Machine, machine_problems, read_machine, refuse_slips, unknown_keys, write_machine
 from symfive.outputs import output_folder, write_text
 from symfive.runs import OPTIONS, Campaign, Run, SetupSigma
@@ -157,7 +157,7 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
 
 
 def _with_columns(folder: Path, draft: Run, machine: Machine) -> Run:
-    columns = tuple(c.name for instrument in instruments_of(draft) for c in instrument.columns(draft, machine))
+    columns = tuple(column.name for column in columns_of(draft, machine))
     time, commands, readings, spindle = read_columns(folder / draft.file, machine, columns, dynamic=draft.dynamic)
     return replace(draft, time=time, commands=commands, readings=readings, spindle=spindle)
 

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.files import read_text, shown
+from symfive.importers.split import rows_of
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
-__all__ = ["FITTED", "as_planned", "polar_doubts", "polar_run", "read_polar"]
+__all__ = ["FITTED", "as_moved", "as_planned", "polar_doubts", "polar_run", "read_polar"]
 
 Array = NDArray[np.float64]
 UNITS = {"um": 1.0, "mm": 1e3}
@@ -92,9 +93,14 @@ def read_polar(
         problem = f"{len(rows)} readings of angle and deviation"
         raise InputError(problem, remedy=f"export at least {LEAST_ROWS}, one a line").at(path)
     angle, deviation = (np.array(rows)[:, list(columns).index(name)] for name in COLUMNS)
-    if direction is not None and (np.median(np.diff(angle)) > 0.0) != (direction == "ccw"):
-        angle, deviation = angle[::-1], deviation[::-1]
+    angle, deviation = as_moved(angle, deviation, direction)
     return angle, UNITS[unit] * deviation
+
+
+def as_moved(angle: Array, deviation: Array, direction: str | None) -> tuple[Array, Array]:
+    """Both from their end where the angles run against the `direction` of the motion."""
+    against = direction is not None and (np.median(np.diff(angle)) > 0.0) != (direction == "ccw")
+    return (angle[::-1], deviation[::-1]) if against else (angle, deviation)
 
 
 def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list[float] | InputError | None:
@@ -232,12 +238,8 @@ def _timed(run: Run, phi: Array, ahead: Array, error: float) -> Run:
         raise InputError(
             problem, remedy="give a smaller angle_error (--angle-error), in degrees, or more readings a turn"
         )
-    return replace(
-        run,
-        time=run.time[known] - run.time[known][0],
-        commands={name: positions[known] for name, positions in run.commands.items()},
-        readings={name: values[known] for name, values in run.readings.items()},
-    )
+    run = rows_of(run, known)
+    return replace(run, time=run.time - run.time[0])
 
 
 def _lag(machine: Machine, plane: str) -> float:

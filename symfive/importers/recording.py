@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
-from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, polar_run
+from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, as_moved, polar_run
 from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
@@ -124,8 +124,7 @@ def _circle(machine: Machine, angle: Array, deviation: Array, setting: Setting, 
     if abs(float(np.median(deviation))) > 0.5 * setting.radius:
         problem = f"the deviations are about {float(np.median(deviation)):.4g} mm: these are radii"
         raise InputError(problem, remedy="map them so: --map radius=2:mm")
-    if setting.direction is not None and (np.median(np.diff(angle)) > 0.0) != (setting.direction == "ccw"):
-        angle, deviation = angle[::-1], deviation[::-1]
+    angle, deviation = as_moved(angle, deviation, setting.direction)
     return polar_run(
         machine, angle, 1e3 * deviation, centre=setting.centre, radius=setting.radius, feed=setting.feed, id=id,
         plane=setting.plane, hold=setting.hold, tool_ball=setting.tool_ball, noise_um=setting.noise_um,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from symfive.compiled import Mapped
 from symfive.effects import STAGES, Effect
-from symfive.instruments import Column, instruments_of
+from symfive.instruments import Column, columns_of, instruments_of
 from symfive.kinematics import basis_of, first_order
 from symfive.machine import Machine
 from symfive.motion import Position, Signal
@@ -109,7 +109,7 @@ def assemble(
 ) -> RowFunction:
     """The function of runs of this kind. `linear`: first order in the machine's errors, by differentiation."""
     instruments = instruments_of(run)
-    columns = tuple(c for instrument in instruments for c in instrument.columns(run, machine))
+    columns = columns_of(run, machine)
     signals: list[Signal] = [Position(name) for name in machine.axis_names]
     wanted = [s for i in instruments for s in i.signals(run, machine)] + [s for e in effects for s in e.signals()]
     signals += [signal for signal in dict.fromkeys(wanted) if signal not in signals]
