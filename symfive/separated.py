@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from typing import Any
 
 from symfive.errors import InputError
 from symfive.files import shown
 
-__all__ = ["SIGNS", "Marks", "are_numbers", "cells_of", "sign_of", "signs_of"]
+__all__ = ["SIGNS", "Marks", "are_numbers", "cells_of", "plain_cell", "sign_of", "signs_of"]
 
 LARGEST = 1e12
 """No number in a file or an option is larger, in its unit: beside 1e12 µm a double resolves no nanometre any more."""
@@ -32,6 +33,12 @@ def signs_of(row: str) -> tuple[str, ...]:
 def cells_of(row: str, sign: str) -> list[str]:
     """The cells of a row without the space around them."""
     return [cell.strip() for cell in _SPLIT[sign].split(row.strip() if sign == " " else row)]
+
+
+def plain_cell(value: Any) -> Any:
+    """A cell that no spreadsheet calculates (OWASP, CSV injection); numbers stay numbers."""
+    formula = isinstance(value, str) and value.lstrip().startswith(("=", "+", "-", "@"))
+    return f"'{value}" if formula else value
 
 
 class Marks:

@@ -184,8 +184,7 @@ def test_every_number_of_a_finding_has_its_uncertainty(found):
 
 
 def test_a_fit_that_did_not_converge_says_so_first(found, tmp_path, monkeypatch):
-    for name in ("residual_spectrum", "residuals_with_tips"):
-        monkeypatch.setattr(_diagnosis, name, _nothing)
+    monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
     doubtful = replace(found, after=replace(found.after, converged=False), findings=())
     for text in (diagnosis_text(doubtful), doubtful.verdict, doubtful.to_data()["says"]):
         assert text.startswith("The fit did not converge: ")
@@ -238,8 +237,11 @@ def _nothing(result):
     raise InputError("nothing to draw", remedy="none")
 
 
+NOTHING = [replace(drawing, draw=_nothing) for drawing in _save.FIGURES]
+
+
 def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
-    monkeypatch.setattr(_diagnosis, "residuals_with_tips", _nothing)
+    monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
     fit = replace(found.fit, heldout_rms_before_um=None, heldout_rms_after_um=None)
     clean = replace(found, findings=(), p_value=0.4, fit=fit, before=found.after)
     text = diagnosis_report(clean, tmp_path).read_text()
@@ -250,8 +252,7 @@ def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
 
 
 def test_what_users_wrote_is_escaped(found, tmp_path, monkeypatch):
-    monkeypatch.setattr(_diagnosis, "residual_spectrum", _nothing)
-    monkeypatch.setattr(_diagnosis, "residuals_with_tips", _nothing)
+    monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
     first = found.findings[1]
     evil = replace(
         first, says=HOSTILE, next_test=f"next/{HOSTILE}", runs=(*first.runs, "<img src=x onerror=alert(1)>"),

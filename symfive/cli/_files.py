@@ -25,7 +25,7 @@ from symfive.cli._common import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from symfive.campaign import Campaign, Run
     from symfive.errors import InputError
@@ -124,7 +124,7 @@ def import_polar(
             angles.append(angle)
             circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
             if "radius" not in circle or "feed" not in circle:
-                raise _not_in_the_file(path, circle.get("radius"), circle.get("feed"))
+                raise _not_in_the_file(path, circle)
             if unit == "um" and float(np.abs(deviation).max()) < circle["noise_um"]:
                 notes.append(
                     f"{path.name}: no deviation reaches {circle['noise_um']:g} µm; if they are mm, give --unit mm"
@@ -161,15 +161,15 @@ def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[st
     return plan.machine, [as_planned(plan.machine, run) for run in chosen]
 
 
-def _not_in_the_file(path: Path, radius: float | None, feed: float | None) -> InputError:
+def _not_in_the_file(path: Path, circle: Mapping[str, Any]) -> InputError:
     """What angle and deviation do not tell, and the options that do."""
     from symfive.errors import InputError
 
-    missing = {"radius": (radius, "--radius 100 (mm)"), "feed": (feed, "--feed 1000 (mm/min)")}
-    lacking = {name: option for name, (value, option) in missing.items() if value is None}
-    problem = f"angle and deviation are there, {' and '.join(lacking)} not"
+    options = {"radius": "--radius 100 (mm)", "feed": "--feed 1000 (mm/min)"}
+    missing = {name: option for name, option in options.items() if name not in circle}
+    problem = f"angle and deviation are there, {' and '.join(missing)} not"
     turn = "the angles give the direction, rising is ccw; where they do not, add --direction cw"
-    return InputError(problem, path=path, remedy=f"add {' and '.join(lacking.values())} ({turn})")
+    return InputError(problem, path=path, remedy=f"add {' and '.join(missing.values())} ({turn})")
 
 
 @app.command(

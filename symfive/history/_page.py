@@ -14,7 +14,7 @@ from symfive.history._forecast import YEAR
 from symfive.history._trend import Trend, alarm_data
 from symfive.history._visit import Visit, instant
 from symfive.history._words import advice, alarm_sentence, forecast_sentence, smallest_step
-from symfive.numbers import plain_number, unit_words, with_std
+from symfive.numbers import plain_number, with_std, with_unit
 from symfive.screen import plural
 
 __all__ = ["fleet_page", "machine_page"]
@@ -134,7 +134,7 @@ def _findings(visits: Sequence[Visit]) -> list[dict[str, Any]]:
 def _visits(visits: Sequence[Visit]) -> list[dict[str, Any]]:
     rows = [
         {"date": v.date, "stage": v.stage, "instrument": v.instrument, "temperature": v.temperature, "operator": v.operator,
-         "rms": v.rms, "rms_text": f"{plain_number(v.rms, v.rms_unit)} {unit_words(v.rms_unit)}",
+         "rms": v.rms, "rms_text": with_unit(v.rms, v.rms_unit),
          "findings": ", ".join(f.words for f in v.findings), "note": v.note, "version": v.version, "manifest": v.manifest[:10]}
         for v in reversed(visits)
     ]  # fmt: skip
@@ -148,7 +148,7 @@ def _row(row: MachineRow, state: Mapping[str, Any], link: str | None) -> dict[st
     return {
         "name": row.machine.name, "serial": row.machine.serial, "open": row.open, "says": row.says, "last": row.last[:10],
         "visits": row.visits, "rms": row.rms or 0.0, "findings": ", ".join(row.findings), "link": link,
-        "rms_text": "" if row.rms is None else f"{plain_number(row.rms, row.rms_unit)} {unit_words(row.rms_unit)}",
+        "rms_text": "" if row.rms is None else with_unit(row.rms, row.rms_unit),
         "spark": _spark(state),
     }  # fmt: skip
 

@@ -18,7 +18,7 @@ from symfive.identify._result import Identification
 from symfive.inference import square_of, windows_of
 from symfive.instruments import instruments_of
 from symfive.model import FittedModel, Model
-from symfive.numbers import plain_number, unit_words
+from symfive.numbers import plain_number, unit_words, with_unit
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
@@ -54,7 +54,7 @@ class Prediction(OnScreen):
         columns = [c for i in instruments_of(found) for c in i.columns(found, self.campaign.machine) if c.name in each]
         if len({c.unit for c in columns}) == 1:
             return f"{plain_number(rms, columns[0].unit)} {unit_words(columns[0].unit)}"
-        return ", ".join(f"{c.name} {plain_number(each[c.name], c.unit)} {unit_words(c.unit)}" for c in columns)
+        return ", ".join(f"{c.name} {with_unit(each[c.name], c.unit)}" for c in columns)
 
 
 def fitted_model(result: Identification) -> FittedModel:

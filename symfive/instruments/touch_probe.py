@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, spindle_of, vector_constants
+from symfive.instruments._base import BallInstrument, Column, setup_parameter, setup_vector
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
-    from symfive.motion import Signal
     from symfive.row import Row
     from symfive.runs import Run
 
@@ -20,7 +19,7 @@ LEAST_TOUCHES = 5
 """The centre has three unknowns, the effective radius is a fourth; the fifth touch checks them."""
 
 
-class TouchProbe(Instrument):
+class TouchProbe(BallInstrument):
     """Found minus commanded coordinate of each linear axis, µm, the rotary axes standing as commanded.
 
     With δ the reading, `d(q + δ) = table_ball`: where the machine has to go for the tip's centre to be in the sphere's.
@@ -36,7 +35,6 @@ class TouchProbe(Instrument):
     name = "touch_probe"
     stands = "sphere"
     on_a_post = True
-    ball_drawn = True
 
     def check(self, run: Run, machine: Machine) -> None:
         if len(_linear(machine)) != 3:
@@ -60,12 +58,6 @@ class TouchProbe(Instrument):
             *setup_vector(run, "tool_ball", sigma.tool),
             *lobes,
         )
-
-    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
-        return spindle_of(run)
-
-    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca

@@ -17,7 +17,7 @@ from symfive.machine._words import machine_lines
 from symfive.screen import OnScreen
 from symfive.validation import freeze, numbers, positive
 
-__all__ = ["EffectEntry", "Machine", "Workspace", "check_error"]
+__all__ = ["EffectEntry", "Machine", "Workspace", "check_error", "unknown_axis"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ class Machine(OnScreen):
         for number, entry in enumerate(self.effects):
             if entry.axis is not None and entry.axis not in self.axes:
                 with inside("model", "effects", number):
-                    raise _lacking(
+                    raise unknown_axis(
                         f"effect {entry.effect}", entry.axis, f"use one of {', '.join(self.structure.axes)}", "axis"
                     )
 
@@ -173,15 +173,16 @@ class Machine(OnScreen):
 def check_error(term: ErrorTerm, axes: Mapping[str, Axis]) -> None:
     """Raise `InputError` for an error that no machine with these axes can have."""
     if term.axis not in axes:
-        raise _lacking(f"error {term.name}", term.axis, nearest_error(term.name, axes))
+        raise unknown_axis(f"error {term.name}", term.axis, nearest_error(term.name, axes))
     for axis in term.over:
         if axis not in axes:
-            raise _lacking(f"error {term.name}", axis, f"use one of {', '.join(axes)}", "over")
+            raise unknown_axis(f"error {term.name}", axis, f"use one of {', '.join(axes)}", "over")
     if term.is_location and not axes[term.axis].rotary and not term.angular:
         problem = f"error {term.name}: a linear axis has no position of its own, only a direction"
         tilts = ", ".join(f"E{c}0{term.axis}" for c in "ABC")
         raise InputError(problem, remedy=f"remove it; {tilts} tilt the direction of travel")
 
 
-def _lacking(owner: str, axis: str, remedy: str, *keys: str) -> InputError:
+def unknown_axis(owner: str, axis: str | None, remedy: str, *keys: str) -> InputError:
+    """What is wrong where `owner` (an error, an effect) names an axis that the machine does not have."""
     return InputError(f"{owner} speaks of axis {shown(axis)}, which the machine lacks", remedy=remedy, keys=keys)

@@ -122,8 +122,8 @@ def _numbers(axes: Axes, table: Array) -> None:
     for i, j in np.ndindex(*table.shape):
         if i != j and abs(table[i, j]) >= 0.1:
             colour = "#ffffff" if abs(table[i, j]) > 0.45 else "#1e2b37"
-            words = f"{table[i, j]:.1f}".replace("-", "−").replace("0.", ".") if abs(table[i, j]) < 0.995 else "±1"
-            words = words if words != "±1" else ("1" if table[i, j] > 0 else "−1")
+            text = f"{table[i, j]:.1f}".replace("0.", ".") if abs(table[i, j]) < 0.995 else f"{table[i, j]:.0f}"
+            words = text.replace("-", "−")
             axes.text(j, i, words, ha="center", va="center", fontsize=6.5, color=colour)
 
 
