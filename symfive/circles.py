@@ -112,7 +112,7 @@ class CircleFinder:
             plane = np.stack([np.asarray(run.u, dtype=float), np.asarray(run.v, dtype=float)])
             weights = (arm / np.linalg.norm(arm, axis=1, keepdims=True)) @ plane.T
             nominal = 1e3 * ball @ plane.T
-        rotary = any(np.ptp(run.commands[n]) > 1e-9 or run.commands[n][0] for n in self._rotary)
+        rotary = any(np.ptp(run.commands[n]) > 1e-9 or run.commands[n][0] for n in self.machine.rotary_axes)
         marks = None if rotary else _marks(frame)
         over = "angle of the bar" if name == "ball_bar" else "angle on the plate"
         speed = np.linalg.norm(np.gradient(ball, run.time, axis=0), axis=1) * 60.0
@@ -121,7 +121,7 @@ class CircleFinder:
                       columns, weights, nominal, normal)  # fmt: skip
 
     def _turning(self, run: Run, columns: slice) -> Circle | None:
-        spans = {name: float(np.ptp(run.commands[name])) for name in self._rotary}
+        spans = {name: float(np.ptp(run.commands[name])) for name in self.machine.rotary_axes}
         name = max(spans, key=lambda n: spans[n], default="")
         if not name or np.radians(spans[name]) < LEAST_SWEEP:
             return None
@@ -134,10 +134,6 @@ class CircleFinder:
         ones = np.ones((run.rows, 1))
         return Circle(run, angle, radius, _sense(angle), f"coordinate of {name}", None, feed, "°/min",
                       columns, ones, 0.0 * ones, (name,))  # type: ignore[arg-type]  # fmt: skip
-
-    @property
-    def _rotary(self) -> list[str]:
-        return [name for name, axis in self.machine.axes.items() if axis.rotary]
 
 
 def _centre(path: Array) -> Array:

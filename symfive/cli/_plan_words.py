@@ -74,9 +74,9 @@ def rotary_of(machine: Machine, names: str) -> tuple[str, ...]:
 
     found = tuple(name.strip() for name in names.split(",") if name.strip())
     for name in found:
-        if name not in machine.axes or not machine.axes[name].rotary:
-            rotary = ", ".join(n for n, axis in machine.axes.items() if axis.rotary) or "none"
-            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {rotary}")
+        if name not in machine.rotary_axes:
+            there = ", ".join(machine.rotary_axes) or "none"
+            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {there}")
     return found
 
 

@@ -12,7 +12,7 @@ from symfive.history._charts import Spark, charts_of, spark
 from symfive.history._fleet import MachineRow, MachineTable, alarm_words
 from symfive.history._forecast import YEAR
 from symfive.history._trend import Trend, alarm_data
-from symfive.history._visit import Visit, instant
+from symfive.history._visit import Finding, Visit, instant
 from symfive.history._words import advice, alarm_sentence, forecast_sentence, smallest_step
 from symfive.numbers import plain_number, with_std, with_unit
 from symfive.screen import plural
@@ -118,15 +118,14 @@ def _alarm(trend: Trend, number: int) -> dict[str, Any]:
 
 def _findings(visits: Sequence[Visit]) -> list[dict[str, Any]]:
     """Every finding that any visit had."""
-    found: dict[str, list[tuple[Visit, Any]]] = {}
+    found: dict[str, list[tuple[Visit, Finding]]] = {}
     for visit in visits:
         for finding in visit.findings:
             found.setdefault(finding.words, []).append((visit, finding))
     diagnosed = sum(visit.diagnosed for visit in visits)
     return [
         {"words": words, "first": entries[0][0].date, "last": entries[-1][0].date, "count": len(entries), "of": diagnosed,
-         "size": ", ".join(f"{name.replace('_', ' ')} {with_std(v, s, u)}"
-                           for name, (v, s, u) in entries[-1][1].parameters.items())}
+         "size": entries[-1][1].size}
         for words, entries in found.items()
     ]  # fmt: skip
 

@@ -68,7 +68,7 @@ def turns_of(run: Run, machine: Machine, *, axis: str | None = None, step_deg: f
     are those of a uniform motion at its mean speed (two digits, as it was programmed), so that turns repeat each other row by
     row. Raises `InputError` where there is no whole turn.
     """
-    rotary = [name for name in machine.axis_names if machine.axes[name].rotary and axis in (None, name)]
+    rotary = [name for name in machine.rotary_axes if axis in (None, name)]
     turning = max(rotary, key=lambda name: float(np.ptp(run.commands[name])), default=None)
     if turning is not None and float(np.ptp(run.commands[turning])) >= 360.0:
         angle = np.asarray(run.commands[turning])

@@ -37,10 +37,8 @@ class TouchProbe(BallInstrument):
     on_a_post = True
 
     def check(self, run: Run, machine: Machine) -> None:
-        if len(_linear(machine)) != 3:
-            problem = (
-                f"run {run.id}: a touch probe finds three linear coordinates, the machine has {len(_linear(machine))}"
-            )
+        if len(machine.linear_axes) != 3:
+            problem = f"run {run.id}: a touch probe finds three linear coordinates, the machine has {len(machine.linear_axes)}"
             raise InputError(problem, remedy="describe the three axes that move while probing", keys=("instrument",))
         if run.dynamic:
             problem = f"run {run.id}: a touch probe finds centres at rest"
@@ -48,7 +46,7 @@ class TouchProbe(BallInstrument):
         _centre_of_touches(run)
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
-        return tuple(Column(f"{name}_dev_um", "um", 1e-3) for name in _linear(machine))
+        return tuple(Column(f"{name}_dev_um", "um", 1e-3) for name in sorted(machine.linear_axes))
 
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         sigma, lobing = run.setup_sigma_um, float(run.options.get("lobing_sigma_um", 0.0))
@@ -64,7 +62,7 @@ class TouchProbe(BallInstrument):
 
         from symfive.motion import Position
 
-        names = _linear(row.machine)
+        names = sorted(row.machine.linear_axes)
         q = ca.vertcat(*(row.signal(Position(name)) for name in names))
         gap = row.ball_at(row.tool_ball - self._lobing(row, run)) - row.table_ball
         slope = ca.inv_minor(ca.jacobian(gap, q))
@@ -87,10 +85,6 @@ class TouchProbe(BallInstrument):
                 row.parameter("setup.lobing.cos") * lobes[0] + row.parameter("setup.lobing.sin") * lobes[1]
             )
         return -turned.T @ (ca.DM(_centre_of_touches(run)) @ ca.vertcat(*pretravel))
-
-
-def _linear(machine: Machine) -> list[str]:
-    return [name for name in sorted(machine.axis_names) if not machine.axes[name].rotary]
 
 
 def touches_of(run: Run) -> list[list[float]]:

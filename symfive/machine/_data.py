@@ -139,6 +139,16 @@ class Machine(OnScreen):
         return self.structure.axes
 
     @property
+    def rotary_axes(self) -> tuple[str, ...]:
+        """Those of them that turn."""
+        return tuple(name for name in self.structure.axes if self.axes[name].rotary)
+
+    @property
+    def linear_axes(self) -> tuple[str, ...]:
+        """Those of them that move straight."""
+        return tuple(name for name in self.structure.axes if not self.axes[name].rotary)
+
+    @property
     def table_axis(self) -> str | None:
         """The rotary axis that carries the table: of those on the workpiece side the one next to the workpiece."""
         return next((name for name in self.structure.workpiece if self.axes[name].rotary), None)

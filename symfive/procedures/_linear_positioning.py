@@ -42,7 +42,7 @@ def linear_positioning(
     are recorded too. `tool_ball` is where the reflector is (an Abbe offset is seen), `hold` the positions of
     the other axes. Raises `InputError` for positions outside the travel.
     """
-    if axis not in machine.axes or machine.axes[axis].rotary:
+    if axis not in machine.linear_axes:
         raise InputError(f"the machine has no linear axis {axis}", remedy="name a linear axis")
     low, high = machine.axes[axis].travel
     stops = _targets(low + overrun, high - overrun) if targets is None else np.asarray(targets, dtype=float)

@@ -62,8 +62,7 @@ def bar_length(machine: Machine, wanted: float | None, near: float = 100.0) -> f
 
 def rotary_axes(machine: Machine) -> tuple[str, ...]:
     """Rotary axes, those that cannot turn once around first."""
-    names = [name for name in machine.axis_names if machine.axes[name].rotary]
-    return tuple(sorted(names, key=lambda name: whole_turn(machine.axes[name])))
+    return tuple(sorted(machine.rotary_axes, key=lambda name: whole_turn(machine.axes[name])))
 
 
 def whole_turn(axis: Axis) -> bool:

@@ -26,7 +26,7 @@ from symfive.campaign import Campaign, Run
 from symfive.circles import Circle, CircleFinder, grouped
 from symfive.instruments import columns_of
 from symfive.numbers import plain_number
-from symfive.standards._place import moved, place_of, rotary_axes
+from symfive.standards._place import moved, place_of
 from symfive.standards._value import COVERAGE, StandardValue
 
 __all__ = ["STANDARD", "circular_values"]
@@ -74,7 +74,7 @@ class _Fitted:
 def circular_values(campaign: Campaign) -> tuple[StandardValue, ...]:
     """G of every measured circle of the linear axes, G(b), D and the squareness of each pair of directions, F where the length
     is known."""
-    finder, rotary = CircleFinder(campaign.machine), set(rotary_axes(campaign.machine))
+    finder, rotary = CircleFinder(campaign.machine), set(campaign.machine.rotary_axes)
     found = [finder.find(run) for run in campaign.runs if run.measured]
     circles = [
         circle for circle in found
