@@ -165,7 +165,7 @@ def _machine_data(machine: Machine) -> dict[str, Any]:
         "axes": {a.name: {"travel": list(a.travel), "unit": a.unit, "drive": a.drive is not None} for a in machine.axes.values()},
         "table": None if machine.workspace.table_radius is None
         else {"radius": machine.workspace.table_radius, "centre": list(machine.table_centre), "axis": machine.table_axis},
-        "errors": {t.name: {"sigma": t.sigma, "unit": "urad" if t.angular else "um"} for t in machine.errors.values()},
+        "errors": {t.name: {"sigma": t.sigma, "unit": t.unit} for t in machine.errors.values()},
         "errors_possible": error_names(machine.axes),
     }  # fmt: skip
 

@@ -222,7 +222,7 @@ def _error_term(file: TomlFile, name: str, entry: Any, axes: Mapping[str, Axis])
         table["knots"] = [knots]
     if axis_of_error(name) not in axes:  # first of all: a wrong name makes a location error look like a motion
         with file.placing("errors", name):
-            raise unknown_axis(f"error {name}", axis_of_error(name), nearest_error(name, axes))
+            raise unknown_axis(f"error {name}", axis_of_error(name), axes, remedy=nearest_error(name, axes))
     term = _placed(file, ("errors", name), lambda: ErrorTerm(name=name, **_known(ErrorTerm, table)))
     _placed(file, ("errors", name), lambda: check_error(term, axes))
     return term

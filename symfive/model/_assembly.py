@@ -31,13 +31,14 @@ def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:
     """The errors of the baseline as parameters: location errors by name, error motions one per basis function."""
     found = []
     for term in machine.errors.values():
-        unit = "urad" if term.angular else "um"
         if term.is_location:
-            found.append(Parameter(name=term.name, unit=unit, sigma=term.sigma, mean=term.mean, kind="location_error"))
+            found.append(
+                Parameter(name=term.name, unit=term.unit, sigma=term.sigma, mean=term.mean, kind="location_error")
+            )
         else:
             names = basis_of(term, machine).names
             found += [
-                Parameter(name=f"{term.name}.{n}", unit=unit, sigma=term.sigma, kind="error_motion") for n in names
+                Parameter(name=f"{term.name}.{n}", unit=term.unit, sigma=term.sigma, kind="error_motion") for n in names
             ]
     return tuple(found)
 

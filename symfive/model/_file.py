@@ -149,7 +149,7 @@ def read_model(path: Path | str) -> FittedModel:
 def _check_units(machine: Machine, entries: Mapping[str, tuple[float, float, str]]) -> None:
     for name, (_, _, unit) in entries.items():
         term = machine.errors.get(name.split(".")[0])
-        if term is not None and unit != ("urad" if term.angular else "um"):
+        if term is not None and unit != term.unit:
             raise ValueError(f"{shown(name)} is in {shown(unit)}")
 
 
