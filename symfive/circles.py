@@ -121,7 +121,7 @@ class CircleFinder:
                       columns, weights, nominal, normal)  # fmt: skip
 
     def _turning(self, run: Run, columns: slice) -> Circle | None:
-        spans = {name: float(np.ptp(run.commands[name])) for name in self.machine.rotary_axes}
+        spans = {n: float(np.ptp(run.commands[n])) for n, axis in self.machine.axes.items() if axis.rotary}
         name = max(spans, key=lambda n: spans[n], default="")
         if not name or np.radians(spans[name]) < LEAST_SWEEP:
             return None
