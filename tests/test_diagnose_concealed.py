@@ -14,8 +14,7 @@ from examples.blind_study.cases import make_case, write_case
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, locate, log_tail, model_averaged
 from symfive.machine import preset
-from symfive.motion import RunMotion
-from symfive.motion._signals import ReversalAhead, ReversalTime
+from symfive.motion import ReversalAhead, ReversalTime, RunMotion
 from symfive.posterior import baseline, candidates, polish, refitted
 from symfive.procedures import planar_circle
 
