@@ -82,15 +82,9 @@ def check(path: Path | str) -> Check:
         found = [*found, _nothing_free(path)]
     if machine is not None and machine.effects and not found:
         found = _effect_problems(machine, runs, path)
-    notes = (
-        tuple(
-            f'key "{key}" is unknown to symfive; it is kept'
-            for key in unknown_keys(machine)
-            if not _named_in(found, key)
-        )
-        if machine
-        else ()
-    )
+    named = {".".join(map(str, problem.keys)) for problem in found}
+    unknown = [key for key in unknown_keys(machine) if key not in named] if machine else []
+    notes = tuple(f'key "{key}" is unknown to symfive; it is kept' for key in unknown)
     if machine is not None and runs and not found:
         from symfive.plausible import doubts
 
@@ -148,10 +142,6 @@ def _is_campaign(path: Path) -> bool:
 
 def _machine_path(path: Path) -> Path:
     return path / "machine.toml" if path.is_dir() else path
-
-
-def _named_in(problems: Sequence[InputError], key: str) -> bool:
-    return any(".".join(map(str, problem.keys)) == key for problem in problems)
 
 
 def _concerns_errors(error: InputError) -> bool:

@@ -9,7 +9,7 @@ within less than the angle's error; those next to a reversal are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,8 @@ def read_polar(
         elif rows and line.strip():
             if row is not None:
                 raise row.at(path)
-            problem = f"{shown(line.strip())} is not {_said(columns)}"
+            wanted = "an angle and a deviation" if len(columns) == 2 else f"a row of {len(columns)} numbers"
+            problem = f"{shown(line.strip())} is not {wanted}"
             raise InputError(problem, remedy="remove what is no reading").at(path, number)
     if not rows:
         _refuse_other_columns(path, lines, columns)
@@ -116,23 +117,12 @@ def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list
     return None
 
 
-def _rows_of(lines: Sequence[str], count: int) -> Iterator[tuple[int, list[float]]]:
-    """The lines that hold `count` numbers."""
-    marks = {sign: Marks(sign) for sign in SIGNS}
-    for number, line in enumerate(lines, start=1):
-        row = _row(line, count, marks, number)
-        if isinstance(row, list):
-            yield number, row
-
-
-def _said(columns: Sequence[str]) -> str:
-    return "an angle and a deviation" if len(columns) == 2 else f"a row of {len(columns)} numbers"
-
-
 def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[str]) -> None:
     """Raise `InputError` where the file has another number of columns than were named."""
     for count in (n for n in range(1, MOST_COLUMNS + 1) if n != len(columns)):
-        rows = list(_rows_of(lines, count))
+        marks = {sign: Marks(sign) for sign in SIGNS}
+        found = ((number, _row(line, count, marks, number)) for number, line in enumerate(lines, start=1))
+        rows = [(number, row) for number, row in found if isinstance(row, list)]
         if len(rows) < LEAST_ROWS:
             continue
         if count > 1:
