@@ -202,6 +202,9 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @overwrite
 @as_json
 @quiet
+@gathered(
+    "poses", "instrument", "points", "minutes", "setups", "repeats", "returns", "frame", "index", "survive", "starts", "seed",
+)  # fmt: skip
 @gathered("part_options", "part_tool", "part_zero", "part_tool_centre", "part_datum")
 @gathered("sigmas", "tool_ball_sigma", "tool_length_sigma", "table_ball_sigma", "zero_sigma", "length_sigma")
 @gathered(
@@ -211,25 +214,18 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 def plan(
     machine: str,
     output: Path,
-    instrument: str,
+    poses: dict[str, Any],
     criterion: str | None,
-    points: int,
     wanted: str,
     part: Path | None,
     part_options: dict[str, Any],
     nc: tuple[str, ...],
     given: Path | None,
     until: tuple[str, ...],
-    minutes: float | None,
     per_minute: bool,
-    setups: int | None,
     bars: tuple[float, ...],
-    repeats: int,
-    returns: int,
     noise_um: float,
     sigmas: dict[str, float | None],
-    index: bool | None,
-    survive: bool,
     robust: str,
     circles: str | None,
     planes: tuple[str, ...],
@@ -238,10 +234,7 @@ def plan(
     effects: tuple[str, ...],
     count: int,
     programs: dict[str, Any],
-    frame: str,
     no_proof: bool,
-    starts: int,
-    seed: int,
     workers: int,
     scheduler: str | None,
     overwrite: bool,
@@ -261,7 +254,7 @@ def plan(
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
         post = Post(**{**programs, "reversed_axes": rotary_of(data, programs["reversed_axes"])})
-        for dialect in dialects if instrument == "touch_probe" else ():
+        for dialect in dialects if poses["instrument"] == "touch_probe" else ():
             can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
         wished = until_of(until)
@@ -283,11 +276,9 @@ def plan(
         else:
             with executor(workers, scheduler) as pool:
                 result = (partial(plan_until, asked=wished) if wished else make_plan)(
-                    data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
-                    setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um, frame=frame,
-                    setup_sigma=setup_sigma_of(sigmas), index=index, survive=survive, robust=robust, prove=not no_proof,
-                    starts=starts, seed=seed, for_=names, part=route, given=None if given is None else read(given, quiet),
-                    pool=pool, progress=Progress(quiet),
+                    data, **poses, criterion=criterion, per_minute=per_minute, lengths=bars, noise_um=noise_um,
+                    setup_sigma=setup_sigma_of(sigmas), robust=robust, prove=not no_proof, for_=names, part=route,
+                    given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
         result.write(folder, nc=dialects, post=post)
     tell(result.to_data(), str(result), as_json)
