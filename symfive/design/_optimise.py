@@ -137,7 +137,8 @@ def _started(
     candidates = candidates_in(space, places, lengths, poses if some is None else poses[some])
     designs = both_ways(task, candidates, len(places), points, FIRST_PASSES)
     return [
-        Rows.of(picked.z, picked.k, picked.group, space.poses) for picked in (candidates.take(chosen) for chosen in designs)
+        Rows.of(picked.z, picked.k, picked.group, space.poses)
+        for picked in (candidates.take(chosen) for chosen in designs)
     ]
 
 
