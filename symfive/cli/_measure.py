@@ -195,7 +195,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--probe-off", default="", show_default=False, help="The line that switches it off.")
 @click.option("--probe-tool", type=click.IntRange(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
 @click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds; circles: none.")
-@click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
+@click.option("--starts", type=COUNT, default=2, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: only this one.")
 @scheduler
