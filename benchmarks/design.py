@@ -238,8 +238,8 @@ def _global_bound(task: Task, kernel: Kernel, rows: Rows) -> tuple[float, Candid
 
 
 def whole_plans(quick: bool) -> None:
-    """`plan` as the command line calls it: six starts, certificate, order of poses."""
-    print("\nWhole plans, all parameters of the machine file, 6 starts")
+    """`plan` as the command line calls it: two starts, certificate, order of poses."""
+    print("\nWhole plans, all parameters of the machine file, 2 starts")
     print(f" {'machine, instrument, poses':32}{'ψ':>9}{'efficiency':>12}{'anywhere':>10}{'CPU s':>8}")
     for name, instrument, points in (("table-bc", "r_test", 40), ("table-bc", "ball_bar", 48))[: 1 if quick else 2]:
         seconds, made = timed(lambda: plan(preset(name), instrument=instrument, points=points), 1)  # noqa: B023

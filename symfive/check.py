@@ -82,15 +82,9 @@ def check(path: Path | str) -> Check:
         found = [*found, _nothing_free(path)]
     if machine is not None and machine.effects and not found:
         found = _effect_problems(machine, runs, path)
-    notes = (
-        tuple(
-            f'key "{key}" is unknown to symfive; it is kept'
-            for key in unknown_keys(machine)
-            if not _named_in(found, key)
-        )
-        if machine
-        else ()
-    )
+    named = {".".join(map(str, problem.keys)) for problem in found}
+    unknown = [key for key in unknown_keys(machine) if key not in named] if machine else []
+    notes = tuple(f'key "{key}" is unknown to symfive; it is kept' for key in unknown)
     if machine is not None and runs and not found:
         from symfive.plausible import doubts
 
@@ -150,10 +144,6 @@ def _machine_path(path: Path) -> Path:
     return path / "machine.toml" if path.is_dir() else path
 
 
-def _named_in(problems: Sequence[InputError], key: str) -> bool:
-    return any(".".join(map(str, problem.keys)) == key for problem in problems)
-
-
 def _concerns_errors(error: InputError) -> bool:
     return error.keys[:1] == ("errors",)
 
@@ -165,7 +155,7 @@ def _machine_data(machine: Machine) -> dict[str, Any]:
         "axes": {a.name: {"travel": list(a.travel), "unit": a.unit, "drive": a.drive is not None} for a in machine.axes.values()},
         "table": None if machine.workspace.table_radius is None
         else {"radius": machine.workspace.table_radius, "centre": list(machine.table_centre), "axis": machine.table_axis},
-        "errors": {t.name: {"sigma": t.sigma, "unit": "urad" if t.angular else "um"} for t in machine.errors.values()},
+        "errors": {t.name: {"sigma": t.sigma, "unit": t.unit} for t in machine.errors.values()},
         "errors_possible": error_names(machine.axes),
     }  # fmt: skip
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import Run
-from symfive.instruments import instruments_of
+from symfive.instruments import fitted_parts
 from symfive.kinematics import ball_in_workpiece
 from symfive.machine import Machine
 
@@ -95,10 +95,7 @@ class CircleFinder:
         """
         if run.rows < 8 or not set(run.instrument) & set(INSTRUMENTS):
             return None
-        part = _columns(run, self.machine)
-        if part is None:
-            return None
-        name, columns = part
+        name, columns = next(part for part in fitted_parts(run, self.machine) if part[0] in INSTRUMENTS)
         ball = self.ball_path(run)
         arm = ball - np.asarray(run.table_ball) if name == "ball_bar" else ball - _centre(ball)
         turned = _turned(arm)
@@ -115,7 +112,7 @@ class CircleFinder:
             plane = np.stack([np.asarray(run.u, dtype=float), np.asarray(run.v, dtype=float)])
             weights = (arm / np.linalg.norm(arm, axis=1, keepdims=True)) @ plane.T
             nominal = 1e3 * ball @ plane.T
-        rotary = any(np.ptp(run.commands[n]) > 1e-9 or run.commands[n][0] for n in self._rotary)
+        rotary = any(np.ptp(run.commands[n]) > 1e-9 or run.commands[n][0] for n in self.machine.rotary_axes)
         marks = None if rotary else _marks(frame)
         over = "angle of the bar" if name == "ball_bar" else "angle on the plate"
         speed = np.linalg.norm(np.gradient(ball, run.time, axis=0), axis=1) * 60.0
@@ -124,7 +121,7 @@ class CircleFinder:
                       columns, weights, nominal, normal)  # fmt: skip
 
     def _turning(self, run: Run, columns: slice) -> Circle | None:
-        spans = {name: float(np.ptp(run.commands[name])) for name in self._rotary}
+        spans = {n: float(np.ptp(run.commands[n])) for n, axis in self.machine.axes.items() if axis.rotary}
         name = max(spans, key=lambda n: spans[n], default="")
         if not name or np.radians(spans[name]) < LEAST_SWEEP:
             return None
@@ -137,20 +134,6 @@ class CircleFinder:
         ones = np.ones((run.rows, 1))
         return Circle(run, angle, radius, _sense(angle), f"coordinate of {name}", None, feed, "°/min",
                       columns, ones, 0.0 * ones, (name,))  # type: ignore[arg-type]  # fmt: skip
-
-    @property
-    def _rotary(self) -> list[str]:
-        return [name for name, axis in self.machine.axes.items() if axis.rotary]
-
-
-def _columns(run: Run, machine: Machine) -> tuple[str, slice] | None:
-    first = 0
-    for instrument in instruments_of(run):
-        count = len(instrument.columns(run, machine))
-        if instrument.name in INSTRUMENTS:
-            return instrument.name, slice(first, first + count)
-        first += count
-    return None
 
 
 def _centre(path: Array) -> Array:
@@ -202,12 +185,11 @@ def grouped(circles: Sequence[Circle]) -> list[list[Circle]]:
     """Circles of the same place, radius and feed together: both directions and their repetitions."""
     groups: list[list[Circle]] = []
     for circle in circles:
-        for group in groups:
-            if _same(group[0], circle):
-                group.append(circle)
-                break
-        else:
+        home = next((group for group in groups if _same(group[0], circle)), None)
+        if home is None:
             groups.append([circle])
+        else:
+            home.append(circle)
     return groups
 
 

@@ -82,9 +82,12 @@ class EvaluationError(InputError):
 
 
 @contextmanager
-def inside(*keys: str | int) -> Iterator[None]:
-    """Errors of the block lie at or below `keys`: their own key path is continued upward."""
+def inside(
+    *keys: str | int, path: Path | str | None = None, line: int | None = None, column: int | None = None
+) -> Iterator[None]:
+    """Errors of the block lie in this file, line and column, as far as they do not know better, and at or below `keys`: their own
+    key path is continued upward."""
     try:
         yield
     except InputError as error:
-        raise error.at(None, keys=(*keys, *error.keys)) from None
+        raise error.at(path, line, column, keys=(*keys, *error.keys)) from None

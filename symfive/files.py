@@ -8,7 +8,7 @@ from pathlib import Path
 from symfive.errors import InputError
 from symfive.outputs import Reading
 
-__all__ = ["one_line", "read_bytes", "read_text", "shown"]
+__all__ = ["decoded", "one_line", "read_bytes", "read_text", "shown"]
 
 MAX_TEXT_BYTES = 1_000_000_000
 
@@ -64,21 +64,26 @@ def read_bytes(path: Path, *, at_most: int = MAX_TEXT_BYTES, text: bool = False,
 
 def read_text(path: Path, *, at_most: int = MAX_TEXT_BYTES, listed: bool = False) -> str:
     """The same as text."""
-    data = read_bytes(path, at_most=at_most, text=True, listed=listed)
+    return decoded(path, read_bytes(path, at_most=at_most, text=True, listed=listed))
+
+
+def decoded(path: Path, data: bytes, before: int = 0) -> str:
+    """The text of a part of a file in UTF-8, every line ended by a line feed; `before` lines of the file stand before it. Raises
+    `InputError` with line and column."""
+    _refuse_other_encodings(path, data, before)
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-8" if before else "utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
+        line = before + data.count(b"\n", 0, error.start) + 1
         column = error.start - (data.rfind(b"\n", 0, error.start) + 1) + 1
         problem = f"byte 0x{data[error.start]:02x} is not UTF-8 text"
         raise InputError(problem, path=path, line=line, column=column, remedy="save the file as UTF-8") from None
-    _refuse_other_encodings(path, data)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _refuse_other_encodings(path: Path, data: bytes) -> None:
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+def _refuse_other_encodings(path: Path, data: bytes, before: int = 0) -> None:
+    if not before and data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError("the file is UTF-16 text", path=path, line=1, remedy="save the file as UTF-8")
     if b"\0" in data:
-        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        line = before + data.count(b"\n", 0, data.index(b"\0")) + 1
         raise InputError("a NUL byte stands in the text", path=path, line=line, remedy="give a text file in UTF-8")

@@ -25,10 +25,11 @@ from symfive.executors import Inline, finished
 from symfive.files import one_line
 from symfive.identify import Identification, identify
 from symfive.model import read_json
-from symfive.numbers import plain_number, unit_words, with_std
+from symfive.numbers import plain_number, unit_words, with_std, with_unit
 from symfive.outputs import output_folder, write_json, write_text
 from symfive.results import write_diagnosis, write_identification
-from symfive.screen import OnScreen
+from symfive.screen import OnScreen, aligned
+from symfive.separated import plain_cell
 from symfive.threads import one_thread
 from symfive.version import __version__
 
@@ -93,11 +94,11 @@ class Fleet(OnScreen):
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         columns = [f"{name}{part}_{unit}" for name, unit in self.errors.items() for part in ("", "_std")]
-        table.writerow(["campaign", "verdict", "rms", "rms_unit", "chi2_dof", *map(_cell, columns), "says"])
+        table.writerow(["campaign", "verdict", "rms", "rms_unit", "chi2_dof", *map(plain_cell, columns), "says"])
         for row in self.rows:
             numbers = [n for name in self.errors for n in row.errors.get(name, ("", "", ""))[:2]]
             cells = [row.campaign, row.verdict, row.rms, row.rms_unit, row.chi2_dof, *numbers, row.says]
-            table.writerow([_cell(cell) for cell in cells])
+            table.writerow([plain_cell(cell) for cell in cells])
         return text.getvalue()
 
     def __str__(self) -> str:
@@ -112,29 +113,18 @@ class Fleet(OnScreen):
     def text(self) -> str:
         """The table of those that have some."""
         heads = ["campaign", "verdict", "rms", "chi²/dof", *(f"{n} {unit_words(u)}" for n, u in self.errors.items())]
-        lines = [heads, *(self._line(row) for row in self.rows if not row.failed)]
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        text = [
-            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
-        ]
-        return "\n".join(text)
+        return "\n".join(aligned([heads, *(self._line(row) for row in self.rows if not row.failed)]))
 
     def _line(self, row: Row) -> list[str]:
         found = (row.errors.get(name) for name in self.errors)
         errors = ["" if e is None else with_std(e[0], e[1]) for e in found]
-        rms = f"{plain_number(row.rms or 0.0, row.rms_unit)} {unit_words(row.rms_unit)}"
+        rms = with_unit(row.rms or 0.0, row.rms_unit)
         return [one_line(row.campaign), row.verdict, rms, plain_number(row.chi2_dof or 0.0), *errors]
 
 
 def _short(name: str) -> str:
     """A campaign's name as it stands in a sentence."""
     return name if len(name) <= 200 else f"{name[:100]} … {name[-90:]}"
-
-
-def _cell(value: object) -> object:
-    """A cell that no spreadsheet calculates (OWASP, CSV injection); numbers stay numbers."""
-    formula = isinstance(value, str) and value.lstrip().startswith(("=", "+", "-", "@"))
-    return f"'{value}" if formula else value
 
 
 def fleet(

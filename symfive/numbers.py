@@ -8,7 +8,7 @@ from typing import Any
 
 __all__ = [
     "change", "expected_ratio", "in_words", "name_words", "percent", "plain_number", "power_of_ten",
-    "rounded", "unit_words", "with_std",
+    "rounded", "unit_words", "with_std", "with_unit",
 ]  # fmt: skip
 
 RESOLUTION = {"um": 1e-4, "urad": 1e-4, "mm": 1e-6, "deg": 1e-7, "s": 1e-7, "%": 1e-4}
@@ -47,6 +47,11 @@ def with_std(value: float, std: float, unit: str = "") -> str:
     spread = f" ± {rounded(std, std, unit)}" if std > 0.0 else ""
     words = unit_words(unit)
     return f"{rounded(value, std, unit)}{spread}{f' {words}' if words not in ('', '1') else ''}"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A plain number with its unit, as `8.9 µm`."""
+    return with_std(value, 0.0, unit)
 
 
 def in_words(value: Any, std: Any = None, unit: str = "", *, spread: bool = True) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import html
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
-__all__ = ["MOST", "OnScreen", "listed", "plural", "wrapped"]
+__all__ = ["MOST", "OnScreen", "aligned", "listed", "plural", "wrapped"]
 
 MOST = 30
 """Entries of one kind that a screen holds beside all else."""
@@ -33,6 +33,15 @@ def listed(entries: Sequence[str], where: str, most: int = MOST) -> list[str]:
     """The first `most` entries, and how many more there are and `where`."""
     left = len(entries) - most
     return list(entries) if left <= 1 else [*entries[:most], f"… and {left} more: {where}"]
+
+
+def aligned(rows: Sequence[Sequence[str]], right: Container[int] = ()) -> list[str]:
+    """The rows of a table as lines; the columns whose numbers are in `right` end alike, the others begin alike."""
+    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(cell.rjust(wide[i]) if i in right else cell.ljust(wide[i]) for i, cell in enumerate(row)).rstrip()
+        for row in rows
+    ]
 
 
 def plural(count: int, noun: str) -> str:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
+from typing import Any
 
 from symfive.errors import InputError
 from symfive.files import shown
 
-__all__ = ["SIGNS", "Marks", "cells_of", "sign_of", "signs_of"]
+__all__ = ["SIGNS", "Marks", "are_numbers", "cells_of", "plain_cell", "sign_of", "signs_of"]
 
 LARGEST = 1e12
 """No number in a file or an option is larger, in its unit: beside 1e12 µm a double resolves no nanometre any more."""
@@ -31,6 +33,12 @@ def signs_of(row: str) -> tuple[str, ...]:
 def cells_of(row: str, sign: str) -> list[str]:
     """The cells of a row without the space around them."""
     return [cell.strip() for cell in _SPLIT[sign].split(row.strip() if sign == " " else row)]
+
+
+def plain_cell(value: Any) -> Any:
+    """A cell that no spreadsheet calculates (OWASP, CSV injection); numbers stay numbers."""
+    formula = isinstance(value, str) and value.lstrip().startswith(("=", "+", "-", "@"))
+    return f"'{value}" if formula else value
 
 
 class Marks:
@@ -84,3 +92,14 @@ class Marks:
         if marks and not self._mark:
             self._mark, self._first = marks[0], line
         return text.replace(",", ".")
+
+
+def are_numbers(cells: Sequence[str], sign: str) -> bool:
+    """Whether each cell of a row that `sign` separates is a number."""
+    marks = Marks(sign)
+    try:
+        for cell in cells:
+            marks.number(cell, 0)
+    except InputError:
+        return False
+    return True

@@ -59,6 +59,12 @@ class TomlFile:
                 best, depth = number, len(here)
         return best if self.text else None
 
+    def require_schema(self, schema: str) -> None:
+        """Raise `InputError` unless the file is of this `schema`."""
+        if self.data.get("schema") != schema:
+            remedy = f'the first line must be schema = "{schema}"'
+            raise self.error(f"schema is {shown(self.data.get('schema'))}", "schema", remedy=remedy)
+
     def error(self, problem: str, *keys: str | int, remedy: str) -> InputError:
         """An `InputError` at the place of `keys`."""
         return InputError(problem, remedy=remedy, path=self.path, line=self.line(*keys), keys=keys)

@@ -10,7 +10,7 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.separated import LARGEST, SMALLEST
 
-__all__ = ["finite", "freeze", "is_number", "numbers", "one_of", "positive"]
+__all__ = ["as_lists", "as_tuples", "finite", "freeze", "is_number", "numbers", "one_of", "positive"]
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -53,6 +53,20 @@ def one_of(owner: str, name: str, value: object, allowed: tuple[str, ...]) -> No
     if not isinstance(value, str) or value not in allowed:
         problem = f"{owner}: {name} {shown(value)} is unknown"
         raise InputError(problem, remedy=f"use one of {', '.join(allowed)}", keys=(name,))
+
+
+def as_tuples(value: Any) -> Any:
+    """Lists as tuples, at any depth."""
+    if isinstance(value, Mapping):
+        return {name: as_tuples(entry) for name, entry in value.items()}
+    return tuple(map(as_tuples, value)) if isinstance(value, (list, tuple)) else value
+
+
+def as_lists(value: Any) -> Any:
+    """Tuples as lists and mappings as dicts, at any depth: what JSON and TOML hold."""
+    if isinstance(value, Mapping):
+        return {name: as_lists(entry) for name, entry in value.items()}
+    return list(map(as_lists, value)) if isinstance(value, (list, tuple)) else value
 
 
 def freeze(extra: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -170,6 +170,14 @@ def test_identify_loads_what_it_uses(tmp_path, campaign):
     assert not modules & {"symfive._api", "symfive.design", "symfive.diagnose", "symfive.executors"}
 
 
+def test_plan_of_poses_loads_no_statistics(tmp_path):
+    """`scipy.stats` alone takes as long to import as the search for 10 poses."""
+    words = ["plan", "table-bc", "--points", "3", "--starts", "1", "--setups", "1", "-o", str(tmp_path / "p"), "-q"]
+    modules, done = loaded(f"from symfive.cli import main; main({words!r})", depth=2)
+    assert done.returncode == 0 and (tmp_path / "p" / "plan.json").is_file(), done.stderr
+    assert not modules & {"scipy.stats", "scipy.signal", "scipy.interpolate"}
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_is_shown_for_every_shell(symfive, shell):
     answer = symfive("--show-completion", shell)

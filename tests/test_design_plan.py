@@ -278,7 +278,7 @@ def test_circle_information_over_the_ratio() -> None:
 
 
 def test_circles_are_chosen_together() -> None:
-    chosen = plan_circles(TSUTSUMI, PLAY, count=2, ratios=(0.5, 1.2), feeds=(500.0,), refine=False)
+    chosen = plan_circles(TSUTSUMI, PLAY, count=2, ratios=(0.5, 1.2), feeds=(500.0,), refine=False, certify=False)
     assert len(chosen.campaign.runs) == 4 and len({run.id for run in chosen.campaign.runs}) == 4
     assert any(circle.ratio > 1.0 for circle in chosen.circles)
     with pytest.raises(InputError, match="no circle can be run"):
@@ -574,7 +574,20 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     write_machine(
         replace(whole, errors={n: whole.errors[n] for n in ("EX0C", "EY0C")}, text=""), tmp_path / "machine.toml"
     )
-    words = ["--circles", "planar", "--effect", "backlash:X", "--count", "1", "--bar", "50", "--nc", "linuxcnc", "-q"]
+    words = [
+        "--circles",
+        "planar",
+        "--effect",
+        "backlash:X",
+        "--count",
+        "1",
+        "--bar",
+        "50",
+        "--nc",
+        "linuxcnc",
+        "-q",
+        "--no-proof",
+    ]
     assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     assert "backlash.X.width" in capsys.readouterr().out
     programs = {path.stem for path in (tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc")}

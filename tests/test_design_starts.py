@@ -59,7 +59,7 @@ def test_a_design_is_the_same_on_another_executor(serial: tuple[Space, Task, tup
     told: list[str] = []
     with ThreadPoolExecutor(1) as pool:
         assert _bits(space, task, pool, told) == expected
-    assert told == messages and "4 of 4 starts refined" in told[0]
+    assert told == messages and "8 of 8 designs refined" in told[0]
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_plans_on_workers_are_the_same_files(tmp_path: Path, capsys: pytest.Capt
     starts = [
         json.loads((tmp_path / n / "plan.json").read_text())["certificate"]["starts"] for n in ("serial", "workers")
     ]
-    assert len(starts[0]) == 3 and starts[0] == starts[1]
+    assert len(starts[0]) == 6 and starts[0] == starts[1]
 
 
 def test_workers_that_cannot_be_had_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

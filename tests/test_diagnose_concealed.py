@@ -14,8 +14,7 @@ from examples.blind_study.cases import make_case, write_case
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import Diagnosis, diagnose, locate, log_tail, model_averaged
 from symfive.machine import preset
-from symfive.motion import RunMotion
-from symfive.motion._signals import ReversalAhead, ReversalTime
+from symfive.motion import ReversalAhead, ReversalTime, RunMotion
 from symfive.posterior import baseline, candidates, polish, refitted
 from symfive.procedures import planar_circle
 
@@ -310,7 +309,7 @@ def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_pa
     assert found.findings[0].parameters["height"].value == pytest.approx(9.0, rel=0.05)
 
 
-def test_a_step_is_looked_for_where_the_fit_leaves_it_and_not_where_it_is_swallowed(tmp_path):
+def test_a_step_is_looked_for_where_the_fit_leaves_it_and_not_where_it_is_absorbed(tmp_path):
     """Bars at rest: a step anywhere else would have more to do with the residual, and the geometry swallows it whole."""
     machine = plant.static_table()
     step = {"effect": "compensation_table_step", "axis": "X", "at": -60.0, "ramp": 2.0, "step": 6.0}
@@ -459,7 +458,7 @@ def test_what_the_library_lacks_is_unknown_over_its_own_coordinate_and_nothing_e
 
 
 @pytest.mark.slow
-def test_a_saw_that_coloured_noise_had_swallowed_is_named_by_its_period(tmp_path):
+def test_a_saw_that_coloured_noise_had_absorbed_is_named_by_its_period(tmp_path):
     """Where runs do not repeat each other, noise of seconds explains a saw of millimetres nearly as well."""
     machine = plant.planar_table()
     saw = {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Campaign
-from symfive.design._discriminate import discriminate
+from symfive.design import discriminate
 from symfive.effects import make_effect
 from symfive.errors import EvaluationError
 from symfive.identify import identify, predict

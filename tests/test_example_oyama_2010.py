@@ -143,7 +143,7 @@ def test_a_sag_is_believed_to_be_geometry_and_the_diagnosis_says_what_it_is(sag)
 
 
 def test_how_much_of_the_sag_the_baselines_swallow():
-    both_ways, one_way, loose, whole = steps.swallowed().values()
+    both_ways, one_way, loose, whole = steps.absorbed().values()
     assert 0.6 < both_ways < 0.75
     assert 0.93 < one_way <= loose < 0.97
     assert whole > 0.99

@@ -29,8 +29,7 @@ from symfive.identify import (
     predict,
     redundancies,
 )
-from symfive.inference import gauss_newton
-from symfive.inference._noise import Noise, whiten
+from symfive.inference import Noise, gauss_newton, whiten
 from symfive.inference._whitening import innovations
 from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model, read_model, write_model

@@ -204,9 +204,9 @@ def test_a_contact_too_stiff_to_be_seen_still_has_a_slope_towards_a_softer_one(w
     slope = drive_response(command, 0.01, given, ("pre_sliding",))[:, 0, 1]
     away = drive_response(command, 0.01, {**given, "pre_sliding": 1.1 * way}, ())[:, 0, 0]
     stiff = drive_response(command, 0.01, given, ())[:, 0, 0]
-    foretold = slope * 0.1 * way
-    assert np.abs(foretold).max() > 0.0
-    assert foretold @ (away - stiff) > 0.9 * np.linalg.norm(foretold) * np.linalg.norm(away - stiff)
+    predicted = slope * 0.1 * way
+    assert np.abs(predicted).max() > 0.0
+    assert predicted @ (away - stiff) > 0.9 * np.linalg.norm(predicted) * np.linalg.norm(away - stiff)
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e5, 1e6])

@@ -15,12 +15,12 @@ from symfive.campaign import Campaign, Run
 from symfive.convert import convert
 from symfive.diagnose import diagnose
 from symfive.identify import fitted_model, identify, predict
-from symfive.inference._noise import Block, estimate_noise
+from symfive.inference import Block
+from symfive.inference._noise import estimate_noise
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
 from symfive.posterior import baseline
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
-from symfive.report import diagnosis_text, identification_text
-from symfive.report._diagnosis import diagnosis_report
+from symfive.report import diagnosis_report, diagnosis_text, identification_text
 from symfive.simulate import simulate
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / "benchmarks"))

@@ -98,13 +98,14 @@ def test_a_blocked_rapid_is_blamed_on_the_row_it_leads_to() -> None:
 
 
 def test_a_rapid_between_known_places_moves_one_axis(made: Plan) -> None:
-    """Which way several axes take together in a rapid depends on the control."""
+    """Which way several axes take together in a rapid depends on the control. A pose may be lifted to the top, where the spindle
+    stands already."""
     for run in made.campaign.runs:
         before, found = {}, 0
         for step in program_steps(TABLE, run, cleared(TABLE, (run,), {run.id: (2,)})):
             assert step.kind != "rapid" or not step.seated
             if step.kind == "rapid" and before and step.commands:
-                assert sum(before[name] != q for name, q in step.commands.items()) == len(step.positions) == 1
+                assert sum(before[name] != q for name, q in step.commands.items()) <= len(step.positions) == 1
                 found += 1
             before = step.commands or ({} if step.kind == "rapid" else before)
         assert found > 4

@@ -13,8 +13,7 @@ from symfive.campaign import Campaign, Run, read_campaign
 from symfive.circles import CircleFinder, grouped
 from symfive.errors import InputError
 from symfive.identify import Confounding, Identification, Outlier, identify
-from symfive.machine import ErrorTerm, Machine, make_axis
-from symfive.machine._structure import Structure
+from symfive.machine import ErrorTerm, Machine, Structure, make_axis
 from symfive.model import Model
 from symfive.numbers import expected_ratio, plain_number, rounded, unit_words, with_std
 from symfive.report import (

@@ -15,7 +15,8 @@ from markupsafe import Markup
 from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
-from symfive.drawing._poses import MOST_LINES, MOST_NAMES, MOST_POINTS, SCRIPT, poses_figure, projected
+from symfive.drawing import SCRIPT, poses_figure
+from symfive.drawing._poses import MOST_LINES, MOST_NAMES, MOST_POINTS, projected
 from symfive.identify import identify
 from symfive.machine import preset
 from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid

@@ -34,7 +34,7 @@ def fitted() -> Identification:
 def things(plan, fitted) -> dict[str, object]:
     machine = preset("table-bc")
     circles = plan_circles(
-        machine, [make_effect("backlash", "C")], count=1, ratios=(0.9,), feeds=(500.0,), refine=False
+        machine, [make_effect("backlash", "C")], count=1, ratios=(0.9,), feeds=(500.0,), refine=False, certify=False
     )
     simulation = sf.simulate(plan)
     return {

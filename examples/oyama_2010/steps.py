@@ -50,6 +50,7 @@ __all__ = [
     "Calibration",
     "Comparison",
     "ErrorMap",
+    "absorbed",
     "calibrated",
     "chain_jacobian",
     "compare_plans",
@@ -59,7 +60,6 @@ __all__ = [
     "map_of",
     "mapped_jointly",
     "sagging",
-    "swallowed",
     "third_harmonics",
 ]
 
@@ -260,7 +260,7 @@ def third_harmonics(found: Diagnosis) -> dict[str, tuple[float, float]]:
     return sizes
 
 
-def swallowed() -> dict[str, float]:
+def absorbed() -> dict[str, float]:
     """Which share of the sag's readings (mean square) each baseline explains away; the rest is what can be seen.
 
     1 - H/GᵀG of the score test, G the sag's whitened tangent and H what of it is orthogonal to the baseline.

@@ -40,6 +40,7 @@ from .steps import (
     SAG_UM,
     TO_FILE,
     ErrorMap,
+    absorbed,
     calibrated,
     compare_plans,
     in_the_paper_gauge,
@@ -48,7 +49,6 @@ from .steps import (
     map_of,
     mapped_jointly,
     sagging,
-    swallowed,
     third_harmonics,
 )
 
@@ -112,7 +112,7 @@ def finding_data(still: Diagnosis, warm: Diagnosis, drifting: Drifting, cone: Di
     return {
         "sag": {
             "true_um": SAG_UM, "believed": {"EZ0B": plain["EZ0B"], "std": plain.uncertainty("EZ0B"), "true": 0.0},
-            "swallowed_share": swallowed(), "rms_before_um": still.fit.rms_before_um, "rms_after_um": still.fit.rms_after_um,
+            "absorbed_share": absorbed(), "rms_before_um": still.fit.rms_before_um, "rms_after_um": still.fit.rms_after_um,
             "says": still.summary, "findings": [f.to_data() for f in still.findings],
         },
         "sag_and_drift": {
@@ -172,7 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _, still = look_again(folder / "recordings" / "sag", drift=False)
     plain = still.before
     print(f"  a plain fit believes EZ0B = {plain['EZ0B']:.2f} ± {plain.uncertainty('EZ0B'):.2f} µm; true is 0")
-    for where, share in swallowed().items():
+    for where, share in absorbed().items():
         print(f"  {where}: the baseline swallows {100.0 * share:.1f} % of it")
     print(f"  {still.summary}")
     figures.save(figures.gravity(still, SAG_UM), pictures, "gravity")

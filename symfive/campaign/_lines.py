@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from symfive.errors import InputError
-from symfive.files import read_text
+from symfive.files import decoded, read_text
 from symfive.outputs import Reading
 
 __all__ = ["lines_of"]
@@ -57,7 +57,7 @@ def _texts(path: Path, block: int) -> Iterator[str]:
                     reading.end()
                     return
                 end = len(data) if not fresh else 1 + max(data.rfind(b"\n"), data.rfind(b"\r", 0, len(data) - 1))
-                text = _decoded(path, data[:end] or data, before)
+                text = decoded(path, data[:end] or data, before)
                 if not end:
                     problem = f"the line has more than {len(data)} bytes"
                     raise InputError(problem, path=path, line=before + 1, remedy="check that it is the right file")
@@ -67,22 +67,3 @@ def _texts(path: Path, block: int) -> Iterator[str]:
     except OSError as error:
         problem = f"the file cannot be read ({error.strerror or error})"
         raise InputError(problem, path=path, remedy="check its name and rights") from None
-
-
-def _decoded(path: Path, data: bytes, before: int) -> str:
-    """A block's text. `before` lines of the file stand before it."""
-    if not before and data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError("the file is UTF-16 text", path=path, line=1, remedy="save the file as UTF-8")
-    if b"\0" in data:
-        line = before + data.count(b"\n", 0, data.index(b"\0")) + 1
-        raise InputError("a NUL byte stands in the text", path=path, line=line, remedy="give a text file in UTF-8")
-    try:
-        text = data.decode("utf-8" if before else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        column = error.start - (data.rfind(b"\n", 0, error.start) + 1) + 1
-        problem = f"byte 0x{data[error.start]:02x} is not UTF-8 text"
-        raise InputError(
-            problem, path=path, line=before + line, column=column, remedy="save the file as UTF-8"
-        ) from None
-    return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -13,11 +13,12 @@ import numpy as np
 from symfive.campaign._csv import read_columns, write_columns
 from symfive.errors import InputError, inside
 from symfive.files import shown
-from symfive.instruments import instruments_of
+from symfive.instruments import columns_of, instruments_of
 from symfive.machine import Machine, machine_problems, read_machine, refuse_slips, unknown_keys, write_machine
 from symfive.outputs import output_folder, write_text
 from symfive.runs import OPTIONS, Campaign, Run, SetupSigma
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
+from symfive.validation import as_tuples
 
 __all__ = ["SCHEMA", "campaign_problems", "read_campaign", "write_campaign", "write_campaign_files"]
 
@@ -79,20 +80,13 @@ def campaign_problems(path: Path | str) -> tuple[Machine | None, tuple[Run, ...]
 
 
 def _machine_file(file: TomlFile) -> str:
-    _check_schema(file)
+    file.require_schema(SCHEMA)
     name = file.data.get("machine", "machine.toml")
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
         raise file.error(
             f"machine = {shown(name)} is not a file name", "machine", remedy='write machine = "machine.toml"'
         )
     return name
-
-
-def _check_schema(file: TomlFile) -> None:
-    schema = file.data.get("schema")
-    if schema != SCHEMA:
-        remedy = f'the first line must be schema = "{SCHEMA}"'
-        raise file.error(f"schema is {shown(schema)}", "schema", remedy=remedy)
 
 
 def _run_notes(run: Run, block: Mapping[str, Any]) -> list[str]:
@@ -141,7 +135,7 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
                 instrument=tuple(names) if isinstance(names, list) else (names,), setup_sigma_um=spread,
                 time=np.zeros(1), commands={},
                 options={key: value for key, value in table.items() if key not in _FIELDS},
-                **{key: _tuple(value) for key, value in table.items() if key in _FIELDS},
+                **{key: as_tuples(value) for key, value in table.items() if key in _FIELDS},
             )  # fmt: skip
             for instrument in instruments_of(draft):
                 instrument.check(draft, machine)
@@ -157,13 +151,9 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
 
 
 def _with_columns(folder: Path, draft: Run, machine: Machine) -> Run:
-    columns = tuple(c.name for instrument in instruments_of(draft) for c in instrument.columns(draft, machine))
+    columns = tuple(column.name for column in columns_of(draft, machine))
     time, commands, readings, spindle = read_columns(folder / draft.file, machine, columns, dynamic=draft.dynamic)
     return replace(draft, time=time, commands=commands, readings=readings, spindle=spindle)
-
-
-def _tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def campaign_to_data(campaign: Campaign) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,14 +32,18 @@ __all__ = [
     "cut",
     "dialects",
     "dialects_of",
+    "gathered",
     "joined",
+    "noted",
     "numbers_of",
     "output_path",
     "overwrite",
+    "point_of",
     "quiet",
     "read",
     "scheduler",
     "tell",
+    "written",
 ]  # fmt: skip
 
 
@@ -139,6 +144,20 @@ def cut(verb: Callable[..., None]) -> Callable[..., None]:
     return verb
 
 
+def gathered(into: str, *names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The options `names` of a verb as one mapping, its argument `into`."""
+
+    def decorated(verb: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(verb)
+        def run(**given: Any) -> None:
+            mapping = {name: given.pop(name) for name in names}
+            verb(**given, **{into: mapping})
+
+        return run
+
+    return decorated
+
+
 scheduler = click.option("--scheduler", help="A Dask scheduler instead, as tcp://host:8786.")
 
 
@@ -168,9 +187,7 @@ def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
     from symfive.given import campaign_given
 
     campaign = campaign_given(path)
-    if not quiet:
-        for note in campaign.notes:
-            click.echo(f"note: {note}", err=True)
+    noted(campaign.notes, quiet)
     if measured and not campaign.measured:
         empty = next(run.id for run in campaign.runs if not run.measured)
         raise InputError(f"run {empty} has no readings", path=path, remedy="measure or simulate the plan first")
@@ -183,6 +200,18 @@ def joined(path: Path, also: Sequence[Path], quiet: bool) -> Campaign:
     for number, more in enumerate(also, start=2):
         data = data.joined(read(more, quiet, measured=True), prefix=f"c{number}-")
     return data
+
+
+def noted(notes: Iterable[object], quiet: bool) -> None:
+    """Notes on standard error."""
+    for note in () if quiet else notes:
+        click.echo(f"note: {note}", err=True)
+
+
+def written(campaign: Campaign, output: Path, quiet: bool, more: str = "") -> None:
+    """What a folder holds now, on standard error."""
+    if not quiet:
+        click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}{more}", err=True)
 
 
 def tell(data: dict[str, Any], text: str, as_json: bool) -> None:
@@ -205,3 +234,16 @@ def numbers_of(option: str, entries: Sequence[str], example: str, least: float =
             raise InputError(f"{option} {shown(entry)} is not NAME=VALUE", remedy=f"write {option} {example}")
         found[name.strip()] = value
     return found
+
+
+def point_of(option: str, text: str) -> tuple[float, float, float]:
+    """X,Y,Z in mm. Raises `InputError` for anything else."""
+    from symfive.errors import InputError
+
+    try:
+        x, y, z = (float(word) for word in text.split(","))
+        if not all(abs(value) <= LARGEST for value in (x, y, z)):
+            raise ValueError
+    except ValueError:
+        raise InputError(f'{option} "{text}" is not X,Y,Z', remedy=f"write {option} 0,0,50") from None
+    return x, y, z

@@ -16,6 +16,7 @@ from symfive.cli._common import (
     dialects,
     dialects_of,
     joined,
+    noted,
     output_path,
     overwrite,
     quiet,
@@ -61,15 +62,8 @@ def identify(
         data = joined(campaign, also, quiet)
         result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
         write_identification(result, folder, figures=figures, progress=progress)
-    _notes(result.notes, quiet)
+    noted(result.notes, quiet)
     tell(result.to_data(), identification_text(result), as_json)
-
-
-def _notes(notes: tuple[str, ...], quiet: bool) -> None:
-    """Notes on a fit."""
-    if not quiet:
-        for note in notes:
-            click.echo(f"note: {note}", err=True)
 
 
 @app.command(epilog="Example: symfive predict results/model.json heldout/ -o predicted/")
@@ -128,7 +122,7 @@ def diagnose(
         data = joined(campaign, also, quiet)
         result = diagnose_campaign(data, false_alarms=false_alarms, hold_out=hold_out, progress=progress)
         write_diagnosis(result, folder, nc=dialects, progress=progress)
-    _notes(result.after.notes, quiet)
+    noted(result.after.notes, quiet)
     tell(result.to_data(), diagnosis_text(result), as_json)
 
 

@@ -8,13 +8,28 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from symfive.cli._common import PATH, POSITIVE, Number, app, campaign_path, cut, output_path, overwrite, quiet, read
+from symfive.cli._common import (
+    PATH,
+    POSITIVE,
+    Number,
+    app,
+    campaign_path,
+    cut,
+    noted,
+    output_path,
+    overwrite,
+    point_of,
+    quiet,
+    read,
+    written,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from symfive.campaign import Campaign, Run
     from symfive.errors import InputError
+    from symfive.importers import Matched, Probed
     from symfive.machine import Machine
 
 __all__ = ["codegen", "convert", "import_mtconnect", "import_polar", "import_rests", "import_touches"]
@@ -85,7 +100,7 @@ def import_polar(
     import numpy as np
 
     from symfive.campaign import write_campaign_files
-    from symfive.errors import InputError
+    from symfive.errors import InputError, inside
     from symfive.importers import FITTED, polar_doubts, polar_run, read_polar
     from symfive.outputs import output_folder
     from symfive.procedures import campaign_of
@@ -93,7 +108,7 @@ def import_polar(
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         given = {
             "radius": radius, "feed": feed, "plane": plane, "noise_um": noise_um,
-            "centre": None if centre is None else _place(centre), "setup_sigma_um": FITTED if fitted else None,
+            "centre": None if centre is None else point_of("--centre", centre), "setup_sigma_um": FITTED if fitted else None,
         }  # fmt: skip
         given = {name: value for name, value in given.items() if value is not None}
         data, circles = _circles(machine, files)
@@ -109,24 +124,19 @@ def import_polar(
             angles.append(angle)
             circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
             if "radius" not in circle or "feed" not in circle:
-                raise _not_in_the_file(path, circle.get("radius"), circle.get("feed"))
+                raise _not_in_the_file(path, circle)
             if unit == "um" and float(np.abs(deviation).max()) < circle["noise_um"]:
                 notes.append(
                     f"{path.name}: no deviation reaches {circle['noise_um']:g} µm; if they are mm, give --unit mm"
                 )
-            try:
+            with inside(path=path):
                 runs.append(polar_run(data, angle, deviation, angle_error=angle_error, **circle))
-            except InputError as error:
-                raise error.at(path) from None
         campaign = campaign_of(data, runs, output.name)
         write_campaign_files(campaign, folder)
-    if not quiet:
-        notes += polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"])
-        for note in notes:
-            click.echo(f"note: {note}", err=True)
-        near = sum(map(len, angles)) - campaign.rows
-        left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
-        click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}{left_out}", err=True)
+    noted([*notes, *polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"])], quiet)
+    near = sum(map(len, angles)) - campaign.rows
+    left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
+    written(campaign, output, quiet, left_out)
 
 
 def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[str, Any]]]:
@@ -151,28 +161,15 @@ def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[st
     return plan.machine, [as_planned(plan.machine, run) for run in chosen]
 
 
-def _place(centre: str) -> list[float]:
-    from symfive.errors import InputError
-    from symfive.separated import LARGEST
-
-    try:
-        place = [float(word) for word in centre.split(",")]
-        if len(place) != 3 or not all(abs(value) <= LARGEST for value in place):
-            raise ValueError
-    except ValueError:
-        raise InputError(f'--centre "{centre}" is no place', remedy="write --centre 0,0,50") from None
-    return place
-
-
-def _not_in_the_file(path: Path, radius: float | None, feed: float | None) -> InputError:
+def _not_in_the_file(path: Path, circle: Mapping[str, Any]) -> InputError:
     """What angle and deviation do not tell, and the options that do."""
     from symfive.errors import InputError
 
-    missing = {"radius": (radius, "--radius 100 (mm)"), "feed": (feed, "--feed 1000 (mm/min)")}
-    lacking = {name: option for name, (value, option) in missing.items() if value is None}
-    problem = f"angle and deviation are there, {' and '.join(lacking)} not"
+    options = {"radius": "--radius 100 (mm)", "feed": "--feed 1000 (mm/min)"}
+    missing = {name: option for name, option in options.items() if name not in circle}
+    problem = f"angle and deviation are there, {' and '.join(missing)} not"
     turn = "the angles give the direction, rising is ccw; where they do not, add --direction cw"
-    return InputError(problem, path=path, remedy=f"add {' and '.join(lacking.values())} ({turn})")
+    return InputError(problem, path=path, remedy=f"add {' and '.join(missing.values())} ({turn})")
 
 
 @app.command(
@@ -200,26 +197,13 @@ def import_rests(
     quiet: bool,
 ) -> None:
     """Import recordings over whole R-test runs. Cut at the rests, which are matched with the poses of the plan."""
-    from symfive.campaign import write_campaign_files
-    from symfive.errors import InputError
     from symfive.importers import cut_at_rests, read_recording
-    from symfive.outputs import output_folder
 
-    with output_folder(output, overwrite=overwrite, recorded=True) as folder:
-        plan = read(campaign, quiet)
-        matched = []
-        for path, run in _of_the_plan(plan, campaign, files, names):
-            time, readings = read_recording(path, [word.strip() for word in columns.split(",")], unit=unit)
-            try:
-                matched.append(cut_at_rests(plan.machine, run, time, readings, dwell_s=dwell))
-            except InputError as error:
-                raise error.at(path) from None
-        measured = replace(plan, runs=tuple(run for found in matched for run in found.runs))
-        write_campaign_files(measured, folder)
-    if not quiet:
-        for found in matched:
-            click.echo(f"note: {found}", err=True)
-        click.echo(f"{measured.rows} rows of {len(measured.runs)} runs in {output}", err=True)
+    def measured(machine: Machine, run: Run, path: Path) -> Matched:
+        time, readings = read_recording(path, [word.strip() for word in columns.split(",")], unit=unit)
+        return cut_at_rests(machine, run, time, readings, dwell_s=dwell)
+
+    _import_runs(campaign, files, names, measured, output, overwrite, quiet)
 
 
 @app.command(name="import-touches", epilog="Example: symfive import-touches plan/ sphere-1.txt -o measured/")
@@ -233,26 +217,32 @@ def import_touches(
     campaign: Path, files: tuple[Path, ...], output: Path, names: tuple[str, ...], overwrite: bool, quiet: bool
 ) -> None:
     """Import logs of a touch probe's programs. One sphere is fitted to the touches of each run."""
-    from symfive.campaign import write_campaign_files
-    from symfive.errors import InputError
     from symfive.importers import probed_run, read_touches
+
+    _import_runs(
+        campaign, files, names, lambda _, run, path: probed_run(run, read_touches(path)), output, overwrite, quiet
+    )
+
+
+def _import_runs(
+    campaign: Path, files: Sequence[Path], names: Sequence[str], measured: Callable[[Machine, Run, Path], Matched | Probed],
+    output: Path, overwrite: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """The campaign of the runs of a plan that `measured` makes of the machine, a planned run and its file."""
+    from symfive.campaign import write_campaign_files
+    from symfive.errors import inside
     from symfive.outputs import output_folder
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         plan = read(campaign, quiet)
-        probed = []
+        found = []
         for path, run in _of_the_plan(plan, campaign, files, names):
-            touches = read_touches(path)
-            try:
-                probed.append(probed_run(run, touches))
-            except InputError as error:
-                raise error.at(path) from None
-        measured = replace(plan, runs=tuple(found.run for found in probed))
-        write_campaign_files(measured, folder)
-    if not quiet:
-        for found in probed:
-            click.echo(f"note: {found}", err=True)
-        click.echo(f"{measured.rows} rows of {len(measured.runs)} runs in {output}", err=True)
+            with inside(path=path):
+                found.append(measured(plan.machine, run, path))
+        whole = replace(plan, runs=tuple(run for each in found for run in each.runs))
+        write_campaign_files(whole, folder)
+    noted(found, quiet)
+    written(whole, output, quiet)
 
 
 def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Sequence[str]) -> list[tuple[Path, Run]]:
@@ -293,10 +283,8 @@ def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: b
     with output_file(output) as path:
         machine = read_mtconnect(probe, device=device, code=code)
         write_machine(machine, path)
+    noted((comment for comment in machine.comments if comment.startswith(TO_DO)), quiet)
     if not quiet:
-        for comment in machine.comments:
-            if comment.startswith(TO_DO):
-                click.echo(f"note: {comment}", err=True)
         click.echo(f"{machine.structure.code} in {output}", err=True)
 
 
@@ -320,5 +308,4 @@ def convert(
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         campaign = prepared(convert_recording(name, data), step=step, how=how, step_deg=step_deg)
         write_campaign_files(campaign, folder)
-    if not quiet:
-        click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
+    written(campaign, output, quiet)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from symfive.cli._common import PATH, Number, Progress, app, as_json, numbers_of, overwrite, quiet, tell
+from symfive.cli._common import PATH, Number, Progress, app, as_json, noted, numbers_of, overwrite, quiet, tell
 
 __all__ = ["history"]
 
@@ -61,9 +61,8 @@ def add(
     )  # fmt: skip
     with History(index, create=True) as opened:
         added = opened.add(results, details, progress=Progress(quiet))
+    noted((f"{sentence}." for sentence in added.notes), quiet)
     if not quiet:
-        for sentence in added.notes:
-            click.echo(f"note: {sentence}.", err=True)
         click.echo(str(added))
 
 
@@ -201,10 +200,9 @@ def certificate(
     with output_file(output) as path:
         visit = taken(results, Details(time=None if date is None else instant(date)))
         write_bytes(path, certificate_of(visit, office))
-    if not quiet:
-        options = ", ".join(f"--{name.replace('_', '-')}" for name in office.open)
-        missing = f"; to be filled in: {options}" if options else ""
-        click.echo(f"note: the certificate is unsigned{missing}.", err=True)
+    options = ", ".join(f"--{name.replace('_', '-')}" for name in office.open)
+    missing = f"; to be filled in: {options}" if options else ""
+    noted([f"the certificate is unsigned{missing}."], quiet)
 
 
 @history.command(epilog="Example: symfive history serve")

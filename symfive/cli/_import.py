@@ -9,7 +9,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from symfive.cli._common import PATH, POSITIVE, Number, app, cut, output_path, overwrite, quiet
+from symfive.cli._common import (
+    PATH,
+    POSITIVE,
+    Number,
+    app,
+    cut,
+    noted,
+    numbers_of,
+    output_path,
+    overwrite,
+    point_of,
+    quiet,
+    written,
+)
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
@@ -58,7 +71,7 @@ def import_table(
     from dataclasses import replace
 
     from symfive.campaign import write_campaign_files
-    from symfive.errors import InputError
+    from symfive.errors import InputError, inside
     from symfive.given import machine_given
     from symfive.importers import Setting, meanings, prepared, read_table, runs_of, shown_meanings, taken
     from symfive.importers.polar import DIRECTIONS
@@ -73,9 +86,9 @@ def import_table(
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         data = machine_given(machine)
         setting = Setting(
-            centre=_point("--centre", centre), tool_ball=None if tool_ball is None else _point("--tool-ball", tool_ball),
-            radius=radius, feed=feed, plane=plane, axis=axis, hold=_held(hold), noise_um=noise_um, fitted=fitted,
-            angle_error=angle_error,
+            centre=point_of("--centre", centre), tool_ball=None if tool_ball is None else point_of("--tool-ball", tool_ball),
+            radius=radius, feed=feed, plane=plane, axis=axis, hold=numbers_of("--hold", hold, "Z=150"), noise_um=noise_um,
+            fitted=fitted, angle_error=angle_error,
         )  # fmt: skip
         runs: list[Run] = []
         for number, path in enumerate(files):
@@ -83,16 +96,12 @@ def import_table(
             found = meanings(table, data, entries)
             _confirm(table, found, shown_meanings(table, found), yes=yes, quiet=quiet)
             own = replace(setting, direction=direction[number]) if direction else setting
-            try:
+            with inside(path=path):
                 runs += runs_of(data, taken(table, found, data), own, path.stem)
-            except InputError as error:
-                raise error.at(path) from None
         campaign = prepared(campaign_of(data, runs, output.name), step=step, how=how, step_deg=step_deg)
         write_campaign_files(campaign, folder)
-    if not quiet:
-        for note in _doubts(data, runs, radius, feed):
-            click.echo(f"note: {note}", err=True)
-        click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}", err=True)
+    noted(_doubts(data, runs, radius, feed), quiet)
+    written(campaign, output, quiet)
 
 
 def _doubts(machine: Machine, runs: Sequence[Run], radius: float | None, feed: float | None) -> tuple[str, ...]:
@@ -123,32 +132,3 @@ def _confirm(table: Table, found: Sequence[Meaning], shown: str, *, yes: bool, q
         problem = "the meaning of the columns is guessed from the header and cannot be confirmed here"
         raise InputError(problem, path=table.path, remedy=f"add --yes, or {said}")
     click.confirm("Is that right?", default=True, abort=True, err=True)
-
-
-def _point(option: str, text: str) -> tuple[float, float, float]:
-    from symfive.errors import InputError
-    from symfive.separated import LARGEST
-
-    try:
-        x, y, z = (float(word) for word in text.split(","))
-        if not all(abs(value) <= LARGEST for value in (x, y, z)):
-            raise ValueError
-    except ValueError:
-        raise InputError(f'{option} "{text}" is no place', remedy=f"write {option} 0,0,50") from None
-    return x, y, z
-
-
-def _held(entries: Sequence[str]) -> dict[str, float]:
-    from symfive.errors import InputError
-    from symfive.separated import LARGEST
-
-    held = {}
-    for entry in entries:
-        name, _, text = entry.partition("=")
-        try:
-            held[name] = float(text)
-            if not abs(held[name]) <= LARGEST:
-                raise ValueError
-        except ValueError:
-            raise InputError(f'--hold "{entry}" is not AXIS=POSITION', remedy="write --hold Z=150") from None
-    return held

@@ -20,12 +20,14 @@ from symfive.cli._common import (
     campaign_path,
     dialects,
     dialects_of,
+    gathered,
     output_path,
     overwrite,
     quiet,
     read,
     scheduler,
     tell,
+    written,
 )
 from symfive.cli._plan_words import (
     NO_SHIFT,
@@ -122,7 +124,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     type=POSITIVE,
     help="1σ of the position of an R-test nest in the workpiece frame, µm (usual: unknown).",
 )
-@click.option("--bar-length-sigma", type=POSITIVE, help="1σ of the bar's length, µm (usual: 0.5).")
+@click.option("--bar-length-sigma", "length_sigma", type=POSITIVE, help="1σ of the bar's length, µm (usual: 0.5).")
 @click.option(
     "--index/--no-index",
     default=None,
@@ -155,6 +157,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 )
 @click.option(
     "--tool",
+    "tool_number",
     type=click.IntRange(1, 9999),
     default=1,
     help="With --tool-centre: the tool whose length is the ball's.",
@@ -164,7 +167,11 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 )
 @click.option("--machine-top", type=Number(), default=0.0, help="Top of the tool axis, mm in machine coordinates.")
 @click.option(
-    "--dwell", type=POSITIVE, default=2.0, help="Rest at each pose in s, until machine and instrument have settled."
+    "--dwell",
+    "dwell_s",
+    type=POSITIVE,
+    default=2.0,
+    help="Rest at each pose in s, until machine and instrument have settled.",
 )
 @click.option(
     "--at-pose",
@@ -188,42 +195,37 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--probe-off", default="", show_default=False, help="The line that switches it off.")
 @click.option("--probe-tool", type=click.IntRange(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
 @click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds; circles: none.")
-@click.option("--starts", type=COUNT, default=6, help="Starts of the search.")
+@click.option("--starts", type=COUNT, default=2, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: only this one.")
 @scheduler
 @overwrite
 @as_json
 @quiet
+@gathered(
+    "poses", "instrument", "points", "minutes", "setups", "repeats", "returns", "frame", "index", "survive", "starts", "seed",
+)  # fmt: skip
+@gathered("part_options", "part_tool", "part_zero", "part_tool_centre", "part_datum")
+@gathered("sigmas", "tool_ball_sigma", "tool_length_sigma", "table_ball_sigma", "zero_sigma", "length_sigma")
+@gathered(
+    "programs", "tool_centre", "tool_number", "tool_centre_on", "tool_centre_off", "reversed_axes", "machine_top", "dwell_s",
+    "at_pose", "trigger", "sphere_radius", "tip_radius", "probe_on", "probe_off", "probe_tool",
+)  # fmt: skip
 def plan(
     machine: str,
     output: Path,
-    instrument: str,
+    poses: dict[str, Any],
     criterion: str | None,
-    points: int,
     wanted: str,
     part: Path | None,
-    part_tool: float | None,
-    part_zero: str,
-    part_tool_centre: bool,
-    part_datum: bool,
+    part_options: dict[str, Any],
     nc: tuple[str, ...],
     given: Path | None,
     until: tuple[str, ...],
-    minutes: float | None,
     per_minute: bool,
-    setups: int | None,
     bars: tuple[float, ...],
-    repeats: int,
-    returns: int,
     noise_um: float,
-    tool_ball_sigma: float | None,
-    tool_length_sigma: float | None,
-    table_ball_sigma: float | None,
-    zero_sigma: float | None,
-    bar_length_sigma: float | None,
-    index: bool | None,
-    survive: bool,
+    sigmas: dict[str, float | None],
     robust: str,
     circles: str | None,
     planes: tuple[str, ...],
@@ -231,24 +233,8 @@ def plan(
     sweep: float | None,
     effects: tuple[str, ...],
     count: int,
-    tool_centre: bool,
-    tool: int,
-    tool_centre_on: str,
-    tool_centre_off: str,
-    reversed_axes: str,
-    machine_top: float,
-    dwell: float,
-    at_pose: str,
-    trigger: str,
-    frame: str,
-    sphere_radius: float,
-    tip_radius: float,
-    probe_on: str,
-    probe_off: str,
-    probe_tool: int | None,
+    programs: dict[str, Any],
     no_proof: bool,
-    starts: int,
-    seed: int,
     workers: int,
     scheduler: str | None,
     overwrite: bool,
@@ -267,31 +253,14 @@ def plan(
     dialects = dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
-        post = Post(
-            tool_centre=tool_centre,
-            tool_number=tool,
-            tool_centre_on=tool_centre_on,
-            tool_centre_off=tool_centre_off,
-            reversed_axes=rotary_of(data, reversed_axes),
-            machine_top=machine_top,
-            dwell_s=dwell,
-            at_pose=at_pose,
-            trigger=trigger,
-            sphere_radius=sphere_radius,
-            tip_radius=tip_radius,
-            probe_on=probe_on,
-            probe_off=probe_off,
-            probe_tool=probe_tool,
-        )
-        for dialect in dialects if instrument == "touch_probe" else ():
+        post = Post(**{**programs, "reversed_axes": rotary_of(data, programs["reversed_axes"])})
+        for dialect in dialects if poses["instrument"] == "touch_probe" else ():
             can_probe(dialect, post)
         names = tuple(name.strip() for name in wanted.split(",") if name.strip())
         wished = until_of(until)
         if wished and circles is not None:
             raise InputError("circles have no --until", remedy="leave out --circles, or --until")
-        route = part_of(
-            data, part, circles, tool=part_tool, zero=part_zero, tool_centre=part_tool_centre, datum=part_datum
-        )
+        route = part_of(data, part, circles, **part_options)
         result: Any
         if circles == CIRCULAR_TEST:
             result = circular_test(
@@ -307,14 +276,8 @@ def plan(
         else:
             with executor(workers, scheduler) as pool:
                 result = (partial(plan_until, asked=wished) if wished else make_plan)(
-                    data, instrument=instrument, criterion=criterion, points=points, minutes=minutes, per_minute=per_minute,
-                    setups=setups, lengths=bars, repeats=repeats, returns=returns, noise_um=noise_um, frame=frame,
-                    setup_sigma=setup_sigma_of(
-                        tool_ball=tool_ball_sigma, tool_length=tool_length_sigma, table_ball=table_ball_sigma,
-                        zero=zero_sigma, length=bar_length_sigma,
-                    ),
-                    index=index, survive=survive, robust=robust, prove=not no_proof, starts=starts, seed=seed, for_=names,
-                    part=route,
+                    data, **poses, criterion=criterion, per_minute=per_minute, lengths=bars, noise_um=noise_um,
+                    setup_sigma=setup_sigma_of(sigmas), robust=robust, prove=not no_proof, for_=names, part=route,
                     given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
         result.write(folder, nc=dialects, post=post)
@@ -375,5 +338,4 @@ def simulate(campaign: Path, output: Path, truth: Path | None, seed: int, overwr
         result = simulate_plan(read(campaign, quiet), truth=values, effects=effects, seed=seed)
         write_campaign_files(result.campaign, folder)
         write_json(folder / "truth.json", result.to_data())
-    if not quiet:
-        click.echo(f"{result.campaign.rows} rows of {len(result.campaign.runs)} runs in {output}", err=True)
+    written(result.campaign, output, quiet)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from symfive.cli._common import point_of
 
 if TYPE_CHECKING:
     from symfive.campaign import SetupSigma
@@ -19,24 +21,23 @@ NO_SHIFT = "0,0,0"
 
 def part_of(
     machine: Machine, path: Path | None, circles: str | None, *,
-    tool: float | None, zero: str, tool_centre: bool, datum: bool,
+    part_tool: float | None, part_zero: str, part_tool_centre: bool, part_datum: bool,
 ) -> ToolPath | None:  # fmt: skip
     """The part's tool path. Raises `InputError` for options of a part without one, and with circles."""
     from symfive.errors import InputError
     from symfive.toolpath import read_tool_path
 
     if path is None:
-        if tool is not None or tool_centre or datum or zero != NO_SHIFT:
+        if part_tool is not None or part_tool_centre or part_datum or part_zero != NO_SHIFT:
             problem = "--part-tool, --part-zero, --part-tool-centre and --part-datum belong to a part and none is given"
             raise InputError(problem, remedy="add --part FILE")
         return None
     if circles is not None:
         raise InputError("a plan for a part has poses, no circles", remedy="leave out --circles, or --part")
-    try:
-        x, y, z = (float(word) for word in zero.split(","))
-    except ValueError:
-        raise InputError(f'--part-zero "{zero}" is not X,Y,Z', remedy="write --part-zero 0,0,50") from None
-    return read_tool_path(path, machine, tool_length=tool, zero=(x, y, z), tool_centre=tool_centre, datum=datum)
+    zero = point_of("--part-zero", part_zero)
+    return read_tool_path(
+        path, machine, tool_length=part_tool, zero=zero, tool_centre=part_tool_centre, datum=part_datum
+    )
 
 
 def until_of(words: Sequence[str]) -> dict[str, float]:
@@ -60,12 +61,12 @@ def until_of(words: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def setup_sigma_of(**given: float | None) -> SetupSigma:
-    """Set-up errors as they were given, the others as usual."""
+def setup_sigma_of(given: Mapping[str, float | None]) -> SetupSigma:
+    """Set-up errors as the options give them (`tool_ball_sigma`, …), the others as usual."""
     from symfive.campaign import SetupSigma
 
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    return SetupSigma(**chosen)
+    known: dict[str, Any] = {name.removesuffix("_sigma"): sigma for name, sigma in given.items() if sigma is not None}
+    return SetupSigma(**known)
 
 
 def rotary_of(machine: Machine, names: str) -> tuple[str, ...]:
@@ -73,9 +74,9 @@ def rotary_of(machine: Machine, names: str) -> tuple[str, ...]:
 
     found = tuple(name.strip() for name in names.split(",") if name.strip())
     for name in found:
-        if name not in machine.axes or not machine.axes[name].rotary:
-            rotary = ", ".join(n for n, axis in machine.axes.items() if axis.rotary) or "none"
-            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {rotary}")
+        if name not in machine.rotary_axes:
+            there = ", ".join(machine.rotary_axes) or "none"
+            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {there}")
     return found
 
 

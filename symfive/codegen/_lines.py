@@ -31,9 +31,8 @@ class AxisLine:
 def table_axes(subject: Subject, purpose: str) -> tuple[str, str]:
     """The two rotary axes under the workpiece, the carrying one first. Raises `InputError` for other structures."""
     machine = subject.machine
-    rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
-    carrying = [name for name in reversed(machine.structure.workpiece) if name in rotary]
-    if len(rotary) != 2 or carrying != rotary:
+    carrying = tuple(name for name in reversed(machine.structure.workpiece) if machine.axes[name].rotary)
+    if len(carrying) != 2 or carrying != machine.rotary_axes:
         raise InputError(
             f'{purpose} describe two rotary axes under the workpiece, and "{machine.structure.code}" has others',
             remedy="use the target c or linuxcnc, which hold every structure",

@@ -44,9 +44,8 @@ def filled(name: str, **values: object) -> str:
 
 def solved_axes(machine: Machine) -> tuple[str, ...]:
     """The three linear axes that an inverse solves for (X, Y, Z where they exist); fewer where there are fewer."""
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    first = [name for name in "XYZ" if name in linear]
-    return tuple((first + [name for name in linear if name not in first])[:3])
+    first = [name for name in "XYZ" if name in machine.linear_axes]
+    return tuple((first + [name for name in machine.linear_axes if name not in first])[:3])
 
 
 def turning_axes(machine: Machine) -> tuple[str, ...]:

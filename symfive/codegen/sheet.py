@@ -90,12 +90,8 @@ def _cells(rows: Sequence[Row], uncertainty: Sequence[float | None]) -> str:
     found, typed = [], dict[str, float]()
     for row, spread in zip(rows, uncertainty, strict=True):
         change, unit = Change(row.old, row.new, row.resolution, spread), "" if row.unit == "1" else f" {row.unit}"
-        entered, reason, moved, new = (
-            change.entered,
-            change.reason,
-            change.said(change.difference, "+"),
-            change.said(row.new),
-        )
+        entered, reason = change.entered, change.reason
+        moved, new = change.said(change.difference, "+"), change.said(row.new)
         typed[row.name] = change.typed
         if row.closes:
             typed[row.name] = value = -sum(typed[name] for name in row.closes) + 0.0

@@ -53,9 +53,9 @@ def axes_of_modified_dh(
     return axes, rotation, position
 
 
-def rounded(vector: Array) -> Vector:
-    """Three numbers to 1e-9, without negative zeros."""
-    x, y, z = (round(float(v), 9) + 0.0 for v in vector)
+def rounded(vector: Array, digits: int = 9) -> Vector:
+    """Three numbers to 1e-9, or to other `digits`, without negative zeros."""
+    x, y, z = (round(float(v), digits) + 0.0 for v in vector)
     return x, y, z
 
 

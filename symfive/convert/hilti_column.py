@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.convert._chain import forward, placement
+from symfive.convert._chain import forward, placement, rounded
 from symfive.convert._files import Array, files, location_errors
 from symfive.errors import InputError
 from symfive.files import read_text
@@ -79,8 +79,7 @@ def _runs(stations: list[_Station], start: float) -> list[Run]:
     joints = np.concatenate([np.array(station.joints) for station in stations])
     prism = np.concatenate([np.array(station.prism) for station in stations])
     turn, shift, (reflector,) = placement(forward(AXES, joints, ["L"]), [prism])
-    angles = np.degrees(Rotation.from_matrix(turn).as_euler("XYZ"))
-    x, y, z = (round(float(v), 3) for v in reflector)
+    angles = Rotation.from_matrix(turn).as_euler("XYZ", degrees=True)
     found = []
     for station in stations:
         order = np.argsort(station.time)
@@ -95,7 +94,7 @@ def _runs(stations: list[_Station], start: float) -> list[Run]:
                 start_s=float(time[0]),
                 commands={axis: angle[:, i] for i, axis in enumerate(AXES)},
                 readings={f"{c}_mm": seen[:, i] for i, c in enumerate("xyz")},
-                tool_ball=(x, y, z),
+                tool_ball=rounded(reflector, 3),
                 noise_um=NOISE_MM,
                 setup_sigma_um=SetupSigma(tool_ball=5000.0),
                 options={"placement": [round(float(v), 3) for v in (*shift, *angles)]},
@@ -121,10 +120,9 @@ def _stations(path: Path) -> list[_Station]:
         else:
             numbers = np.array([float(number) for number in text.split(",")])
             if kind == "joints":
-                numbers = np.concatenate([1e3 * numbers[:1], np.degrees(numbers[1:])])
-            (found[-1].joints if kind == "joints" else found[-1].prism).append(
-                numbers if kind == "joints" else 1e3 * numbers
-            )
+                found[-1].joints.append(np.concatenate([1e3 * numbers[:1], np.degrees(numbers[1:])]))
+            else:
+                found[-1].prism.append(1e3 * numbers)
     for station in found:
         sizes = {len(station.time), len(station.joints), len(station.prism)}
         if len(sizes) != 1 or not station.time:

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.convert._chain import forward, placement
-from symfive.convert._files import Array, files, location_errors, table
+from symfive.convert._chain import forward, placement, rounded
+from symfive.convert._files import files, location_errors, table
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, make_axis
 
@@ -61,7 +61,7 @@ def irb120_tracker(folder: Path) -> Campaign:
         if len(readings) != len(joints):
             raise InputError(f"{len(readings)} readings stand against {len(joints)} joint rows", path=folder)
     turn, shift, reflectors = placement(forward(AXES, joints), tool)
-    station = [*shift, *np.degrees(_angles(turn))]
+    station = [*shift, *Rotation.from_matrix(turn).as_euler("XYZ", degrees=True)]
     common = {"placement": [round(float(v), 3) for v in station], "placement_id": "station"}
     runs, notes = [], []
     for k, readings in enumerate((*tool, *base)):
@@ -76,7 +76,7 @@ def irb120_tracker(folder: Path) -> Campaign:
                 notes.append(f"{name}: {int(far.sum())} rows more than {FAR_MM:g} mm from the reflector are left out")
             seen = seen & ~far
         fixed = np.median(turn.T @ (readings[seen] - shift).T, axis=1)
-        point = _point(reflectors[k] if on_tool else fixed)
+        point = rounded(reflectors[k] if on_tool else fixed, 3)
         runs.append(
             Run(
                 id=name,
@@ -107,13 +107,3 @@ def irb120_tracker(folder: Path) -> Campaign:
         )
     )
     return Campaign(machine=machine, runs=tuple(runs), name="irb120-tracker", notes=tuple(notes))
-
-
-def _point(vector: Array) -> tuple[float, float, float]:
-    x, y, z = (round(float(v), 3) for v in vector)
-    return x, y, z
-
-
-def _angles(turn: Array) -> Array:
-    """(a, b, c) rad of Rx(a) Ry(b) Rz(c)."""
-    return np.asarray(Rotation.from_matrix(turn).as_euler("XYZ"))

@@ -97,7 +97,6 @@ def _run(path: Path, arm: Arm) -> Run:
     angles = np.degrees(table(path, len(arm.axes), ","))
     rotation, position = forward(arm.axes, angles)
     socket = (rotation @ np.array(arm.ball) + position).mean(axis=0)
-    x, y, z = (round(float(v), 3) for v in socket)
     n = len(angles)
     return Run(
         id=positive_name(f"{path.parent.name}-{path.stem}"),
@@ -107,7 +106,7 @@ def _run(path: Path, arm: Arm) -> Run:
         clock="none",
         commands={name: angles[:, i] for i, name in enumerate(arm.axes)},
         readings={f"d{c}_um": np.zeros(n) for c in "xyz"},
-        table_ball=(x, y, z),
+        table_ball=rounded(socket, 3),
         tool_ball=arm.ball,
         noise_um=arm.noise_um,
         setup_sigma_um=SetupSigma(table_ball=0.0, tool_ball=2000.0),

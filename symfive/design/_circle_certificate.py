@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from symfive.design._assessment_data import six_digits
 from symfive.design._circles import Circle, Goal, measured
@@ -188,6 +187,8 @@ def _spaces(machine: Machine, shapes: Sequence[CircleShape], feeds: tuple[float,
 
 def _points(size: int, power: int) -> Array:
     """2^power quasi-random places in the unit cube (I. M. Sobol 1967, scrambled with a fixed seed)."""
+    from scipy.stats import qmc
+
     return np.asarray(qmc.Sobol(size, seed=0).random_base2(power))
 
 

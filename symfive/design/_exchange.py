@@ -172,7 +172,7 @@ def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, p
     return chosen
 
 
-def choose(task: Task, candidates: Candidates, groups: int, points: int, passes: int = PASSES) -> Indices:
+def both_ways(task: Task, candidates: Candidates, groups: int, points: int, passes: int = PASSES) -> list[Indices]:
     """Greedy and exchange, once freely and once from a start with the poses shared evenly among the set-ups.
 
     The first reading in a set-up determines only its zero, so a free greedy search may never begin a second one.
@@ -181,8 +181,13 @@ def choose(task: Task, candidates: Candidates, groups: int, points: int, passes:
     if groups > 1:
         shared = greedy(task, candidates, groups, points, -(-points // groups))
         designs.append(exchange(task, candidates, groups, shared, passes))
+    return designs
+
+
+def choose(task: Task, candidates: Candidates, groups: int, points: int) -> Indices:
+    """The better design of both ways."""
 
     def value(chosen: Indices) -> float:
         return task.value(task.information(candidates.rows[chosen], candidates.group[chosen], groups))
 
-    return min(designs, key=value)
+    return min(both_ways(task, candidates, groups, points), key=value)

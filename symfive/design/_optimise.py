@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.design._candidates import PER_SETUP, best_setups, candidates_in, pose_grid, setup_options
 from symfive.design._certificate import generate
-from symfive.design._exchange import Candidates, choose, exchange, greedy
+from symfive.design._exchange import Candidates, both_ways, choose, exchange, greedy
 from symfive.design._information import Task
 from symfive.design._refine import Rows, refine
 from symfive.design._space import Space
@@ -31,8 +31,9 @@ ROUNDINGS, FEW_ROUNDS, LOOSE, WORTH = 2, 5, 1e-2, 5e-3
 """Rounding of the relaxed design: how often, its column generation, and the gain in ψ for which to go on."""
 PART = 0.6
 """Share of the corners and poses that a random start sees."""
-COARSE = 100
-"""Poses by which set-ups are compared."""
+DENSE = 3 * PER_SETUP
+"""Poses by which set-ups are compared. They rank as their best poses do, and what few poses miss of these is more than set-ups
+differ by."""
 
 
 def value_of(space: Space, task: Task, rows: Rows) -> float:
@@ -41,31 +42,33 @@ def value_of(space: Space, task: Task, rows: Rows) -> float:
 
 
 def optimise(
-    space: Space, task: Task, points: int, setups: int, *, starts: int = 6, seed: int = 0,
+    space: Space, task: Task, points: int, setups: int, *, starts: int = 2, seed: int = 0,
     pool: Executor | None = None, progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Rows, tuple[float, ...]]:  # fmt: skip
-    """The best design found and ψ of every start.
+    """The best design found and ψ of every design that the starts began with.
 
-    Start 0 uses the most telling set-ups and every pose of the grid, the others random parts of both. Successive halving: all
-    starts are refined a little, the better third of them further, and the best one until it stands still. Then whole numbers of
-    the poses that the relaxed design in its set-ups uses compete with it. Of a large plan only a smaller one is refined; its
-    set-ups and the relaxed design in them give the large one. The workers of `pool` (`symfive.executors`) share the starts.
+    Start 0 uses the most informative set-ups and every pose of the grid, the others random parts of both. Each begins one design
+    with its poses shared among the set-ups and one that may leave some of them out: on a grid nobody can say which will be the
+    better one. Successive halving: all are refined a little, the better third of them further, and the best one until it stands
+    still. Then whole numbers of the poses that the relaxed design in its set-ups uses compete with it. Of a large plan only a
+    smaller one is refined; its set-ups and the relaxed design in them give the large one. The workers of `pool`
+    (`symfive.executors`) share the starts.
     """
     small = min(points, LARGEST_REFINED)
-    parts = _parts(space, setups, starts, seed)
-    begun = each(pool, _started, space, task, [(small, setups, seed + s, *part) for s, part in enumerate(parts)])
+    calls = [(small, setups, seed + s, *part) for s, part in enumerate(_parts(space, setups, starts, seed))]
+    begun = [design for designs in each(pool, _started, space, task, calls) for design in designs]
     feasible = [(value_of(space, task, rows), rows) for rows in begun]
     running = dict(enumerate(begun))
     values = [value for value, _ in feasible]
     for share, steps in zip(SHARES, STEPS, strict=True):
-        better = sorted(running, key=lambda s: values[s])[: max(1, math.ceil(share * starts))]
+        better = sorted(running, key=lambda s: values[s])[: max(1, math.ceil(share * len(begun)))]
         found = each(pool, _refined, space, task, [(running[start], steps) for start in better])
         running = {}
         for start, (value, rows, reachable) in zip(better, found, strict=True):
             running[start], values[start] = rows, value
             feasible += [(value, rows)] if reachable else []
         progress(
-            f"{len(running)} of {starts} starts refined by {steps} steps: criterion ψ = {min(values[s] for s in better):.5f}"
+            f"{len(running)} of {len(begun)} designs refined by {steps} steps: criterion ψ = {min(values[s] for s in better):.5f}"
         )
     if points > small:
         many = _many(space, task, _best(feasible), points)
@@ -127,14 +130,16 @@ def _parts(space: Space, setups: int, starts: int, seed: int) -> list[tuple[Indi
 
 def _started(
     space: Space, task: Task, points: int, setups: int, seed: int, among: Indices | None, some: Indices | None
-) -> Rows:
-    """The best set-ups of some corners of the workspace, and by exchange the best poses of the grid in them."""
+) -> list[Rows]:
+    """The best set-ups of some corners of the workspace, and by exchange the best poses of the grid in them, both ways."""
+    places, lengths = best_setups(space, task, setups, points, pose_grid(space, DENSE, seed), among)
     poses = pose_grid(space, PER_SETUP, seed)
-    poses = poses if some is None else poses[some]
-    places, lengths = best_setups(space, task, setups, points, poses[:: max(1, len(poses) // COARSE)], among)
-    candidates = candidates_in(space, places, lengths, poses)
-    picked = candidates.take(choose(task, candidates, len(places), points, FIRST_PASSES))
-    return Rows.of(picked.z, picked.k, picked.group, space.poses)
+    candidates = candidates_in(space, places, lengths, poses if some is None else poses[some])
+    designs = both_ways(task, candidates, len(places), points, FIRST_PASSES)
+    return [
+        Rows.of(picked.z, picked.k, picked.group, space.poses)
+        for picked in (candidates.take(chosen) for chosen in designs)
+    ]
 
 
 def _refined(space: Space, task: Task, rows: Rows, steps: int) -> tuple[float, Rows, bool]:

@@ -64,8 +64,8 @@ class Plan(OnScreen):
     """A measurement plan.
 
     `campaign` without readings; `criterion` and the parameters `interest` it is for; `certificate` of the poses before the
-    return poses were added; `assessment` of the whole; `starts` ψ of every start; `minutes` it takes; `unsafe` run → rows
-    before which the spindle is drawn back; `lost` the efficiency left if the most important pose is lost;
+    return poses were added; `assessment` of the whole; `starts` ψ of every design that the search began with; `minutes` it takes;
+    `unsafe` run → rows before which the spindle is drawn back; `lost` the efficiency left if the most important pose is lost;
     `over_prior` mean and worst efficiency when the machine's errors are drawn from the priors; `information_per_minute`
     nats of ψ a minute; `drift` efficiency left when a linear drift is a nuisance; `post` the ways of the programs, every one of
     them clear; `part` what is expected along the part that it is for; `notes` in plain words.
@@ -138,7 +138,7 @@ def plan(
     lengths: Sequence[float] = (), minutes: float | None = None,
     per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
     setup_sigma: SetupSigma | None = None, frame: str = "workpiece", index: bool | None = None, survive: bool = False,
-    robust: str = "nominal", starts: int = 6, anywhere: bool = True, prove: bool = True, seed: int = 0,
+    robust: str = "nominal", starts: int = 2, anywhere: bool = True, prove: bool = True, seed: int = 0,
     pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
@@ -331,7 +331,7 @@ def _finished(
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
         notes=(
             *_why_low(certificate, space.instrument, expected), *what_dominates(space, task, rows),
-            *_rounding_notes(space, schedule), *_notes(schedule, values),
+            *_rounding_notes(space, schedule), *_notes(schedule),
         ),
     )  # fmt: skip
 
@@ -375,7 +375,7 @@ def _removals(schedule: Schedule, name: str, count: int) -> str:
     )
 
 
-def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
+def _notes(schedule: Schedule) -> tuple[str, ...]:
     notes = [
         _removals(schedule, run, len(rows))
         for run, rows in schedule.unsafe.items()
@@ -388,6 +388,4 @@ def _notes(schedule: Schedule, values: tuple[float, ...]) -> tuple[str, ...]:
         notes.append(
             f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs move as on a slow machine"
         )
-    if len(values) > 1 and max(values) - min(values) > 0.05:
-        notes.append("the starts ended in different local optima; the best is used")
     return tuple(notes)

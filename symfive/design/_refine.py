@@ -28,7 +28,10 @@ __all__ = ["Objective", "Rows", "refine"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+WITHIN = 1e-6
+"""Limits are kept by this much, and met to as much: a design a hair beyond one of them would be lost."""
 OPTIONS: dict[str, Any] = {
+    "constr_viol_tol": WITHIN, "acceptable_constr_viol_tol": WITHIN,
     "max_iter": 40, "tol": 1e-5, "acceptable_tol": 1e-3, "acceptable_iter": 6, "mu_init": 1e-2, "bound_push": 1e-4,
     "bound_frac": 1e-4, "bound_relax_factor": 0.0, "bound_mult_init_method": "mu-based", "barrier_tol_factor": 100.0,
     "mu_linear_decrease_factor": 0.1, "print_level": 0, "sb": "yes",
@@ -308,6 +311,6 @@ def refine(task: Task, kernel: Kernel, rows: Rows, lower: Array, upper: Array, *
     low, high = np.empty(m), np.empty(m)
     low[index], high[index] = lower, upper
     start = np.clip(rows.variables, low, high)
-    found = solver(x0=start, lbx=low, ubx=high, **({"lbg": 0.0, "ubg": np.inf} if ng else {}))
+    found = solver(x0=start, lbx=low, ubx=high, **({"lbg": WITHIN, "ubg": np.inf} if ng else {}))
     best = np.clip(np.asarray(found["x"]).ravel(), low, high)
     return rows.at(best), objective.value(best)

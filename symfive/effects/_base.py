@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.effects._form import AXIS, TOOL, Form, Scan, Tone, moving
+from symfive.effects._form import AXIS, TOOL, Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.effects._rates import rate_of
 from symfive.errors import InputError
+from symfive.machine import unknown_axis
 from symfive.motion import unmoved
 from symfive.parameters import Parameter
 
@@ -106,7 +107,7 @@ class Effect:
         return (channels[self.stage], words) if self.stage in channels and words not in ("pose", "reading") else None
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         """The forms in which it may act in this campaign. Those that cannot join (`prepare` raises) are left out by who asks.
 
         Default: its plain form, of an effect of axes one per axis that moves.
@@ -130,10 +131,7 @@ class Effect:
                 f"effect {self.id} belongs to an axis", remedy=f'write axis = "X" with effect = "{self.id}"'
             )
         if self.axis is not None and self.axis not in campaign.machine.axes:
-            raise InputError(
-                f"effect {self.id} speaks of axis {self.axis}, which the machine lacks",
-                remedy=f"use one of {', '.join(campaign.machine.axis_names)}",
-            )
+            raise unknown_axis(f"effect {self.id}", self.axis, campaign.machine.axes)
         return self
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from symfive.errors import InputError
-from symfive.machine import ErrorTerm, Machine
+from symfive.machine import ErrorTerm, Machine, unknown_axis
 
 __all__ = ["Component", "component_of", "location_of"]
 
@@ -49,8 +49,5 @@ def location_of(name: str, machine: Machine) -> Component:
 
 def _checked(term: ErrorTerm, machine: Machine) -> Component:
     if term.axis not in machine.axes:
-        raise InputError(
-            f"{term.name} speaks of axis {term.axis}, which the machine lacks",
-            remedy=f"use one of {', '.join(machine.axis_names)}",
-        )
+        raise unknown_axis(term.name, term.axis, machine.axes)
     return Component(term.name, term.component, term.axis)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from symfive.runs import Campaign, Run
 
 __all__ = [
-    "AXIS", "BALL", "CARRIED", "FORCE", "TOOL", "Form", "Scan", "Tone", "across", "goes_round", "moving", "own_component",
-    "reversing", "revisited",
+    "AXIS", "BALL", "CARRIED", "FORCE", "TOOL", "Form", "Forms", "Scan", "Tone", "across", "goes_round", "moving",
+    "own_component", "reversing", "revisited",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -87,6 +87,10 @@ class Tone:
     form: Callable[[float, float, int], Form]
     axis: str | None = None
     runs: tuple[str, ...] = field(default=())
+
+
+Forms = Iterable[Form | Scan | Tone]
+"""In which an effect may act in a campaign."""
 
 
 def moving(campaign: Campaign) -> tuple[str, ...]:

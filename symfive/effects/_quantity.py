@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.parameters import Parameter
+from symfive.validation import as_lists
 
 __all__ = [
     "Covariance",
@@ -53,11 +54,7 @@ class Quantity:
     def as_data(self) -> dict[str, object]:
         """As `diagnosis.json` holds it; what is None is left out."""
         table: dict[str, object] = {"value": self.value, "std": self.std, "unit": self.unit}
-        return {name: _lists(entry) for name, entry in table.items() if entry is not None}
-
-
-def _lists(value: object) -> object:
-    return [_lists(entry) for entry in value] if isinstance(value, tuple) else value
+        return {name: as_lists(entry) for name, entry in table.items() if entry is not None}
 
 
 def own_quantity(parameter: Parameter, values: Values, covariance: Covariance) -> Quantity:

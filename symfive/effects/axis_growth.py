@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -11,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone
+from symfive.effects._form import Forms
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.motion import Position
@@ -62,7 +61,7 @@ class AxisGrowth(Effect):
         return replace(effect, span_s=self.span_s or self.clock_span(campaign))
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         """None by itself: as its place is free, it takes the place of any drift of the tool along an axis."""
         return ()
 

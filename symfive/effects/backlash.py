@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, reversing
+from symfive.effects._form import Form, Forms, reversing
 from symfive.motion import Direction, Play, Position, PreSliding
 from symfive.parameters import Parameter
 
@@ -52,7 +51,7 @@ class Backlash(Effect):
         return super().prepare(campaign)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in reversing(campaign):
             shapes = {shape: cls(axis=axis, shape=shape) for shape in SHAPES}
             yield Form(effect=shapes.pop("play"), shapes=tuple(shapes.values()))
@@ -60,7 +59,7 @@ class Backlash(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary
-        small = "urad" if rotary else "um"
+        small = self.its_axis(campaign).error_unit
         found = [self.own("width", small, 100.0 if rotary else 20.0, start=1.0)]
         if self.shape in ("pre_sliding", "gradual"):
             distance = 300.0 if rotary else 50.0

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, reversing
+from symfive.effects._form import Form, Forms, reversing
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.motion import Direction, Position
 from symfive.parameters import Parameter
@@ -40,7 +39,7 @@ class Counterbalance(Effect):
     needs_axis = True
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in reversing(campaign):
             if abs(campaign.machine.axes[axis].direction[2]) > UPRIGHT and not campaign.machine.axes[axis].rotary:
                 yield Form(effect=cls(axis=axis))

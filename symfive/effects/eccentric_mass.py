@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, moving
 from symfive.effects._gravity import DOWN, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase
 from symfive.errors import InputError
@@ -52,10 +50,6 @@ class EccentricMass(Effect):
         if alone and any(t is not None and t.over == (self.axis,) and t.basis == ("fourier",) for t in held):
             raise InputError(f"the baseline already holds the tilt of {self.axis} once a turn", remedy="leave it there")
         return self
-
-    @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
-        yield from (Form(effect=cls(axis=axis)) for axis in moving(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("cos", "urad", 10.0), self.own("sin", "urad", 10.0))

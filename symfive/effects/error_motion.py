@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,10 +11,10 @@ import numpy as np
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
-from symfive.effects._form import Form, Scan, Tone, goes_round, moving
+from symfive.effects._form import Form, Forms, goes_round, moving
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of
-from symfive.machine import ErrorTerm
+from symfive.machine import ErrorTerm, unknown_axis
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -65,10 +64,7 @@ class ErrorMotion(Effect):
         component_of(self.component, machine)
         for axis in self._term.over:
             if axis not in machine.axes:
-                raise InputError(
-                    f"error motion {self.component} runs over axis {axis}, which the machine lacks",
-                    remedy=f"use one of {', '.join(machine.axis_names)}",
-                )
+                raise unknown_axis(f"error motion {self.component}", axis, machine.axes)
         held = machine.errors.get(self.component)
         term = self._term
         if (
@@ -101,7 +97,7 @@ class ErrorMotion(Effect):
         return basis, tuple(name for name in basis.names if name not in known)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in moving(campaign):
             round_ = goes_round(campaign, axis)
             basis, order = ("fourier", 3) if round_ else ("polynomial", 3)

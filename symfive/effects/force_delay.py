@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import INSTRUMENT, Effect
 from symfive.effects._force import driven_axes
-from symfive.effects._form import Form, Scan, Tone
+from symfive.effects._form import Form, Forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.parameters import Parameter
@@ -62,7 +61,7 @@ class ForceDelay(Effect):
         return super().applies(run) and self._seen(run)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         yield from (Form(effect=cls(axis=axis)) for axis in driven_axes(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:

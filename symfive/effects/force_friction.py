@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
@@ -10,7 +9,7 @@ import casadi as ca
 
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._force import driven_axes
-from symfive.effects._form import FORCE, Form, Scan, Tone
+from symfive.effects._form import FORCE, Form, Forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.motion import Velocity
@@ -93,7 +92,7 @@ class ForceFriction(Effect):
         return super().applies(run) and self._seen(run)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in driven_axes(campaign):
             others = tuple(cls(axis=axis, parts=parts, tag="speed") for parts in OTHERS)
             yield Form(effect=cls(axis=axis))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._force import FORCE_SHARE, driven_axes, usual_force
-from symfive.effects._form import FORCE, Form, Scan, Tone
+from symfive.effects._form import FORCE, Form, Forms, Tone
 from symfive.effects._periodic import READINGS, check_period, described, series_parameters, sines
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
@@ -66,7 +65,7 @@ class ForceRipple(Effect):
         return super().applies(run) and driven_axis(run) == self.axis
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in driven_axes(campaign):
             runs = [run for run in campaign.runs if driven_axis(run) == axis and run.dynamic]
             ways = [np.asarray(run.commands[axis]) for run in runs]

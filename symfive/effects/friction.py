@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, reversing
+from symfive.effects._form import Form, Forms, reversing
 from symfive.errors import InputError
 from symfive.motion import FRICTION
 from symfive.parameters import Parameter
@@ -54,7 +54,7 @@ class Friction(Effect):
         return self
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         """The longer the axis stands, the less the readings have the shape of little friction: they are looked at about several
         sizes."""
         for axis in reversing(campaign):
@@ -71,14 +71,12 @@ class Friction(Effect):
         if self.shape != "coulomb":
             speed = 0.05 if rotary else 2.0
             found.append(self.own("stiction", unit, sigma, lower=0.0, start=0.05 * sigma))
-            found.append(
-                self.own("stribeck_speed", "rad/s" if rotary else "mm/s", speed, mean=speed, lower=0.05 * speed)
-            )
+            unit = "rad/s" if rotary else "mm/s"
+            found.append(self.own("stribeck_speed", unit, speed, mean=speed, lower=0.05 * speed))
         if self.shape == "lugre":
             way = 10.0 if rotary else 2.0
-            found.append(
-                self.own("pre_sliding", "urad" if rotary else "um", way, mean=way, lower=0.02 * way, start=FAR * way)
-            )
+            unit = self.its_axis(campaign).error_unit
+            found.append(self.own("pre_sliding", unit, way, mean=way, lower=0.02 * way, start=FAR * way))
         return tuple(found)
 
     def frees(self) -> Mapping[tuple[str, str], str]:

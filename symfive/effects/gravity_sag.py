@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
-from symfive.effects._form import Form, Scan, Tone, moving
+from symfive.effects._form import Form, Forms, moving
 from symfive.effects._gravity import DOWN, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
@@ -80,7 +79,7 @@ class GravitySag(Effect):
         return self
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in moving(campaign):
             for letter in "XYZABC":
                 symbol = f"E{letter}{axis}"

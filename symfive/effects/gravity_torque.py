@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._force import driven_axes, usual_force
-from symfive.effects._form import FORCE, Form, Scan, Tone
+from symfive.effects._form import FORCE, Form, Forms
 from symfive.effects._gravity import DOWN, gravity_seen, rotary_chain
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
@@ -83,7 +82,7 @@ class GravityTorque(Effect):
         return super().applies(run) and driven_axis(run) == self.axis
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         yield from (Form(effect=cls(axis=axis)) for axis in driven_axes(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
@@ -10,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, moving
+from symfive.effects._form import Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, seen_length
 from symfive.motion import Acceleration
 from symfive.parameters import Parameter
@@ -61,7 +60,7 @@ class InertialCompliance(Effect):
         return "um/(rad/s^2)" if self.its_axis(campaign).rotary else "um/(m/s^2)"
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in moving(campaign):
             yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
 

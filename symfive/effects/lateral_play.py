@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
-from symfive.effects._form import Form, Scan, Tone, across, reversing
+from symfive.effects._form import Form, Forms, across, reversing
 from symfive.errors import InputError
 from symfive.motion import Direction, Play, PreSliding
 from symfive.parameters import Parameter
@@ -52,7 +51,7 @@ class LateralPlay(Effect):
         return super().prepare(campaign)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in reversing(campaign):
             for symbol in across(campaign.machine, axis):
                 yield Form(
@@ -64,13 +63,13 @@ class LateralPlay(Effect):
         width = self.own("width", component.unit, 30.0 if component.angular else 10.0)
         if self.shape == "step":
             return (width,)
-        rotary = campaign.machine.axes[component.axis].rotary
-        distance = 300.0 if rotary else 50.0
+        axis = campaign.machine.axes[component.axis]
+        distance = 300.0 if axis.rotary else 50.0
         if self.shape == "play":
             distance *= 0.1
         return (
             width,
-            self.own("distance", "urad" if rotary else "um", distance, mean=distance, lower=0.02 * distance),
+            self.own("distance", axis.error_unit, distance, mean=distance, lower=0.02 * distance),
         )
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:

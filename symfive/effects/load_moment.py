@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -10,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone
+from symfive.effects._form import Form, Forms
 from symfive.effects._gravity import DOWN, carriers, gravity_seen, later_axes
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
@@ -55,7 +54,7 @@ class LoadMoment(Effect):
         return any(np.ptp(run.commands[name]) > 0.0 for run in campaign.runs for name in later)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         yield from (Form(effect=cls(axis=axis)) for axis in campaign.machine.axis_names)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -10,7 +9,7 @@ import casadi as ca
 
 from symfive.effects._base import Effect
 from symfive.effects._component import location_of
-from symfive.effects._form import Form, Scan, Tone, own_component
+from symfive.effects._form import Form, Forms, own_component
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 
@@ -48,7 +47,7 @@ class LocationError(Effect):
         return super().prepare(campaign)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in campaign.machine.axis_names:
             own, rotary = own_component(campaign.machine, axis), campaign.machine.axes[axis].rotary
             for letter in "XYZABC" if rotary else "ABC":

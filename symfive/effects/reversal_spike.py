@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, reversing
+from symfive.effects._form import Form, Forms, reversing
 from symfive.motion import ReversalAhead, ReversalTime
 from symfive.parameters import Parameter
 
@@ -48,13 +47,13 @@ class ReversalSpike(Effect):
         return super().prepare(campaign)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in reversing(campaign):
             yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        rotary = self.its_axis(campaign).rotary
-        height = self.own("height", "urad" if rotary else "um", 50.0 if rotary else 5.0)
+        axis = self.its_axis(campaign)
+        height = self.own("height", axis.error_unit, 50.0 if axis.rotary else 5.0)
         if self.shape == "lag":
             return (height, self.own("duration_ms", "ms", 60.0, mean=60.0, lower=1.0))
         return (

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, moving
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
@@ -47,10 +45,6 @@ class ScaleError(Effect):
                     remedy="use axis_growth for one that comes with time",
                 )
         return self
-
-    @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
-        yield from (Form(effect=cls(axis=axis)) for axis in moving(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("ppm", "ppm", 20.0),)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone
+from symfive.effects._form import Form, Forms
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -69,7 +68,7 @@ class SensorError(Effect):
         return tuple(found)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         probes = [i for run in campaign.runs for i in instruments_of(run) if not i.on_control]
         several = sorted({i.name for i in probes if len(i.columns(campaign.runs[0], campaign.machine)) > 1})
         yield from (Form(effect=cls(instrument=name, shape="matrix")) for name in several[:1])

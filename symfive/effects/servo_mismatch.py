@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone, moving
+from symfive.effects._form import Form, Forms, moving
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 
@@ -53,7 +53,7 @@ class ServoMismatch(Effect):
         return self
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in moving(campaign):
             yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, gains=(gain,)) for gain in cls.gains))
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Scan, Tone
+from symfive.effects._form import Form, Forms
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.parameters import Parameter
 
@@ -36,7 +35,7 @@ class SpindleGrowth(Effect):
     reported_as = "thermal_drift"
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         # where no rotary axis turns the spindle it is a drift along z
         if any(campaign.machine.axes[axis].rotary for axis in campaign.machine.structure.tool):
             yield Form(effect=cls())

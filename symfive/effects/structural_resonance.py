@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
-from symfive.effects._form import TOOL, Form, Scan, Tone, moving
+from symfive.effects._form import TOOL, Form, Forms, Scan, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity
 from symfive.errors import InputError
 from symfive.motion import FINE_S, Resonance, RunMotion
@@ -64,7 +63,7 @@ class StructuralResonance(Effect):
         return "mm" if self.its_axis(campaign).rotary else "1"
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         runs = [run for run in campaign.runs if run.dynamic]
         for axis in moving(campaign) if runs else ():
             count = int(math.log(HIGHEST_HZ / LOWEST_HZ) / math.log(SPACING)) + 1

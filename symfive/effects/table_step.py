@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -11,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import AXIS, Form, Scan, Tone, moving
+from symfive.effects._form import AXIS, Form, Forms, Scan, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
 from symfive.errors import InputError
 from symfive.motion import Position
@@ -83,7 +82,7 @@ class TableStep(Effect):
         return WIDE * float(max(ways))
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in moving(campaign):
             ranked = np.sort(np.concatenate([run.commands[axis] for run in campaign.runs]))
             gaps = 1 + np.flatnonzero(np.diff(ranked) > NEAREST * np.ptp(ranked))  # first row after a step

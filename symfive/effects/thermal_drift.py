@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
-from symfive.effects._form import TOOL, Form, Scan, Tone
+from symfive.effects._form import TOOL, Form, Forms, Scan
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagate
 from symfive.errors import InputError
 from symfive.parameters import Parameter
@@ -68,7 +67,7 @@ class ThermalDrift(Effect):
         return 0.25 * self.clock_span(campaign)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         yield Form(effect=cls(), shapes=(cls(shape="mixture"),))
         yield Form(effect=cls(shape="linear", tag="linear"))
         span = cls().clock_span(campaign)

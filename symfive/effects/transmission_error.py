@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import AXIS, Form, Scan, Tone, moving
+from symfive.effects._form import AXIS, Form, Forms, Tone, moving
 from symfive.effects._periodic import READINGS, check_period, described, series_parameters, sines
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.parameters import Parameter
@@ -55,7 +54,7 @@ class TransmissionError(Effect):
         return 2e-3 * self.period if self.period_sigma is None else self.period_sigma
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for axis in moving(campaign):
             ways = [np.asarray(run.commands[axis]) for run in campaign.runs]
             steps = np.concatenate([np.abs(np.diff(way)) for way in ways])

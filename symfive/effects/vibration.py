@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.effects._base import Effect
-from symfive.effects._form import TOOL, Form, Scan, Tone
+from symfive.effects._form import TOOL, Form, Forms, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity, propagate, seen_length
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -83,7 +82,7 @@ class Vibration(Effect):
         return found
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         runs = [run for run in campaign.runs if run.dynamic]
         longest = max((run.duration for run in runs), default=0.0)
         shortest = max((2.0 * run.interval for run in runs), default=1.0)

@@ -104,10 +104,8 @@ class Watch:
         at = number + late
         if alarm is None:
             self.usual.learn(updates, at, evidence[at])
-            self._pending, self._late_density = (
-                (chain[0][at], chain[1][at], chain[2][at]),
-                evidence[at + 1] - evidence[at],
-            )
+            self._pending = (chain[0][at], chain[1][at], chain[2][at])
+            self._late_density = evidence[at + 1] - evidence[at]
         else:
             self._censored(chain, at, evidence, alarm)
         self._last = scores, limits
@@ -188,10 +186,8 @@ class Watch:
             x, weight, variance = (entry[at - 1 : at] for entry in chain)
             density = evidence[at - 1 if blamed else at]
             self.usual.learn(self.usual.updates(x * (share if blamed else 1.0), weight, variance), 1, density)
-        self._pending, self._late_density = (
-            (chain[0][at] * share, chain[1][at], chain[2][at]),
-            np.zeros(evidence.shape[1]),
-        )
+        self._pending = (chain[0][at] * share, chain[1][at], chain[2][at])
+        self._late_density = np.zeros(evidence.shape[1])
 
     def smallest(self) -> dict[str, float]:
         """The smallest step of each error that raises an alarm at a next visit like the last one; file units. One

@@ -78,28 +78,17 @@ class FindingChange:
     @property
     def says(self) -> str:
         """In one sentence."""
-        if self.before is None:
+        if self.before is None and self.after is not None:
             again = "; the earlier test could not detect it" if self.hidden else ""
-            return f"New: {self.words}{_size(self.after)}{again}"
-        if self.after is None:
+            return f"New: {', '.join(filter(None, (self.words, self.after.size)))}{again}"
+        if self.before is not None and self.after is None:
             again = "; the later test cannot detect it" if self.hidden else ""
-            return f"Gone: {self.words}{_size(self.before)}{again}"
+            return f"Gone: {', '.join(filter(None, (self.words, self.before.size)))}{again}"
         entries = [
             f"{name.replace('_', ' ')} {with_std(b, 0.0)} → {with_std(a, 0.0, unit)} ({with_std(d, s, unit)})"
             for name, (b, a, d, s, unit) in self.parameters.items()
         ]
         return f"{self.words[0].upper()}{self.words[1:]}: {', '.join(entries) or 'found in both'}"
-
-
-def _of(chance: float) -> str:
-    said = power_of_ten(chance)
-    return said if said.startswith(("about", "below")) else f"of {said}"
-
-
-def _size(finding: Finding | None) -> str:
-    entries = finding.parameters.items() if finding is not None else ()
-    said = [f"{name.replace('_', ' ')} {with_std(v, s, u)}" for name, (v, s, u) in entries]
-    return f", {', '.join(said)}" if said else ""
 
 
 @dataclass(frozen=True)
@@ -138,8 +127,9 @@ class Change:
         if not self.rank:
             lines = [f"{head}: the two tests determine no common combination of errors, so nothing can be compared."]
         elif self.changed:
-            noise = "the usual scatter" if self.scatter_known else "noise"
-            lines = [f"{head}: changed (probability of this by {noise} alone: {_of(self.chance)})."]
+            noise, chance = "the usual scatter" if self.scatter_known else "noise", power_of_ten(self.chance)
+            chance = chance if chance.startswith(("about", "below")) else f"of {chance}"
+            lines = [f"{head}: changed (probability of this by {noise} alone: {chance})."]
             lines += [f"  {cause_words(cause)}" for cause in self.causes]
         else:
             beyond = "the machine's usual scatter" if self.scatter_known else "the uncertainties"

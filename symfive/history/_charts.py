@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.history._forecast import YEAR
+from symfive.history._forecast import YEAR, Forecast
 from symfive.history._trend import Trend
 from symfive.numbers import plain_number, rounded, unit_words
 
@@ -73,13 +73,12 @@ class Spark:
 def charts_of(trend: Trend) -> list[Chart]:
     """A chart of every determined error, those with alarms first."""
     blamed = {name for alarm in trend.open_alarms for cause in alarm.causes for name in cause.names}
-    order = sorted(range(len(trend.forecasts)), key=lambda i: trend.forecasts[i].name not in blamed)
-    return [_chart(trend, trend.forecasts[i].name) for i in order]
+    return [_chart(trend, forecast) for forecast in sorted(trend.forecasts, key=lambda f: f.name not in blamed)]
 
 
-def _chart(trend: Trend, name: str) -> Chart:
-    i = trend.data.names.index(name)
-    unit, tolerance = trend.data.units[i], next(f.tolerance for f in trend.forecasts if f.name == name)
+def _chart(trend: Trend, forecast: Forecast) -> Chart:
+    i = trend.data.names.index(forecast.name)
+    unit, tolerance = trend.data.units[i], forecast.tolerance
     time = np.array([visit.time for visit in trend.visits])
     value, std, path, band = trend.data.value[:, i], trend.data.std[:, i], trend.path[:, i], trend.band[:, i]
     settled = band < 5.0 * np.nanmedian(band)  # right after a renewal the level is as open as the prior
@@ -88,9 +87,8 @@ def _chart(trend: Trend, name: str) -> Chart:
     low, high = _range(np.concatenate(inside), limits)
     x, y = _across(time), _up(low, high, TOP, TALL - BOTTOM)
     top, bottom = np.clip(path + WIDTH * band, low, high), np.clip(path - WIDTH * band, low, high)
-    forecast = next(f for f in trend.forecasts if f.name == name)
     return Chart(
-        name=name, unit=unit_words(unit),
+        name=forecast.name, unit=unit_words(unit),
         now=f"{rounded(forecast.level, forecast.level_std, unit)} {unit_words(unit)}",
         bars=_bars(x(time), y(value - WIDTH * std), y(value + WIDTH * std)), points=_dots(x(time), y(value)),
         band=_area(x(time), y(top), y(bottom)), level=_line(x(time), y(np.clip(path, low, high))),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from symfive.errors import InputError
 from symfive.history._visit import Visit
+from symfive.separated import plain_cell
 
 __all__ = ["COLUMNS", "FORMATS", "write_table"]
 
@@ -18,6 +20,8 @@ COLUMNS = (
     "findings",
 )  # fmt: skip
 FORMATS = (".csv", ".parquet")
+BATCH = 50_000
+"""Rows of a Parquet row group."""
 
 
 def write_table(visits: Iterable[tuple[Path, Visit]], path: Path, *, suffix: str) -> int:
@@ -47,15 +51,9 @@ def _csv(rows: Iterable[tuple[Any, ...]], path: Path) -> int:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(COLUMNS)
         for row in rows:
-            table.writerow([_cell(cell) for cell in row])
+            table.writerow([plain_cell(cell) for cell in row])
             count += 1
     return count
-
-
-def _cell(value: Any) -> Any:
-    """A cell that no spreadsheet calculates (OWASP, CSV injection)."""
-    formula = isinstance(value, str) and value.lstrip().startswith(("=", "+", "-", "@"))
-    return f"'{value}" if formula else value
 
 
 def _parquet(rows: Iterable[tuple[Any, ...]], path: Path) -> int:
@@ -70,19 +68,9 @@ def _parquet(rows: Iterable[tuple[Any, ...]], path: Path) -> int:
     schema = pa.schema([(name, kinds.get(name, pa.string())) for name in COLUMNS])
     count = 0
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
-        for batch in _batches(rows):
+        left = iter(rows)
+        while batch := list(islice(left, BATCH)):
             columns = [pa.array(column, schema.field(i).type) for i, column in enumerate(zip(*batch, strict=True))]
             writer.write_table(pa.table(columns, schema=schema))
             count += len(batch)
     return count
-
-
-def _batches(rows: Iterable[tuple[Any, ...]], size: int = 50_000) -> Iterator[list[tuple[Any, ...]]]:
-    batch: list[tuple[Any, ...]] = []
-    for row in rows:
-        batch.append(row)
-        if len(batch) == size:
-            yield batch
-            batch = []
-    if batch:
-        yield batch

@@ -106,15 +106,8 @@ def follow(
     discount = np.exp(np.minimum(years[:, None] / np.array(MEMORIES), 50.0))[..., None]
     states, errors, sizes = [state], [], []
     for visit in range(len(value)):
-        visit_data = (
-            float(years[visit]),
-            discount[visit],
-            value[visit],
-            variance[visit],
-            seen[visit],
-            float(warmth[visit]),
-        )
-        after, error, size = _followed(states[-1], *visit_data, renewed)
+        own = (discount[visit], value[visit], variance[visit], seen[visit])
+        after, error, size = _followed(states[-1], float(years[visit]), *own, float(warmth[visit]), renewed)
         states.append(after)
         errors.append(error)
         sizes.append(size)

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from symfive.history._visit import MachineId
-from symfive.numbers import plain_number, unit_words, with_std
-from symfive.screen import OnScreen, listed, plural
+from symfive.numbers import with_std, with_unit
+from symfive.screen import OnScreen, aligned, listed, plural
 
 __all__ = ["SCHEMA", "MachineRow", "MachineTable", "row_of"]
 
@@ -73,13 +73,12 @@ class MachineTable(OnScreen):
         head = f"history of {plural(len(self.rows), 'machine')}, {alarmed} with an open alarm"
         order = sorted(self.rows, key=lambda row: (-row.open, str(row.machine)))
         cells = [["machine", "visits", "last", "alarms", "rms", "says"], *(_cells(row) for row in order)]
-        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        lines = ["  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in cells]
-        return "\n".join([head, lines[0], *listed(lines[1:], "history.fleet().rows", 40)])
+        heads, *lines = aligned(cells)
+        return "\n".join([head, heads, *listed(lines, "history.fleet().rows", 40)])
 
 
 def _cells(row: MachineRow) -> list[str]:
-    rms = "" if row.rms is None else f"{plain_number(row.rms, row.rms_unit)} {unit_words(row.rms_unit)}"
+    rms = "" if row.rms is None else with_unit(row.rms, row.rms_unit)
     says = row.says or (", ".join(row.findings[:3]) and f"found: {', '.join(row.findings[:3])}")
     alarms = f"{row.open} open" if row.open else str(row.alarms)
     return [_short(str(row.machine), 30), str(row.visits), row.last[:10], alarms, rms, _short(says, 90)]

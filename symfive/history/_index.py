@@ -91,9 +91,7 @@ class Index:
             path, data = folder / RECORD, record_bytes(visit)
             if not path.is_file() or path.read_bytes() != data:
                 write_bytes(path, data)
-        with self._transaction():
-            self._put(visits)
-            self._connection.executemany("DELETE FROM pending WHERE folder = ?", [(str(f),) for f in visits])
+        self._index_visits(visits)
 
     def add_event(self, event: Event) -> Path:
         """Write the event beside the index, then index it; its path."""
@@ -102,10 +100,7 @@ class Index:
             self._connection.execute("INSERT OR IGNORE INTO pending VALUES (?)", (str(path),))
         if not path.is_file():
             write_json(path, event.to_data())
-        with self._transaction():
-            self._put_event(event)
-            self._renew([event.machine])
-            self._connection.execute("DELETE FROM pending WHERE folder = ?", (str(path),))
+        self._index_event(path, event)
         return path
 
     def rebuild(self, folders: Iterable[Path], progress: Callable[[str], None]) -> tuple[int, list[str]]:
@@ -150,30 +145,32 @@ class Index:
         for path in left:
             try:
                 if path.parent == self.folder / EVENTS:
-                    found = Event.from_data(json.loads(path.read_bytes()))
-                    with self._transaction():
-                        self._put_event(found)
-                        self._renew([found.machine])
-                        self._connection.execute("DELETE FROM pending WHERE folder = ?", (str(path),))
+                    self._index_event(path, Event.from_data(json.loads(path.read_bytes())))
                 elif (path / RECORD).is_file():
-                    with self._transaction():
-                        self._put({path: read_record(path)})
-                        self._connection.execute("DELETE FROM pending WHERE folder = ?", (str(path),))
+                    self._index_visits({path: read_record(path)})
             except (InputError, OSError, ValueError):
                 continue  # not written, or not yet: `add` writes it again
 
-    def _put(self, visits: Mapping[Path, Visit]) -> None:
-        before = {
-            key for folder in visits
-            for (key,) in self._all("SELECT machine FROM visits WHERE folder = ?", str(folder))
-        }  # fmt: skip
-        for folder, visit in visits.items():
-            self._insert(folder, visit)
-        machines = {visit.machine.key: visit.machine for visit in visits.values()}
-        for key in before - set(machines):
-            (row,) = self._all("SELECT name, structure, serial FROM machines WHERE key = ?", key)
-            machines[key] = MachineId(name=row[0], structure=row[1], serial=row[2])
-        self._renew(machines.values())
+    def _index_event(self, path: Path, event: Event) -> None:
+        with self._transaction():
+            self._put_event(event)
+            self._renew([event.machine])
+            self._connection.execute("DELETE FROM pending WHERE folder = ?", (str(path),))
+
+    def _index_visits(self, visits: Mapping[Path, Visit]) -> None:
+        with self._transaction():
+            before = {
+                key for folder in visits
+                for (key,) in self._all("SELECT machine FROM visits WHERE folder = ?", str(folder))
+            }  # fmt: skip
+            for folder, visit in visits.items():
+                self._insert(folder, visit)
+            machines = {visit.machine.key: visit.machine for visit in visits.values()}
+            for key in before - set(machines):
+                (row,) = self._all("SELECT name, structure, serial FROM machines WHERE key = ?", key)
+                machines[key] = MachineId(name=row[0], structure=row[1], serial=row[2])
+            self._renew(machines.values())
+            self._connection.executemany("DELETE FROM pending WHERE folder = ?", [(str(f),) for f in visits])
 
     def _insert(self, folder: Path, visit: Visit) -> None:
         record = json.dumps(visit.to_data(), separators=(",", ":"), ensure_ascii=False)

@@ -12,9 +12,9 @@ from symfive.history._charts import Spark, charts_of, spark
 from symfive.history._fleet import MachineRow, MachineTable, alarm_words
 from symfive.history._forecast import YEAR
 from symfive.history._trend import Trend, alarm_data
-from symfive.history._visit import Visit, instant
+from symfive.history._visit import Finding, Visit, instant
 from symfive.history._words import advice, alarm_sentence, forecast_sentence, smallest_step
-from symfive.numbers import plain_number, unit_words, with_std
+from symfive.numbers import plain_number, with_std, with_unit
 from symfive.screen import plural
 
 __all__ = ["fleet_page", "machine_page"]
@@ -118,15 +118,14 @@ def _alarm(trend: Trend, number: int) -> dict[str, Any]:
 
 def _findings(visits: Sequence[Visit]) -> list[dict[str, Any]]:
     """Every finding that any visit had."""
-    found: dict[str, list[tuple[Visit, Any]]] = {}
+    found: dict[str, list[tuple[Visit, Finding]]] = {}
     for visit in visits:
         for finding in visit.findings:
             found.setdefault(finding.words, []).append((visit, finding))
     diagnosed = sum(visit.diagnosed for visit in visits)
     return [
         {"words": words, "first": entries[0][0].date, "last": entries[-1][0].date, "count": len(entries), "of": diagnosed,
-         "size": ", ".join(f"{name.replace('_', ' ')} {with_std(v, s, u)}"
-                           for name, (v, s, u) in entries[-1][1].parameters.items())}
+         "size": entries[-1][1].size}
         for words, entries in found.items()
     ]  # fmt: skip
 
@@ -134,7 +133,7 @@ def _findings(visits: Sequence[Visit]) -> list[dict[str, Any]]:
 def _visits(visits: Sequence[Visit]) -> list[dict[str, Any]]:
     rows = [
         {"date": v.date, "stage": v.stage, "instrument": v.instrument, "temperature": v.temperature, "operator": v.operator,
-         "rms": v.rms, "rms_text": f"{plain_number(v.rms, v.rms_unit)} {unit_words(v.rms_unit)}",
+         "rms": v.rms, "rms_text": with_unit(v.rms, v.rms_unit),
          "findings": ", ".join(f.words for f in v.findings), "note": v.note, "version": v.version, "manifest": v.manifest[:10]}
         for v in reversed(visits)
     ]  # fmt: skip
@@ -148,7 +147,7 @@ def _row(row: MachineRow, state: Mapping[str, Any], link: str | None) -> dict[st
     return {
         "name": row.machine.name, "serial": row.machine.serial, "open": row.open, "says": row.says, "last": row.last[:10],
         "visits": row.visits, "rms": row.rms or 0.0, "findings": ", ".join(row.findings), "link": link,
-        "rms_text": "" if row.rms is None else f"{plain_number(row.rms, row.rms_unit)} {unit_words(row.rms_unit)}",
+        "rms_text": "" if row.rms is None else with_unit(row.rms, row.rms_unit),
         "spark": _spark(state),
     }  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from symfive.history._information import Information, information_of
 from symfive.history._limits import RATE
 from symfive.history._visit import Event, MachineId, Visit, time_text
 from symfive.history._watched import Watched, watch_visits
+from symfive.validation import as_lists
 
 __all__ = ["Trend", "alarm_data", "trend_of"]
 
@@ -63,9 +64,8 @@ class Trend:
 
     def to_data(self) -> dict[str, Any]:
         """The trend as JSON."""
-        machine = {"name": self.machine.name, "serial": self.machine.serial, "structure": self.machine.structure}
         return {
-            "schema": "symfive.trend/1", "machine": machine, "key": self.machine.key, "visits": len(self.visits),
+            "schema": "symfive.trend/1", "machine": self.machine.to_data(), "key": self.machine.key, "visits": len(self.visits),
             "first": self.visits[0].when, "last": self.visits[-1].when, "false_alarms_a_year": self.rate,
             "alarms": [alarm_data(alarm, self) for alarm in self.alarms], "open_alarms": len(self.open_alarms),
             "errors": [forecast.to_data() for forecast in self.forecasts], "temperature_C": self.temperature,
@@ -110,9 +110,8 @@ class Trend:
 
 def alarm_data(alarm: Alarm, trend: Trend) -> dict[str, Any]:
     """An alarm as JSON."""
-    causes = [{"names": list(c.names), "probabilities": list(c.probabilities), "change": c.change, "std": c.std,
-               "unit": c.unit} for c in alarm.causes]  # fmt: skip
     when, since = trend.visits[alarm.visit].when, trend.visits[alarm.since].when
+    causes = [as_lists(asdict(cause)) for cause in alarm.causes]
     return {
         "kind": alarm.kind,
         "when": when,

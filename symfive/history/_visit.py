@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 
 from symfive.errors import InputError
 from symfive.files import one_line, shown
+from symfive.numbers import with_std
 from symfive.separated import LARGEST
+from symfive.validation import as_lists
 
 __all__ = ["EVENT", "KINDS", "STAGES", "VISIT", "Event", "Finding", "MachineId", "Visit", "instant", "time_text"]
 
@@ -66,6 +69,15 @@ class MachineId:
         """Twelve hexadecimal digits of name, serial number and structure."""
         return hashlib.sha256("\0".join((self.name, self.serial, self.structure)).encode()).hexdigest()[:12]
 
+    def to_data(self) -> dict[str, str]:
+        """As JSON."""
+        return {"name": self.name, "serial": self.serial, "structure": self.structure}
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, str]) -> MachineId:
+        """From such a table. Raises `KeyError` where something is missing."""
+        return cls(**{key: data[key] for key in ("name", "structure", "serial")})
+
     def __str__(self) -> str:
         return f"{self.name} ({self.serial})" if self.serial else self.name
 
@@ -89,6 +101,11 @@ class Finding:
         """The same as one writes it: `backlash of C`."""
         effect = self.effect.replace("_", " ")
         return f"{effect} of {self.axis}" if self.axis else effect
+
+    @property
+    def size(self) -> str:
+        """Its parameters with their 1σ, as `play 5.0 ± 0.2 µm`."""
+        return ", ".join(f"{n.replace('_', ' ')} {with_std(v, s, u)}" for n, (v, s, u) in self.parameters.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,17 +188,17 @@ class Visit:
         upper = _upper(len(self.names))
         return {
             "schema": VISIT,
-            "machine": {"name": self.machine.name, "serial": self.machine.serial, "structure": self.machine.structure},
+            "machine": self.machine.to_data(),
             "when": self.when, "stage": self.stage, "instrument": self.instrument, "operator": self.operator,
             "temperature_C": self.temperature, "note": self.note, "version": self.version, "results": self.results,
             "manifest": self.manifest, "names": list(self.names), "units": list(self.units),
             "values": _numbers(self.values), "prior": [v if math.isfinite(v) else None for v in _numbers(self.priors)],
             "mean": _numbers(self.means), "covariance": _numbers(self.covariance[upper]),
-            "nominal": {axis: [origin and list(origin), list(direction)] for axis, (origin, direction) in self.nominal.items()},
+            "nominal": as_lists(self.nominal),
             "corrections": dict(self.corrections),
             "findings": [
-                {"effect": f.effect, "axis": f.axis, "confidence": f.confidence,
-                 "parameters": {name: list(entry) for name, entry in f.parameters.items()}} for f in self.findings
+                {"effect": f.effect, "axis": f.axis, "confidence": f.confidence, "parameters": as_lists(f.parameters)}
+                for f in self.findings
             ],
             "diagnosed": self.diagnosed, "visibility": dict(self.visibility), "rms": self.rms, "rms_unit": self.rms_unit,
             "chi2_dof": self.chi2_dof, "converged": self.converged,
@@ -199,7 +216,7 @@ class Visit:
             covariance[upper] = data["covariance"]
             covariance.T[upper] = covariance[upper]
             return cls(
-                machine=MachineId(**{key: data["machine"][key] for key in ("name", "structure", "serial")}),
+                machine=MachineId.from_data(data["machine"]),
                 time=instant(data["when"]), results=_digest(data["results"]), names=names,
                 units=tuple(map(str, data["units"])), values=np.array(data["values"], dtype=float),
                 priors=np.array([math.inf if v is None else v for v in data["prior"]], dtype=float),
@@ -254,8 +271,13 @@ class Event:
 
     def to_data(self) -> dict[str, Any]:
         """The event as JSON."""
-        machine = {"name": self.machine.name, "serial": self.machine.serial, "structure": self.machine.structure}
-        return {"schema": EVENT, "machine": machine, "when": self.when, "kind": self.kind, "text": self.text}
+        return {
+            "schema": EVENT,
+            "machine": self.machine.to_data(),
+            "when": self.when,
+            "kind": self.kind,
+            "text": self.text,
+        }
 
     @classmethod
     def from_data(cls, data: Any) -> Event:
@@ -263,7 +285,7 @@ class Event:
         try:
             if data["schema"] != EVENT:
                 raise KeyError("schema")
-            machine = MachineId(**{key: data["machine"][key] for key in ("name", "structure", "serial")})
+            machine = MachineId.from_data(data["machine"])
             return cls(machine=machine, time=instant(data["when"]), kind=data["kind"], text=data["text"])
         except (KeyError, TypeError, AttributeError) as error:
             raise InputError(
@@ -283,7 +305,7 @@ def _twist(values: Any) -> Twist:
 
 
 def _digest(text: Any) -> str:
-    if not isinstance(text, str) or len(text) != 64 or not set(text) <= set("0123456789abcdef"):
+    if not isinstance(text, str) or not re.fullmatch("[0-9a-f]{64}", text):
         raise ValueError("results")
     return text
 

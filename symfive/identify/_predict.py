@@ -16,9 +16,9 @@ from symfive.given import campaign_given, model_given
 from symfive.identify._identify import identify
 from symfive.identify._result import Identification
 from symfive.inference import square_of, windows_of
-from symfive.instruments import instruments_of
+from symfive.instruments import columns_of
 from symfive.model import FittedModel, Model
-from symfive.numbers import plain_number, unit_words
+from symfive.numbers import with_unit
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
@@ -51,10 +51,10 @@ class Prediction(OnScreen):
     def _by_unit(self, run: str, rms: float) -> str:
         """The rms with its unit; of a run that reads in several units, of each column."""
         found, each = self.campaign.run(run), self.rms_by_column[run]
-        columns = [c for i in instruments_of(found) for c in i.columns(found, self.campaign.machine) if c.name in each]
+        columns = [column for column in columns_of(found, self.campaign.machine) if column.name in each]
         if len({c.unit for c in columns}) == 1:
-            return f"{plain_number(rms, columns[0].unit)} {unit_words(columns[0].unit)}"
-        return ", ".join(f"{c.name} {plain_number(each[c.name], c.unit)} {unit_words(c.unit)}" for c in columns)
+            return with_unit(rms, columns[0].unit)
+        return ", ".join(f"{c.name} {with_unit(each[c.name], c.unit)}" for c in columns)
 
 
 def fitted_model(result: Identification) -> FittedModel:

@@ -147,8 +147,7 @@ class Identification(OnScreen):
         where = [self.model.index[f"{name}.{n}"] for n in basis.names]
         value = matrix @ self.values[where]
         std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, self.covariance[np.ix_(where, where)], matrix), 0.0))
-        unit = "urad" if term.angular else "um"
-        return MotionCurve(name, unit, dict(zip(term.over, flat, strict=True)), value, std)
+        return MotionCurve(name, term.unit, dict(zip(term.over, flat, strict=True)), value, std)
 
     def _reach(self, axis: str, count: int) -> Array:
         """The part of the travel that the campaign used (of a turning axis at most one turn)."""

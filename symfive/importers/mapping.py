@@ -61,14 +61,14 @@ def _quantity(name: str, machine: Machine) -> str:
     axis = name.partition("_")[0] if name.partition("_")[2] in ("act", "found") else name
     if name == "time":
         return "time"
-    if name == "angle" or (axis in machine.axes and machine.axes[axis].rotary):
+    if name == "angle" or (axis in machine.rotary_axes):
         return "angle"
     return "force" if name.endswith("_force") else "torque" if name.endswith("_torque") else "length"
 
 
 def _known(name: str, machine: Machine) -> bool:
     axis, _, what = name.partition("_")
-    found = what == "found" and axis in machine.axes and not machine.axes[axis].rotary
+    found = what == "found" and axis in machine.linear_axes
     return name in ALIASES or name in machine.axes or found or bool(_READING.match(name))
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import tomlkit
 
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import one_line, shown
 from symfive.importers._motions import Motions
 from symfive.importers._xml import Element, number, read_xml
@@ -70,7 +70,7 @@ def read_mtconnect(path: Path | str, *, device: str = "", code: str = "") -> Mac
     """
     path = Path(path)
     root = read_xml(path)
-    try:
+    with inside(path=path):
         chosen = _device(root, device)
         components = [_component(element) for element in chosen.inside(*KINDS)]
         axes = [c for c in components if not c.spindle and not c.moves("FIXED")]
@@ -82,8 +82,6 @@ def read_mtconnect(path: Path | str, *, device: str = "", code: str = "") -> Mac
         structure, how = _given(code, named, spindles, motions) if code else _from_motions(named, spindles, motions)
         comments = [f"structure: {how}", *_remarks(components, named, motions)]
         tables = {name: _axis(name, named[name], structure, motions) for name in structure.axes}
-    except InputError as error:
-        raise error.at(path) from None
     return _machine(one_line(chosen.get("name") or chosen.get("id") or "machine"), structure, comments, tables)
 
 
@@ -220,10 +218,8 @@ def _axis(name: str, component: _Component, structure: Structure, motions: Motio
             comments.append(f"fill in travel of {name} = {form}: not in the document{words}")
         elif words:
             comments.append(f"check {key} of {name}{words}")
-    try:
+    with inside(line=component.element.line):
         make_axis(name, **table)
-    except InputError as error:
-        raise error.at(None, component.element.line) from None
     return table, comments
 
 

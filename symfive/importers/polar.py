@@ -9,7 +9,7 @@ within less than the angle's error; those next to a reversal are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.files import read_text, shown
+from symfive.importers.split import rows_of
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
-__all__ = ["FITTED", "as_planned", "polar_doubts", "polar_run", "read_polar"]
+__all__ = ["FITTED", "as_moved", "as_planned", "polar_doubts", "polar_run", "read_polar"]
 
 Array = NDArray[np.float64]
 UNITS = {"um": 1.0, "mm": 1e3}
@@ -84,7 +85,8 @@ def read_polar(
         elif rows and line.strip():
             if row is not None:
                 raise row.at(path)
-            problem = f"{shown(line.strip())} is not {_said(columns)}"
+            wanted = "an angle and a deviation" if len(columns) == 2 else f"a row of {len(columns)} numbers"
+            problem = f"{shown(line.strip())} is not {wanted}"
             raise InputError(problem, remedy="remove what is no reading").at(path, number)
     if not rows:
         _refuse_other_columns(path, lines, columns)
@@ -92,9 +94,14 @@ def read_polar(
         problem = f"{len(rows)} readings of angle and deviation"
         raise InputError(problem, remedy=f"export at least {LEAST_ROWS}, one a line").at(path)
     angle, deviation = (np.array(rows)[:, list(columns).index(name)] for name in COLUMNS)
-    if direction is not None and (np.median(np.diff(angle)) > 0.0) != (direction == "ccw"):
-        angle, deviation = angle[::-1], deviation[::-1]
+    angle, deviation = as_moved(angle, deviation, direction)
     return angle, UNITS[unit] * deviation
+
+
+def as_moved(angle: Array, deviation: Array, direction: str | None) -> tuple[Array, Array]:
+    """Both from their end where the angles run against the `direction` of the motion."""
+    against = direction is not None and (np.median(np.diff(angle)) > 0.0) != (direction == "ccw")
+    return (angle[::-1], deviation[::-1]) if against else (angle, deviation)
 
 
 def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list[float] | InputError | None:
@@ -110,23 +117,12 @@ def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list
     return None
 
 
-def _rows_of(lines: Sequence[str], count: int) -> Iterator[tuple[int, list[float]]]:
-    """The lines that hold `count` numbers."""
-    marks = {sign: Marks(sign) for sign in SIGNS}
-    for number, line in enumerate(lines, start=1):
-        row = _row(line, count, marks, number)
-        if isinstance(row, list):
-            yield number, row
-
-
-def _said(columns: Sequence[str]) -> str:
-    return "an angle and a deviation" if len(columns) == 2 else f"a row of {len(columns)} numbers"
-
-
 def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[str]) -> None:
     """Raise `InputError` where the file has another number of columns than were named."""
     for count in (n for n in range(1, MOST_COLUMNS + 1) if n != len(columns)):
-        rows = list(_rows_of(lines, count))
+        marks = {sign: Marks(sign) for sign in SIGNS}
+        found = ((number, _row(line, count, marks, number)) for number, line in enumerate(lines, start=1))
+        rows = [(number, row) for number, row in found if isinstance(row, list)]
         if len(rows) < LEAST_ROWS:
             continue
         if count > 1:
@@ -232,12 +228,8 @@ def _timed(run: Run, phi: Array, ahead: Array, error: float) -> Run:
         raise InputError(
             problem, remedy="give a smaller angle_error (--angle-error), in degrees, or more readings a turn"
         )
-    return replace(
-        run,
-        time=run.time[known] - run.time[known][0],
-        commands={name: positions[known] for name, positions in run.commands.items()},
-        readings={name: values[known] for name, values in run.readings.items()},
-    )
+    run = rows_of(run, known)
+    return replace(run, time=run.time - run.time[0])
 
 
 def _lag(machine: Machine, plane: str) -> float:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
-from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, polar_run
+from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, as_moved, polar_run
 from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
@@ -124,8 +124,7 @@ def _circle(machine: Machine, angle: Array, deviation: Array, setting: Setting, 
     if abs(float(np.median(deviation))) > 0.5 * setting.radius:
         problem = f"the deviations are about {float(np.median(deviation)):.4g} mm: these are radii"
         raise InputError(problem, remedy="map them so: --map radius=2:mm")
-    if setting.direction is not None and (np.median(np.diff(angle)) > 0.0) != (setting.direction == "ccw"):
-        angle, deviation = angle[::-1], deviation[::-1]
+    angle, deviation = as_moved(angle, deviation, setting.direction)
     return polar_run(
         machine, angle, 1e3 * deviation, centre=setting.centre, radius=setting.radius, feed=setting.feed, id=id,
         plane=setting.plane, hold=setting.hold, tool_ball=setting.tool_ball, noise_um=setting.noise_um,
@@ -160,7 +159,7 @@ def positioning_run(
 
     At the ends the same target may stand twice, reached from either side after an overrun without a reading.
     """
-    if setting.axis not in machine.axes or machine.axes[setting.axis].rotary:
+    if setting.axis not in machine.linear_axes:
         raise InputError(f"the machine has no linear axis {setting.axis}", remedy="name one: --axis X")
     way, before = np.array(target, dtype=float), 1.0
     for i in range(1, len(way)):
@@ -187,8 +186,7 @@ def probe_run(
     The readings are found less nominal coordinates, the nominal ones those of a sphere at `setting.centre`: it need be right to
     some tenths of a millimetre only, its prior is `SPHERE`.
     """
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    missing = [name for name in linear if name not in found]
+    missing = [name for name in machine.linear_axes if name not in found]
     if missing:
         problem = f"where {', '.join(missing)} found the centre is missing"
         raise InputError(problem, remedy=f"add --map {missing[0]}_found=2:mm")
@@ -199,8 +197,8 @@ def probe_run(
     run = Run(
         id=id, instrument=("touch_probe",), sampling="static", clock="none" if time is None else "recorded",
         time=np.arange(float(rows)) if time is None else time - time[0], commands=positions,
-        readings={f"{name}_dev_um": 1e3 * (found[name] - positions[name]) for name in linear}, table_ball=setting.centre,
-        tool_ball=ball, noise_um=setting.noise_um, setup_sigma_um=SPHERE,
+        readings={f"{name}_dev_um": 1e3 * (found[name] - positions[name]) for name in machine.linear_axes},
+        table_ball=setting.centre, tool_ball=ball, noise_um=setting.noise_um, setup_sigma_um=SPHERE,
     )  # fmt: skip
     return within_travel(
         machine, run, place="the found coordinates (machine coordinates?) or the travel in the machine file"

@@ -17,17 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Run
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
-from symfive.instruments import instruments_of
+from symfive.importers.split import piece_of
+from symfive.instruments import columns_of
 from symfive.machine import Machine
 from symfive.motion import approach
-from symfive.separated import Marks, cells_of, signs_of
+from symfive.separated import Marks, are_numbers, cells_of, signs_of
 
 __all__ = ["Matched", "Rest", "cut_at_rests", "read_recording", "rests_of"]
 
 Array = NDArray[np.float64]
 UNITS = {"um": 1.0, "mm": 1e3}
+IN_MM = re.compile(r"(?:^|[^a-z])mm[\])\s]*$", re.I)
+"""How the name of a column in mm ends."""
 MAX_BYTES = 200_000_000
 LEAST_ROWS = 20
 WINDOW = 0.25
@@ -115,37 +118,31 @@ def read_recording(
     rows: list[list[float]] = []
     marks: Marks | None = None
     sign = head = ""
-    for number, line in enumerate(read_text(path, at_most=MAX_BYTES).split("\n"), start=1):
-        if not line.strip():
-            continue
-        if marks is None:
-            fits = (
-                s for s in signs_of(line) if len(cells_of(line, s)) == len(columns) and _numeric(cells_of(line, s), s)
-            )
-            sign = next(fits, "")
-            if not sign:
-                head = line
+    with inside(path=path):
+        for number, line in enumerate(read_text(path, at_most=MAX_BYTES).split("\n"), start=1):
+            if not line.strip():
                 continue
-            marks = Marks(sign)
-        cells = cells_of(line, sign)
-        if len(cells) != len(columns):
-            problem = f"{len(cells)} columns, {len(columns)} are named: {shown(line.strip())}"
-            raise InputError(
-                problem, path=path, line=number, remedy="name all columns of the file, - for what is not needed"
-            )
-        try:
+            if marks is None:
+                rows_by = {s: cells_of(line, s) for s in signs_of(line)}
+                sign = next((s for s, c in rows_by.items() if len(c) == len(columns) and are_numbers(c, s)), "")
+                if not sign:
+                    head = line
+                    continue
+                marks = Marks(sign)
+            cells = cells_of(line, sign)
+            if len(cells) != len(columns):
+                problem = f"{len(cells)} columns, {len(columns)} are named: {shown(line.strip())}"
+                raise InputError(problem, line=number, remedy="name all columns of the file, - for what is not needed")
             rows.append(
                 [0.0 if name == "-" else marks.number(c, number, name) for name, c in zip(columns, cells, strict=True)]
             )
-        except InputError as error:
-            raise error.at(path) from None
     if len(rows) < LEAST_ROWS:
         problem = f"{len(rows)} rows of {len(columns)} numbers"
         raise InputError(
             problem, path=path, remedy=f"name all columns of the file and record at least {LEAST_ROWS} rows"
         )
     table = np.array(rows).T
-    said = [unit or _unit(cell) for cell in cells_of(head, sign)] if head else []
+    said = [unit or ("mm" if IN_MM.search(cell) else "um") for cell in cells_of(head, sign)] if head else []
     units = said if len(said) == len(columns) else [unit or "um"] * len(columns)
     found = {
         name: UNITS[own] * values
@@ -157,20 +154,6 @@ def read_recording(
         row = int(np.argmin(np.diff(time) > 0.0)) + 2
         raise InputError(f"the time does not increase at reading {row}", path=path, remedy="record one run at a time")
     return time, found
-
-
-def _unit(name: str) -> str:
-    """The unit with which a column's name ends."""
-    return "mm" if re.search(r"(?:^|[^a-z])mm[\])\s]*$", name, re.I) else "um"
-
-
-def _numeric(cells: Sequence[str], sign: str) -> bool:
-    try:
-        for cell in cells:
-            Marks(sign).number(cell, 0)
-    except InputError:
-        return False
-    return True
 
 
 def rests_of(time: Array, readings: Array, *, dwell_s: float, reach_um: float = np.inf) -> list[Rest]:
@@ -205,7 +188,7 @@ def cut_at_rests(
     it. Raises `InputError` where the columns are not the plan's, fewer than half of the poses are found, the readings are below
     their noise (mm taken for µm), or the rests suit the plan in several ways.
     """
-    names = [column.name for instrument in instruments_of(run) for column in instrument.columns(run, machine)]
+    names = [column.name for column in columns_of(run, machine)]
     if run.dynamic:
         raise InputError(f"run {run.id} is a recording itself", remedy="name a run whose poses are read at rest")
     if missing := [name for name in names if name not in readings]:
@@ -235,17 +218,8 @@ def cut_at_rests(
     for number, rows in enumerate(part for part in parts if len(part) > 1):
         id = run.id if number == 0 else f"{run.id}-{number + 1}"
         values = np.array([rests[pairs[row]].values for row in rows])
-        found.append(
-            replace(
-                run,
-                id=id,
-                file=run.file if number == 0 else f"{id}.csv",
-                start_s=run.start_s + float(run.time[rows[0]]),
-                time=run.time[rows] - run.time[rows[0]],
-                commands={name: q[rows] for name, q in run.commands.items()},
-                readings={name: values[:, i] for i, name in enumerate(names)},
-            )
-        )
+        piece = piece_of(run, rows, id).with_readings({name: values[:, i] for i, name in enumerate(names)})
+        found.append(replace(piece, file=run.file) if number == 0 else piece)
     lost = tuple(row for row in range(run.rows) if row not in pairs)
     alone = tuple(part[0] for part in parts if len(part) == 1)
     return Matched(tuple(found), lost, alone, len(rests), len(rests) - len(pairs))

@@ -16,9 +16,10 @@ from symfive.circles import CircleFinder
 from symfive.errors import InputError
 from symfive.machine import Machine
 
-__all__ = ["SPLITS", "cycles_of", "every", "moved_pieces", "prepared", "rows_of", "split", "turns_of"]
+__all__ = ["SPLITS", "cycles_of", "every", "moved_pieces", "piece_of", "prepared", "rows_of", "split", "turns_of"]
 
 Array = NDArray[np.float64]
+Rows = slice | NDArray[np.bool_] | list[int]
 SAME = 1e-3
 """Commands of two cycles so near each other (mm, degree) are one target."""
 REST_S = 1.0
@@ -27,7 +28,7 @@ STILL_SHARE = 0.02
 """An axis stands where it moves less than this share of its fastest."""
 
 
-def rows_of(run: Run, rows: slice | NDArray[np.bool_]) -> Run:
+def rows_of(run: Run, rows: Rows) -> Run:
     """The run with some of its rows only."""
     return replace(
         run, time=run.time[rows], commands={name: way[rows] for name, way in run.commands.items()},
@@ -40,7 +41,7 @@ def every(run: Run, step: int) -> Run:
     return rows_of(run, slice(None, None, step))
 
 
-def _piece(run: Run, rows: slice | NDArray[np.bool_], name: str) -> Run:
+def piece_of(run: Run, rows: Rows, name: str) -> Run:
     """Rows as a run of their own that begins at 0 s of its own and where it was on the campaign's clock."""
     piece = rows_of(run, rows)
     begin = float(piece.time[0])
@@ -56,7 +57,7 @@ def cycles_of(run: Run) -> list[Run]:
     for period in range(2, run.rows // 2 + 1):
         if np.abs(ways[period:] - ways[:-period]).max() <= SAME and np.ptp(ways[:period], axis=0).max() > SAME:
             count = run.rows // period
-            return [_piece(run, slice(k * period, (k + 1) * period), f"{run.id}-cycle-{k + 1}") for k in range(count)]
+            return [piece_of(run, slice(k * period, (k + 1) * period), f"{run.id}-cycle-{k + 1}") for k in range(count)]
     raise InputError(f"run {run.id}: no sequence of targets repeats", remedy="import it without --split cycles")
 
 
@@ -67,7 +68,7 @@ def turns_of(run: Run, machine: Machine, *, axis: str | None = None, step_deg: f
     are those of a uniform motion at its mean speed (two digits, as it was programmed), so that turns repeat each other row by
     row. Raises `InputError` where there is no whole turn.
     """
-    rotary = [name for name in machine.axis_names if machine.axes[name].rotary and axis in (None, name)]
+    rotary = [name for name in machine.rotary_axes if axis in (None, name)]
     turning = max(rotary, key=lambda name: float(np.ptp(run.commands[name])), default=None)
     if turning is not None and float(np.ptp(run.commands[turning])) >= 360.0:
         angle = np.asarray(run.commands[turning])
@@ -83,7 +84,7 @@ def turns_of(run: Run, machine: Machine, *, axis: str | None = None, step_deg: f
             f"run {run.id}: no axis and no circle makes a whole turn", remedy="import it without --split turns"
         )
     masks = [(travelled >= 360.0 * k - 1e-9) & (travelled < 360.0 * (k + 1) - 1e-9) for k in range(count)]
-    return [_piece(run, mask, f"{run.id}-turn-{k}") for k, mask in enumerate(masks, start=1)]
+    return [piece_of(run, mask, f"{run.id}-turn-{k}") for k, mask in enumerate(masks, start=1)]
 
 
 def _even_turns(run: Run, angle: Array, axis: str, step_deg: float) -> list[Run]:
@@ -131,7 +132,7 @@ def moved_pieces(run: Run) -> list[Run]:
             pieces.append([int(span[0]), int(span[-1]) + 1])
         else:
             pieces[-1][1] = int(span[-1]) + 1  # a short stand, as at a reversal, is no rest
-    return [_piece(run, slice(*piece), f"{run.id}-{k}") for k, piece in enumerate(pieces, start=1)]
+    return [piece_of(run, slice(*piece), f"{run.id}-{k}") for k, piece in enumerate(pieces, start=1)]
 
 
 SPLITS: dict[str, Callable[[Run, Machine, float | None], list[Run]]] = {

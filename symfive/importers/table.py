@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import one_line, read_bytes, shown
-from symfive.separated import SIGNS, Marks, cells_of, signs_of
+from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
 __all__ = ["Table", "read_table"]
 
@@ -61,17 +61,15 @@ def read_table(path: Path | str) -> Table:
     sign, first = _begin(path, lines)
     count = len(_cells(lines[first], sign))
     marks, rows = Marks(sign), []
-    for number, line in enumerate(lines[first:], start=first + 1):
-        if not line.strip():
-            continue
-        cells = _cells(line, sign)
-        if len(cells) != count:
-            problem = f"the row has {len(cells)} cells, the first one has {count}"
-            raise InputError(problem, path=path, line=number, remedy="remove what is no row of the table")
-        try:
+    with inside(path=path):
+        for number, line in enumerate(lines[first:], start=first + 1):
+            if not line.strip():
+                continue
+            cells = _cells(line, sign)
+            if len(cells) != count:
+                problem = f"the row has {len(cells)} cells, the first one has {count}"
+                raise InputError(problem, line=number, remedy="remove what is no row of the table")
             rows.append([marks.number(cell, number) for cell in cells])
-        except InputError as error:
-            raise error.at(path) from None
     names, units = _head(lines[:first], sign, count)
     decimal = "comma" if sign != "," and any("," in line for line in lines[first : first + 50]) else "point"
     head = f"{first} lines of head" if first else "no head"
@@ -96,24 +94,13 @@ def _cells(line: str, sign: str) -> list[str]:
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
 
-def _numeric(line: str, sign: str) -> int:
-    """How many numbers a line holds, 0 where any cell is none."""
-    cells, marks = _cells(line, sign), Marks(sign)
-    try:
-        for cell in cells:
-            marks.number(cell, 1)
-    except InputError:
-        return 0
-    return len(cells)
-
-
 def _begin(path: Path, lines: list[str]) -> tuple[str, int]:
     """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more."""
     for first, line in enumerate(lines):
         after = next((later for later in lines[first + 1 :] if later.strip()), line)
         for sign in signs_of(line):
-            count = _numeric(line, sign)
-            if count > 1 and _numeric(after, sign) == count:
+            cells, below = _cells(line, sign), _cells(after, sign)
+            if len(cells) == len(below) > 1 and are_numbers(cells, sign) and are_numbers(below, sign):
                 return sign, first
     raise InputError("the file holds no table of numbers", path=path, remedy="export text with at least two columns")
 

@@ -131,6 +131,11 @@ class Probed:
     radius: float
     rms_um: float
 
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """The one run."""
+        return (self.run,)
+
     def __str__(self) -> str:
         said = f"run {self.run.id}: {self.run.rows} centres, effective radius of sphere and tip {self.radius:.4f} mm"
         said = f"{said}, touches {self.rms_um:.1f} µm (rms) off that sphere"

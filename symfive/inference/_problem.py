@@ -24,7 +24,7 @@ from symfive.inference._outliers import (
 from symfive.inference._repeats import alike, alone_among_repeats, repeats_say_so
 from symfive.inference._whitening import TRANSIENT, Noise, Whitening, whiten
 from symfive.inference._windows import predicted, spans_of, windows_of
-from symfive.instruments import INSTRUMENTS, instruments_of
+from symfive.instruments import INSTRUMENTS, fitted_parts, instruments_of
 from symfive.model import Model
 from symfive.runs import Run
 
@@ -81,15 +81,7 @@ class Problem:
 
     def parts(self, run: Run) -> list[tuple[str, slice]]:
         """The instruments of a run whose readings are fitted, each with its columns."""
-        found, first = [], 0
-        for instrument in instruments_of(run):
-            count = len(instrument.columns(run, self.model.machine))
-            part = slice(first, first + count)
-            first += count
-            taken = instrument.name == "encoder" and run.options.get("motion_from") == "encoder"
-            if not taken:  # else the recording is the motion itself
-                found.append((instrument.name, part))
-        return found
+        return fitted_parts(run, self.model.machine)
 
     def unit_of(self, run: Run, part: slice) -> str:
         """The unit of some columns of a run, `mixed` where they have several."""

@@ -21,11 +21,12 @@ from symfive.instruments.touch_probe import TouchProbe, touches_of
 from symfive.instruments.tracker import Tracker
 
 if TYPE_CHECKING:
+    from symfive.machine import Machine
     from symfive.runs import Run
 
 __all__ = [
-    "INSTRUMENTS", "ZERO_SIGMA_UM", "Column", "Instrument", "has_clock_of_its_own", "instruments_of", "setup_parameter",
-    "setup_vector", "touches_of", "vector_constants",
+    "INSTRUMENTS", "ZERO_SIGMA_UM", "Column", "Instrument", "columns_of", "fitted_parts", "has_clock_of_its_own",
+    "instruments_of", "setup_parameter", "setup_vector", "touches_of", "vector_constants",
 ]  # fmt: skip
 
 _ALL = (
@@ -50,6 +51,22 @@ def instruments_of(run: Run) -> tuple[Instrument, ...]:
             problem = f"instrument {name!r} is unknown"
             raise InputError(problem, remedy=f"use one of {', '.join(INSTRUMENTS)}", keys=("instrument",))
     return tuple(INSTRUMENTS[name] for name in run.instrument)
+
+
+def columns_of(run: Run, machine: Machine) -> tuple[Column, ...]:
+    """The reading columns of a run, one instrument after the other."""
+    return tuple(column for instrument in instruments_of(run) for column in instrument.columns(run, machine))
+
+
+def fitted_parts(run: Run, machine: Machine) -> list[tuple[str, slice]]:
+    """The instruments of a run whose readings are fitted, each with its columns; not those of an encoder that is the motion."""
+    found, first = [], 0
+    for instrument in instruments_of(run):
+        part = slice(first, first + len(instrument.columns(run, machine)))
+        first = part.stop
+        if not (instrument.name == Encoder.name and run.options.get("motion_from") == Encoder.name):
+            found.append((instrument.name, part))
+    return found
 
 
 def has_clock_of_its_own(run: Run) -> bool:

@@ -15,7 +15,15 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Run
 
-__all__ = ["ZERO_SIGMA_UM", "Column", "Instrument", "setup_parameter", "setup_vector", "vector_constants"]
+__all__ = [
+    "ZERO_SIGMA_UM",
+    "BallInstrument",
+    "Column",
+    "Instrument",
+    "setup_parameter",
+    "setup_vector",
+    "vector_constants",
+]
 
 Symbol = Any
 ZERO_SIGMA_UM = 1e4
@@ -66,6 +74,20 @@ class Instrument:
         raise InputError(f"instrument {self.name} has no reading")
 
 
+class BallInstrument(Instrument):
+    """Reads the tool's ball against the table's: the places of both are constants, and the spindle turns the tool's."""
+
+    ball_drawn = True
+
+    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
+        from symfive.motion import SpindleAngle
+
+        return () if run.spindle is None else (SpindleAngle(),)
+
+    def constants(self, run: Run, machine: Machine) -> Mapping[str, float]:
+        return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}
+
+
 def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: Any) -> Parameter:
     """A run's own nuisance `setup.RUN.name`."""
     return Parameter(name=f"setup.{run.id}.{name}", unit=unit, sigma=sigma, kind="setup", run=run.id, **more)
@@ -75,13 +97,6 @@ def setup_vector(run: Run, name: str, sigma: float | tuple[float, float, float])
     """Three nuisance parameters of a run, µm, with one `sigma` or one each; none where it is 0 (exact)."""
     each = sigma if isinstance(sigma, tuple) else (sigma, sigma, sigma)
     return tuple(setup_parameter(run, f"{name}.{c}", "um", s) for c, s in zip("xyz", each, strict=True) if s)
-
-
-def spindle_of(run: Run) -> tuple[Signal, ...]:
-    """The spindle's angle as a signal, where the run turns it."""
-    from symfive.motion import SpindleAngle
-
-    return () if run.spindle is None else (SpindleAngle(),)
 
 
 def vector_constants(name: str, vector: tuple[float, float, float]) -> dict[str, float]:

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, spindle_of, vector_constants
+from symfive.instruments._base import BallInstrument, Column, setup_parameter, setup_vector
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
-    from symfive.motion import Signal
     from symfive.row import Row
     from symfive.runs import Run
 
 
-class BallBar(Instrument):
+class BallBar(BallInstrument):
     """Change of the distance between two balls, µm; nuisances: both balls and the bar's length."""
 
     name = "ball_bar"
     stands = "table ball"
     on_a_post = True
     seated = "BALL BAR"
-    ball_drawn = True
     imported = (("dL", "um", "um"),)
 
     def check(self, run: Run, machine: Machine) -> None:
@@ -42,15 +41,8 @@ class BallBar(Instrument):
             *length,
         )
 
-    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
-        return spindle_of(run)
-
-    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        return {
-            **vector_constants("table_ball", run.table_ball),
-            **vector_constants("tool_ball", run.tool_ball),
-            "length": float(run.length or 0.0),
-        }
+    def constants(self, run: Run, machine: Machine) -> Mapping[str, float]:
+        return {**super().constants(run, machine), "length": float(run.length or 0.0)}
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca

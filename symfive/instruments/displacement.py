@@ -97,9 +97,7 @@ class Displacement(Instrument):
         import casadi as ca
 
         target = sensor.get("target", "ball")
-        turning = run.options.get("form_axis") or next(
-            (n for n in row.machine.axis_names if row.machine.axes[n].rotary), None
-        )
+        turning = run.options.get("form_axis") or next(iter(row.machine.rotary_axes), None)
         if target == "ball" or turning is None:
             return ca.SX(0)
         x, y = float(sensor["position"][0]), float(sensor["position"][1])

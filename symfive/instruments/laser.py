@@ -26,7 +26,7 @@ class Laser(Instrument):
 
     def check(self, run: Run, machine: Machine) -> None:
         axis = str(run.options.get("axis", ""))
-        if axis not in machine.axes or machine.axes[axis].rotary:
+        if axis not in machine.linear_axes:
             problem = f"run {run.id}: a laser measures one linear axis"
             raise InputError(problem, remedy='add axis = "X" to the run', keys=("axis",))
 

@@ -7,25 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symfive.errors import InputError
-from symfive.instruments._base import (
-    ZERO_SIGMA_UM,
-    Column,
-    Instrument,
-    setup_parameter,
-    setup_vector,
-    spindle_of,
-    vector_constants,
-)
+from symfive.instruments._base import ZERO_SIGMA_UM, BallInstrument, Column, setup_parameter, setup_vector
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
-    from symfive.motion import Signal
     from symfive.row import Row
     from symfive.runs import Run
 
 
-class RTest(Instrument):
+class RTest(BallInstrument):
     """`R·(d - table_ball)` in µm along the sensors; nuisances: the tool ball and one zero per sensor.
 
     `frame` names the axes of the reading: `workpiece` (default, R = 1: a nest on the table), `machine` (R = R_W, the table's
@@ -38,7 +29,6 @@ class RTest(Instrument):
     name = "r_test"
     stands = "nest"
     on_a_post = True
-    ball_drawn = True
     imported = (("dx", "um", "um"), ("dy", "um", "um"), ("dz", "um", "um"))
 
     def check(self, run: Run, machine: Machine) -> None:
@@ -57,12 +47,6 @@ class RTest(Instrument):
         table = setup_vector(run, "table_ball", sigma.table_ball) if frame != "workpiece" else ()
         tool = setup_vector(run, "tool_ball", sigma.tool) if frame != "tool" else ()
         return (*table, *tool, *zeros)
-
-    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
-        return spindle_of(run)
-
-    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector, spindle_of, vector_constants
+from symfive.instruments._base import BallInstrument, Column, setup_parameter, setup_vector
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
-    from symfive.motion import Signal
     from symfive.row import Row
     from symfive.runs import Run
 
@@ -20,7 +19,7 @@ LEAST_TOUCHES = 5
 """The centre has three unknowns, the effective radius is a fourth; the fifth touch checks them."""
 
 
-class TouchProbe(Instrument):
+class TouchProbe(BallInstrument):
     """Found minus commanded coordinate of each linear axis, µm, the rotary axes standing as commanded.
 
     With δ the reading, `d(q + δ) = table_ball`: where the machine has to go for the tip's centre to be in the sphere's.
@@ -36,13 +35,10 @@ class TouchProbe(Instrument):
     name = "touch_probe"
     stands = "sphere"
     on_a_post = True
-    ball_drawn = True
 
     def check(self, run: Run, machine: Machine) -> None:
-        if len(_linear(machine)) != 3:
-            problem = (
-                f"run {run.id}: a touch probe finds three linear coordinates, the machine has {len(_linear(machine))}"
-            )
+        if len(machine.linear_axes) != 3:
+            problem = f"run {run.id}: a touch probe finds three linear coordinates, the machine has {len(machine.linear_axes)}"
             raise InputError(problem, remedy="describe the three axes that move while probing", keys=("instrument",))
         if run.dynamic:
             problem = f"run {run.id}: a touch probe finds centres at rest"
@@ -50,7 +46,7 @@ class TouchProbe(Instrument):
         _centre_of_touches(run)
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:
-        return tuple(Column(f"{name}_dev_um", "um", 1e-3) for name in _linear(machine))
+        return tuple(Column(f"{name}_dev_um", "um", 1e-3) for name in sorted(machine.linear_axes))
 
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         sigma, lobing = run.setup_sigma_um, float(run.options.get("lobing_sigma_um", 0.0))
@@ -61,18 +57,12 @@ class TouchProbe(Instrument):
             *lobes,
         )
 
-    def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
-        return spindle_of(run)
-
-    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}
-
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca
 
         from symfive.motion import Position
 
-        names = _linear(row.machine)
+        names = sorted(row.machine.linear_axes)
         q = ca.vertcat(*(row.signal(Position(name)) for name in names))
         gap = row.ball_at(row.tool_ball - self._lobing(row, run)) - row.table_ball
         slope = ca.inv_minor(ca.jacobian(gap, q))
@@ -95,10 +85,6 @@ class TouchProbe(Instrument):
                 row.parameter("setup.lobing.cos") * lobes[0] + row.parameter("setup.lobing.sin") * lobes[1]
             )
         return -turned.T @ (ca.DM(_centre_of_touches(run)) @ ca.vertcat(*pretravel))
-
-
-def _linear(machine: Machine) -> list[str]:
-    return [name for name in sorted(machine.axis_names) if not machine.axes[name].rotary]
 
 
 def touches_of(run: Run) -> list[list[float]]:

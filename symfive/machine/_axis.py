@@ -93,6 +93,11 @@ class Axis:
         return "deg" if self.rotary else "mm"
 
     @property
+    def error_unit(self) -> str:
+        """The unit of deviations along (about) it: `um` or `urad`."""
+        return "urad" if self.rotary else "um"
+
+    @property
     def to_internal(self) -> float:
         """Factor from file unit to internal unit (mm, rad)."""
         return math.pi / 180.0 if self.rotary else 1.0

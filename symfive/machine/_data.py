@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +17,7 @@ from symfive.machine._words import machine_lines
 from symfive.screen import OnScreen
 from symfive.validation import freeze, numbers, positive
 
-__all__ = ["EffectEntry", "Machine", "Workspace", "check_error"]
+__all__ = ["EffectEntry", "Machine", "Workspace", "check_error", "unknown_axis"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,9 +125,7 @@ class Machine(OnScreen):
         for number, entry in enumerate(self.effects):
             if entry.axis is not None and entry.axis not in self.axes:
                 with inside("model", "effects", number):
-                    raise _lacking(
-                        f"effect {entry.effect}", entry.axis, f"use one of {', '.join(self.structure.axes)}", "axis"
-                    )
+                    raise unknown_axis(f"effect {entry.effect}", entry.axis, self.structure.axes, "axis")
 
     def __str__(self) -> str:
         lines = machine_lines(self)
@@ -137,6 +135,16 @@ class Machine(OnScreen):
     def axis_names(self) -> tuple[str, ...]:
         """Every axis from the bed outward, workpiece side first."""
         return self.structure.axes
+
+    @property
+    def rotary_axes(self) -> tuple[str, ...]:
+        """Those of them that turn."""
+        return tuple(name for name in self.structure.axes if self.axes[name].rotary)
+
+    @property
+    def linear_axes(self) -> tuple[str, ...]:
+        """Those of them that move straight."""
+        return tuple(name for name in self.structure.axes if not self.axes[name].rotary)
 
     @property
     def table_axis(self) -> str | None:
@@ -173,15 +181,17 @@ class Machine(OnScreen):
 def check_error(term: ErrorTerm, axes: Mapping[str, Axis]) -> None:
     """Raise `InputError` for an error that no machine with these axes can have."""
     if term.axis not in axes:
-        raise _lacking(f"error {term.name}", term.axis, nearest_error(term.name, axes))
+        raise unknown_axis(f"error {term.name}", term.axis, axes, remedy=nearest_error(term.name, axes))
     for axis in term.over:
         if axis not in axes:
-            raise _lacking(f"error {term.name}", axis, f"use one of {', '.join(axes)}", "over")
+            raise unknown_axis(f"error {term.name}", axis, axes, "over")
     if term.is_location and not axes[term.axis].rotary and not term.angular:
         problem = f"error {term.name}: a linear axis has no position of its own, only a direction"
         tilts = ", ".join(f"E{c}0{term.axis}" for c in "ABC")
         raise InputError(problem, remedy=f"remove it; {tilts} tilt the direction of travel")
 
 
-def _lacking(owner: str, axis: str, remedy: str, *keys: str) -> InputError:
-    return InputError(f"{owner} speaks of axis {shown(axis)}, which the machine lacks", remedy=remedy, keys=keys)
+def unknown_axis(owner: str, axis: str | None, axes: Iterable[str], *keys: str, remedy: str = "") -> InputError:
+    """What is wrong where `owner` (an error, an effect) names an axis that is none of the machine's `axes`."""
+    problem = f"{owner} speaks of axis {shown(axis)}, which the machine lacks"
+    return InputError(problem, remedy=remedy or f"use one of {', '.join(axes)}", keys=keys)

@@ -105,3 +105,8 @@ class ErrorTerm:
     def angular(self) -> bool:
         """Whether it is a rotation (µrad) and not a displacement (µm)."""
         return self.component in "ABC"
+
+    @property
+    def unit(self) -> str:
+        """`um`, or `urad` of a rotation."""
+        return "urad" if self.angular else "um"

@@ -11,12 +11,13 @@ from typing import Any, TypeVar
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine._axis import UNREAD, Axis, Drive, make_axis
-from symfive.machine._data import EffectEntry, Machine, Workspace, check_error
+from symfive.machine._data import EffectEntry, Machine, Workspace, check_error, unknown_axis
 from symfive.machine._errors import ErrorTerm, axis_of_error
 from symfive.machine._structure import DEFAULT_DIRECTION, Structure, default_kind
 from symfive.machine._suggest import meant, nearest_error, place_of, refuse_slips
 from symfive.outputs import write_text
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, refuse_what_toml_lacks, toml_text
+from symfive.validation import as_lists, as_tuples
 
 __all__ = [
     "SCHEMA", "machine_from_data", "machine_problems", "machine_to_data", "read_machine", "unknown_keys", "write_machine",
@@ -103,9 +104,7 @@ class _Problems:
 def _from_toml(file: TomlFile, problem: _Problems | None = None) -> Machine:
     problem = problem or _Problems()
     data = dict(file.data)
-    if data.get("schema") != SCHEMA:
-        remedy = f'the first line must be schema = "{SCHEMA}"'
-        raise file.error(f"schema is {shown(data.get('schema'))}", "schema", remedy=remedy)
+    file.require_schema(SCHEMA)
     code = data.get("structure")
     if not isinstance(code, str):
         raise file.error("there is no structural code", "structure", remedy="add structure = \"w C' B' X' Y' b Z t\"")
@@ -186,12 +185,8 @@ def _names(kind: type) -> tuple[str, ...]:
 def _known(kind: type, table: Mapping[str, Any]) -> dict[str, Any]:
     """Constructor arguments of a dataclass from a table: lists become tuples, unknown keys go to `extra`."""
     names = _names(kind)
-    known = {key: _tuples(value) for key, value in table.items() if key in names}
+    known = {key: as_tuples(value) for key, value in table.items() if key in names}
     return {**known, "extra": {key: value for key, value in table.items() if key not in names}}
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
 
 
 def _axis(file: TomlFile, name: str, entry: Any) -> Axis:
@@ -226,8 +221,8 @@ def _error_term(file: TomlFile, name: str, entry: Any, axes: Mapping[str, Axis])
     if isinstance(knots, list) and not any(isinstance(k, list) for k in knots):
         table["knots"] = [knots]
     if axis_of_error(name) not in axes:  # first of all: a wrong name makes a location error look like a motion
-        problem = f"error {name} speaks of axis {shown(axis_of_error(name))}, which the machine lacks"
-        raise file.error(problem, "errors", name, remedy=nearest_error(name, axes))
+        with file.placing("errors", name):
+            raise unknown_axis(f"error {name}", axis_of_error(name), axes, remedy=nearest_error(name, axes))
     term = _placed(file, ("errors", name), lambda: ErrorTerm(name=name, **_known(ErrorTerm, table)))
     _placed(file, ("errors", name), lambda: check_error(term, axes))
     return term
@@ -243,15 +238,11 @@ def _effects(file: TomlFile, entries: Any) -> tuple[EffectEntry, ...]:
         table = {"effect": entry} if isinstance(entry, str) else _table(file, entry, *keys)
         if "effect" not in table:
             raise file.error("an effect has no id", *keys, remedy=remedy)
-        options = {key: _tuples(value) for key, value in table.items() if key not in ("effect", "axis")}
+        options = {key: as_tuples(value) for key, value in table.items() if key not in ("effect", "axis")}
         effect, axis = table["effect"], table.get("axis")
         with file.placing(*keys, number):
             found.append(EffectEntry(effect=effect, axis=axis, options=options))
     return tuple(found)
-
-
-def _lists(value: Any) -> Any:
-    return [_lists(v) for v in value] if isinstance(value, tuple) else value
 
 
 def _plain(item: object, skip: tuple[str, ...]) -> dict[str, Any]:
@@ -261,7 +252,7 @@ def _plain(item: object, skip: tuple[str, ...]) -> dict[str, Any]:
         value = getattr(item, f.name)
         if f.name in (*skip, "extra") or value is None or value == f.default or value == ():
             continue
-        table[f.name] = dict(value) if isinstance(value, Mapping) else _lists(value)
+        table[f.name] = as_lists(value)
     return {**table, **dict(getattr(item, "extra", {}))}
 
 
@@ -303,4 +294,4 @@ def _effect_table(entry: EffectEntry) -> dict[str, Any]:
     table: dict[str, Any] = {"effect": entry.effect}
     if entry.axis is not None:
         table["axis"] = entry.axis
-    return {**table, **{key: _lists(value) for key, value in entry.options.items()}}
+    return {**table, **{key: as_lists(value) for key, value in entry.options.items()}}

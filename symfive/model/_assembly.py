@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from symfive.compiled import Mapped
 from symfive.effects import STAGES, Effect
-from symfive.instruments import Column, instruments_of
+from symfive.instruments import Column, columns_of, instruments_of
 from symfive.kinematics import basis_of, first_order
 from symfive.machine import Machine
 from symfive.motion import Position, Signal
@@ -31,13 +31,14 @@ def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:
     """The errors of the baseline as parameters: location errors by name, error motions one per basis function."""
     found = []
     for term in machine.errors.values():
-        unit = "urad" if term.angular else "um"
         if term.is_location:
-            found.append(Parameter(name=term.name, unit=unit, sigma=term.sigma, mean=term.mean, kind="location_error"))
+            found.append(
+                Parameter(name=term.name, unit=term.unit, sigma=term.sigma, mean=term.mean, kind="location_error")
+            )
         else:
             names = basis_of(term, machine).names
             found += [
-                Parameter(name=f"{term.name}.{n}", unit=unit, sigma=term.sigma, kind="error_motion") for n in names
+                Parameter(name=f"{term.name}.{n}", unit=term.unit, sigma=term.sigma, kind="error_motion") for n in names
             ]
     return tuple(found)
 
@@ -109,7 +110,7 @@ def assemble(
 ) -> RowFunction:
     """The function of runs of this kind. `linear`: first order in the machine's errors, by differentiation."""
     instruments = instruments_of(run)
-    columns = tuple(c for instrument in instruments for c in instrument.columns(run, machine))
+    columns = columns_of(run, machine)
     signals: list[Signal] = [Position(name) for name in machine.axis_names]
     wanted = [s for i in instruments for s in i.signals(run, machine)] + [s for e in effects for s in e.signals()]
     signals += [signal for signal in dict.fromkeys(wanted) if signal not in signals]

@@ -19,6 +19,7 @@ from symfive.numbers import with_std
 from symfive.outputs import write_json
 from symfive.screen import OnScreen, listed, plural
 from symfive.separated import LARGEST
+from symfive.validation import as_lists, as_tuples
 
 __all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
 
@@ -53,12 +54,8 @@ def effect_to_data(effect: Effect) -> dict[str, Any]:
     for f in fields(effect):
         value = getattr(effect, f.name)
         if value != f.default:
-            table[f.name] = effect_to_data(value) if isinstance(value, Effect) else _listed(value)
+            table[f.name] = effect_to_data(value) if isinstance(value, Effect) else as_lists(value)
     return table
-
-
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 def effects_from_data(entries: Any, source: Path | str) -> tuple[Effect, ...]:
@@ -70,18 +67,12 @@ def effects_from_data(entries: Any, source: Path | str) -> tuple[Effect, ...]:
         if not isinstance(entry, Mapping) or not isinstance(entry.get("effect"), str):
             raise InputError("an effect has no id", path=source, remedy='write { "effect": "backlash", "axis": "C" }')
         try:
-            options = {k: _tuple(v) for k, v in entry.items() if k not in ("effect", "axis")}
+            options = {k: as_tuples(v) for k, v in entry.items() if k not in ("effect", "axis")}
             found.append(make_effect(entry["effect"], entry.get("axis"), **options))
         except (InputError, RecursionError, TypeError, ValueError) as error:
             problem = error.problem if isinstance(error, InputError) else str(error)
             raise InputError(problem, path=source, remedy=getattr(error, "remedy", "") or "correct the entry") from None
     return tuple(found)
-
-
-def _tuple(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _tuple(v) for name, v in value.items()}
-    return tuple(_tuple(v) for v in value) if isinstance(value, list) else value
 
 
 def write_model(model: FittedModel, path: Path | str) -> None:
@@ -158,7 +149,7 @@ def read_model(path: Path | str) -> FittedModel:
 def _check_units(machine: Machine, entries: Mapping[str, tuple[float, float, str]]) -> None:
     for name, (_, _, unit) in entries.items():
         term = machine.errors.get(name.split(".")[0])
-        if term is not None and unit != ("urad" if term.angular else "um"):
+        if term is not None and unit != term.unit:
             raise ValueError(f"{shown(name)} is in {shown(unit)}")
 
 

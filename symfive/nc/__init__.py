@@ -66,7 +66,7 @@ def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], p
         dialect.datum,
         _first(dialect, machine, post),
     )
-    rotary = any(axis.rotary for axis in machine.axes.values())
+    rotary = bool(machine.rotary_axes)
     return render(dialect, run.id, [*(Step(kind="comment", text=said) for said in head), *steps], number, rotary=rotary)
 
 

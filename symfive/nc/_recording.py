@@ -98,7 +98,7 @@ def _ends(last: int, error: Callable[[int, int], float]) -> list[int]:
 
 def _chord(run: Run, nominal: Nominal, places: Array, *, centred: bool) -> Callable[[int, int], float]:
     """Error of one straight block between two rows as a share of what is allowed, at the rows between them."""
-    time, rotary = run.time, [name for name, axis in nominal.machine.axes.items() if axis.rotary]
+    time, rotary = run.time, nominal.machine.rotary_axes
 
     def error(first: int, last: int) -> float:
         if last - first < 2:

@@ -31,8 +31,7 @@ TOP_MM = 1.0
 
 def upright_axis(machine: Machine) -> str:
     """The linear axis along the tool's axis with all axes at zero."""
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    return max(linear, key=lambda name: abs(machine.axes[name].direction[2]))
+    return max(machine.linear_axes, key=lambda name: abs(machine.axes[name].direction[2]))
 
 
 def top_of(machine: Machine) -> float:

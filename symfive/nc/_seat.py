@@ -1,4 +1,4 @@
-"""The way from pose to pose with the ball in its nest, or the bar at its length: straight blocks that stay near the true way."""
+"""Moves from pose to pose with the ball in its nest, or the bar at its length: straight blocks that stay near the true path."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ __all__ = ["Leg", "Seat"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 CHORD_SHARE = 0.05
-"""A straight block may leave the true way by this share of the sensor's range or the bar's stroke."""
+"""A straight block may leave the true path by this share of the sensor's range or the bar's stroke."""
 MOST_BLOCKS = 4096
 DENSELY = np.linspace(0.0, 1.0, 65)[1:]
-"""Shares of a way at which the axes are looked at where the control makes the blocks."""
+"""Shares of a move at which the axes are looked at where the control makes the blocks."""
 
 
 Leg = tuple[Mapping[str, float], Mapping[str, float], int]
@@ -29,7 +29,7 @@ Leg = tuple[Mapping[str, float], Mapping[str, float], int]
 
 
 @dataclass(frozen=True)
-class _Ways:
+class _Legs:
     """Legs as arrays: `ends` (legs, 2, axes), `balls` (legs, 2, 3) mm in the workpiece frame, the `rows` that they lead to."""
 
     ends: Array
@@ -53,24 +53,24 @@ class Seat:
         stand = [np.array([[place[n] for n in self.names] for place in (a, b)]) for a, b, _ in legs]
         ends = np.array(stand).reshape(-1, 2, len(self.names))
         balls = self.nominal.ball({n: ends[:, :, i].ravel() for i, n in enumerate(self.names)}, self.run.tool_ball)
-        ways = _Ways(ends, balls.reshape(-1, 2, 3), [row for *_, row in legs])
+        moves = _Legs(ends, balls.reshape(-1, 2, 3), [row for *_, row in legs])
         found: dict[int, tuple[Array, Array, Array]] = {}
         held: dict[int, tuple[Array, Array, Array]] = {}  # near at their middles; they may be off between these
         left, blocks = np.arange(len(legs)), 1
         while left.size:
-            commands, places = self._between(ways, left, np.arange(1, 2 * blocks + 1) / (2.0 * blocks))
-            commands[:, -1] = ways.ends[left, 1]
-            before = ways.ends[left, :1], ways.balls[left, :1]
+            commands, places = self._between(moves, left, np.arange(1, 2 * blocks + 1) / (2.0 * blocks))
+            commands[:, -1] = moves.ends[left, 1]
+            before = moves.ends[left, :1], moves.balls[left, :1]
             middles = self._middles(np.hstack([before[0], commands]), np.hstack([before[1], places]), centred)
             near = self._error(middles, places[:, ::2]) <= allowed
             if blocks == MOST_BLOCKS and not near.all():
-                way = self._words_of(ways, int(left[np.argmin(near)]))
+                where = self._words_of(moves, int(left[np.argmin(near)]))
                 remedy = "choose poses that the linear axes reach from another without a jump"
-                raise InputError(f"{way}: the axes cannot follow the ball", remedy=remedy)
-            dense = self._between(ways, left[near], DENSELY)[0] if centred and near.any() else commands[near, 1::2]
+                raise InputError(f"{where}: the axes cannot follow the ball", remedy=remedy)
+            dense = self._between(moves, left[near], DENSELY)[0] if centred and near.any() else commands[near, 1::2]
             for i, leg, path in zip(np.flatnonzero(near), left[near].tolist(), dense, strict=True):
                 there = commands[i, 1::2]
-                drawn = there, places[i, 1::2], np.vstack([ways.ends[leg, 0], path if centred else there])
+                drawn = there, places[i, 1::2], np.vstack([moves.ends[leg, 0], path if centred else there])
                 if leg in held or blocks >= MOST_BLOCKS:  # half as long they are near too
                     found[leg] = held.get(leg, drawn)
                 held[leg] = drawn
@@ -90,28 +90,28 @@ class Seat:
         except InputError:
             return [None] if len(moves) == 1 else [self.path(*move) for move in moves]
 
-    def _between(self, ways: _Ways, legs: Indices, share: Array) -> tuple[Array, Array]:
+    def _between(self, moves: _Legs, legs: Indices, share: Array) -> tuple[Array, Array]:
         """Commands (legs, n, axes) and places (legs, n, 3) at n shares of the legs: rotary axes straight, the bar on the shorter
         arc."""
-        first, last = ways.ends[legs, 0], ways.ends[legs, 1]
+        first, last = moves.ends[legs, 0], moves.ends[legs, 1]
         fixed = {
             n: (first[:, i, None] + share * (last[:, i] - first[:, i])[:, None]).ravel()
             for i, n in enumerate(self.names)
             if self.machine.axes[n].rotary
         }
-        places = self._ways(ways.balls[legs, 0], ways.balls[legs, 1], share)
+        places = self._ball_path(moves.balls[legs, 0], moves.balls[legs, 1], share)
 
         def what(pose: int) -> str:
-            return self._words_of(ways, legs[pose // len(share)])
+            return self._words_of(moves, legs[pose // len(share)])
 
         found = self.nominal.follow(places.reshape(-1, 3), self.run.tool_ball, fixed, what)
         return np.stack([found[n] for n in self.names], axis=1).reshape(len(legs), len(share), -1), places
 
-    def _words_of(self, ways: _Ways, leg: int) -> str:
-        return f"the way to line {ways.rows[leg] + FIRST_LINE} of run {self.run.id}"
+    def _words_of(self, moves: _Legs, leg: int) -> str:
+        return f"the move to line {moves.rows[leg] + FIRST_LINE} of run {self.run.id}"
 
-    def _ways(self, before: Array, after: Array, share: Array) -> Array:
-        """Places (legs, n, 3) of the tool ball at shares of the ways from some places (legs, 3) to others."""
+    def _ball_path(self, before: Array, after: Array, share: Array) -> Array:
+        """Places (legs, n, 3) of the tool ball at shares of the paths from some places (legs, 3) to others."""
         table = np.asarray(self.run.table_ball)
         straight = before[:, None] + share[:, None] * (after - before)[:, None]
         out = np.linalg.norm(before - table, axis=1) > 1e-9

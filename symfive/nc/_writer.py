@@ -53,7 +53,7 @@ class Writer:
         self.nominal = Nominal(machine)
         self.names = machine.axis_names
         self.signs = {n: -1.0 if n in post.reversed_axes else 1.0 for n in sorted(self.names, key=_by_letter)}
-        self.rotary = [name for name in self.names if machine.axes[name].rotary]
+        self.rotary = list(machine.rotary_axes)
         self.upright = upright_axis(machine)
         self.plane = [name for name in self.names if name not in (*self.rotary, self.upright)]
         self.seat = Seat(machine, run, self.nominal)

@@ -13,7 +13,7 @@ from symfive.machine import Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
 from symfive.procedures._path import DIRECTIONS, along, check_spacing, senses
-from symfive.procedures._setting import BALL_SETUP, bar_length, one_after_another, over_the_table, tool_ball_of, vector
+from symfive.procedures._setting import BALL_SETUP, circle_radius, one_after_another, table_ball_of, tool_ball_of
 
 __all__ = ["cone_circle"]
 
@@ -51,10 +51,7 @@ def cone_circle(
         raise InputError(f'sensitive = "{sensitive}" is unknown', remedy='use "base" or "surface"')
     if not 0.0 <= half_angle_deg < 90.0:
         raise InputError(f"a half angle of {half_angle_deg:g}° makes no cone", remedy="give 0° or more and below 90°")
-    size = bar_length(machine, radius)
-    if not size > 0.0:
-        raise InputError(f"a circle of radius {size:g} mm is none", remedy="give a radius above 0")
-    middle = vector(centre if centre is not None else over_the_table(machine))
+    size, middle = circle_radius(machine, radius), table_ball_of(machine, centre)
     ball, nominal = tool_ball_of(machine, tool_ball), Nominal(machine)
     u, v, n = _base(nominal, np.radians(inclination_deg))
     beta = np.radians(half_angle_deg)

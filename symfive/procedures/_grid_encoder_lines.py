@@ -51,7 +51,7 @@ def grid_encoder_lines(
     lowest and highest position of the axis, by default ±200 mm about the line's place (an upright axis: from there
     upward). `centre` mm in the workpiece frame. Raises `InputError` where a pose cannot be reached.
     """
-    if axis not in machine.axes or machine.axes[axis].rotary:
+    if axis not in machine.linear_axes:
         raise InputError(f"the machine has no linear axis {axis}", remedy="name a linear axis")
     moved = machine.axes[axis]
     d = int(np.argmax(np.abs(moved.direction)))

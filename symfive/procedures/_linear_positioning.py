@@ -12,7 +12,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
-from symfive.procedures._setting import BALL_SETUP, tool_ball_of
+from symfive.procedures._setting import BALL_SETUP, pose_times, tool_ball_of
 
 __all__ = ["linear_positioning"]
 
@@ -42,7 +42,7 @@ def linear_positioning(
     are recorded too. `tool_ball` is where the reflector is (an Abbe offset is seen), `hold` the positions of
     the other axes. Raises `InputError` for positions outside the travel.
     """
-    if axis not in machine.axes or machine.axes[axis].rotary:
+    if axis not in machine.linear_axes:
         raise InputError(f"the machine has no linear axis {axis}", remedy="name a linear axis")
     low, high = machine.axes[axis].travel
     stops = _targets(low + overrun, high - overrun) if targets is None else np.asarray(targets, dtype=float)
@@ -55,11 +55,10 @@ def linear_positioning(
     up = np.concatenate([[stops[0] - overrun], stops])
     down = np.concatenate([[stops[-1] + overrun], stops[::-1]])
     way = np.concatenate([np.tile(np.concatenate([up, down]), cycles), up[:1]])
-    pace = machine.workspace.seconds_per_pose if seconds_per_pose is None else seconds_per_pose
     commands = Nominal(machine).commands({**(hold or {}), axis: way}, len(way))
     run = Run(
         id=f"{axis.lower()}-positioning", instrument=("laser",), sampling="static",
-        time=pace * np.arange(len(way), dtype=float), commands=commands, tool_ball=tool_ball_of(machine, tool_ball),
+        time=pose_times(machine, len(way), seconds_per_pose), commands=commands, tool_ball=tool_ball_of(machine, tool_ball),
         noise_um=noise_um, setup_sigma_um=setup_sigma_um, options={"axis": axis},
     )  # fmt: skip
     return (checked(machine, run, place="the targets or the overrun"),)

@@ -147,7 +147,7 @@ class Nominal:
         Of all branches that stay within the travel, the one whose axes go the least way and stay near 0. Raises
         `InputError` where there is none.
         """
-        rotary = [name for name in self.machine.axis_names if self.machine.axes[name].rotary]
+        rotary = self.machine.rotary_axes
         steps = np.linalg.norm(np.diff(directions, axis=0), axis=1)
         coarse = np.unique(np.searchsorted(np.cumsum(steps), np.arange(0.0, steps.sum() + COARSE_RAD, COARSE_RAD)))
         coarse = np.append(coarse[coarse < len(directions) - 1], len(directions) - 1)

@@ -19,9 +19,9 @@ from symfive.procedures._nominal import Nominal
 from symfive.procedures._path import DIRECTIONS, along, check_spacing, ramp_of, senses
 from symfive.procedures._setting import (
     BALL_SETUP,
-    bar_length,
+    circle_radius,
     one_after_another,
-    over_the_table,
+    table_ball_of,
     tool_ball_of,
     vector,
 )
@@ -81,10 +81,7 @@ def planar_circle(
         raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
     if instrument not in ("ball_bar", "grid_encoder"):
         raise InputError(f"a planar circle is not read by {instrument}", remedy="use ball_bar or grid_encoder")
-    size = bar_length(machine, radius)
-    if not size > 0.0:
-        raise InputError(f"a circle of radius {size:g} mm is none", remedy="give a radius above 0")
-    middle = vector(centre if centre is not None else over_the_table(machine))
+    size, middle = circle_radius(machine, radius), table_ball_of(machine, centre)
     ball = tool_ball_of(machine, tool_ball)
     nominal, grid = Nominal(machine), instrument == "grid_encoder"
     at_rest = nominal.commands(hold or {}, 1)

@@ -17,6 +17,7 @@ from symfive.procedures._setting import (
     angles,
     heights,
     one_after_another,
+    pose_times,
     rotary_axes,
     serpentine,
     tool_ball_of,
@@ -60,12 +61,11 @@ def r_test_grid(
     ball = tool_ball_of(machine, tool_ball)
     poses = serpentine(grid, returning=returning)
     rows = len(next(iter(poses.values())))
-    pace = machine.workspace.seconds_per_pose if seconds_per_pose is None else seconds_per_pose
     nominal = Nominal(machine)
     runs = []
     for number, nest in enumerate(map(vector, nests), start=1):
         run = Run(
-            id=f"r-test-{number}", instrument=("r_test",), sampling="static", time=pace * np.arange(rows, dtype=float),
+            id=f"r-test-{number}", instrument=("r_test",), sampling="static", time=pose_times(machine, rows, seconds_per_pose),
             commands=nominal.follow(np.tile(nest, (rows, 1)), ball, poses, "R-test grid"), table_ball=nest,
             tool_ball=ball, noise_um=noise_um, setup_sigma_um=setup_sigma_um,
         )  # fmt: skip

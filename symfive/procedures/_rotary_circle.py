@@ -20,7 +20,7 @@ from symfive.procedures._setting import (
     Vector,
     bar_length,
     one_after_another,
-    over_the_table,
+    table_ball_of,
     tool_ball_of,
     turning_axis,
     vector,
@@ -137,10 +137,8 @@ class _Geometry:
 
     def table_ball(self, wanted: Sequence[float] | None, arrangement: str, following: bool, length: float) -> Vector:
         """The wanted table ball or one on the table that suits the arrangement."""
-        if wanted is not None:
-            return vector(wanted)
-        middle = over_the_table(self.machine)
-        if not self.on_table:
+        middle = table_ball_of(self.machine, wanted)
+        if wanted is not None or not self.on_table:
             return middle
         direction, distance = self.radius(middle)
         if distance > 0.0:

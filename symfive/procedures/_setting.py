@@ -14,8 +14,8 @@ from symfive.errors import InputError
 from symfive.machine import Axis, Machine
 
 __all__ = [
-    "BALL_SETUP", "Vector", "bar_length", "campaign_of", "heights", "one_after_another", "over_the_table", "rotary_axes",
-    "serpentine", "tool_ball_of", "turning_axis", "whole_turn",
+    "BALL_SETUP", "Vector", "bar_length", "campaign_of", "circle_radius", "heights", "one_after_another", "pose_times",
+    "rotary_axes", "serpentine", "table_ball_of", "tool_ball_of", "turning_axis", "whole_turn",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -48,9 +48,22 @@ def heights(machine: Machine) -> tuple[float, float]:
     return machine.workspace.ball_height or (50.0, 150.0)
 
 
-def over_the_table(machine: Machine) -> Vector:
-    """The point over the table's centre at the middle of the ball heights, mm in the workpiece frame."""
-    return (*machine.table_centre, sum(heights(machine)) / 2.0)
+def table_ball_of(machine: Machine, wanted: Sequence[float] | None) -> Vector:
+    """The table ball, mm in the workpiece frame: the wanted one or over the table's centre at the middle of the ball heights."""
+    return vector((*machine.table_centre, sum(heights(machine)) / 2.0) if wanted is None else wanted)
+
+
+def circle_radius(machine: Machine, wanted: float | None) -> float:
+    """The wanted radius or a bar of the workspace, mm. Raises `InputError`."""
+    size = bar_length(machine, wanted)
+    if not size > 0.0:
+        raise InputError(f"a circle of radius {size:g} mm is none", remedy="give a radius above 0")
+    return size
+
+
+def pose_times(machine: Machine, rows: int, seconds: float | None) -> Array:
+    """Times of the poses (rows,), s, by default as many seconds apart as the workspace says."""
+    return (machine.workspace.seconds_per_pose if seconds is None else seconds) * np.arange(float(rows))
 
 
 def bar_length(machine: Machine, wanted: float | None, near: float = 100.0) -> float:
@@ -62,8 +75,7 @@ def bar_length(machine: Machine, wanted: float | None, near: float = 100.0) -> f
 
 def rotary_axes(machine: Machine) -> tuple[str, ...]:
     """Rotary axes, those that cannot turn once around first."""
-    names = [name for name in machine.axis_names if machine.axes[name].rotary]
-    return tuple(sorted(names, key=lambda name: whole_turn(machine.axes[name])))
+    return tuple(sorted(machine.rotary_axes, key=lambda name: whole_turn(machine.axes[name])))
 
 
 def whole_turn(axis: Axis) -> bool:

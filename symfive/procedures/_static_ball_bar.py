@@ -18,6 +18,7 @@ from symfive.procedures._setting import (
     bar_length,
     heights,
     one_after_another,
+    pose_times,
     serpentine,
     tool_ball_of,
     turning_axis,
@@ -60,7 +61,6 @@ def static_ball_bar(
         x, y = machine.table_centre
         table_balls = [(x + size, y, height) for height in heights(machine)]
     ball = tool_ball_of(machine, tool_ball)
-    pace = machine.workspace.seconds_per_pose if seconds_per_pose is None else seconds_per_pose
     nominal = Nominal(machine)
     bar = np.tile((-size, 0.0, 0.0), (rows, 1))
     if direction is not None:
@@ -73,7 +73,7 @@ def static_ball_bar(
     for number, table_ball in enumerate(map(vector, table_balls), start=1):
         run = Run(
             id=f"ball-bar-{number}", instrument=("ball_bar",), sampling="static",
-            time=pace * np.arange(rows, dtype=float),
+            time=pose_times(machine, rows, seconds_per_pose),
             commands=nominal.follow(np.asarray(table_ball) + bar, ball, fixed, "static ball bar"),
             table_ball=table_ball, tool_ball=ball, length=size, noise_um=noise_um, setup_sigma_um=setup_sigma_um,
         )  # fmt: skip

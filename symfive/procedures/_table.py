@@ -41,10 +41,9 @@ class Procedure:
 
     def suits(self, machine: Machine) -> bool:
         """Whether the machine has the axes."""
-        turning = [name for name, axis in machine.axes.items() if axis.rotary]
-        linear = len(machine.axes) - len(turning)
-        on_table = any(machine.structure.carries(name) == "workpiece" for name in turning)
-        return linear > 0 and len(turning) >= self.rotary and (on_table or not self.on_table)
+        on_table = machine.table_axis is not None
+        enough = bool(machine.linear_axes) and len(machine.rotary_axes) >= self.rotary
+        return enough and (on_table or not self.on_table)
 
 
 PROCEDURES: dict[str, Procedure] = {

@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 from symfive.drawing import BLUE, INK
 from symfive.errors import InputError
 from symfive.identify import Identification, MotionCurve
+from symfive.numbers import unit_words
 from symfive.report._palette import DIVERGING, SEQUENTIAL
-from symfive.report._style import blank, footnote, styled, unit_words
+from symfive.report._style import blank, footnote, styled
 
 __all__ = ["error_motion_bands"]
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from symfive.diagnose import Diagnosis, Finding, RivalName, facts_of
 from symfive.effects import Quantity
 from symfive.machine import Machine
-from symfive.numbers import in_words, percent
+from symfive.numbers import in_words, percent, plain_number, rounded, unit_words
 from symfive.report._geometry import moved_table
-from symfive.report._style import plain_number, rounded, unit_words
 from symfive.report._tables import Cell, table
 from symfive.report._template import Markup, fragment
 

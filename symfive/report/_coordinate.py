@@ -12,7 +12,8 @@ from symfive.campaign import Run
 from symfive.diagnose import Finding
 from symfive.identify import Identification
 from symfive.machine import Machine
-from symfive.report._style import unit_words
+from symfive.numbers import unit_words
+from symfive.report._traces import folded
 
 __all__ = ["Coordinate", "coordinates_of"]
 
@@ -54,14 +55,13 @@ def _of_axis(machine: Machine, runs: tuple[Run, ...], name: str, quantity: str) 
         return Coordinate(f"velocity of {name} / ({unit}/s)", lambda run: _rate(run, name, 1))
     if quantity == "acceleration":
         return Coordinate(f"acceleration of {name} / ({unit}/s²)", lambda run: _rate(run, name, 2))
-    folded = axis.rotary and any(np.ptp(run.commands[name]) > 360.0 + 1e-6 for run in runs)
-    label = f"{name}{' over one revolution' if folded else ''} / {unit}"
-    return Coordinate(label, lambda run: _position(run, name, folded), name if quantity else None)
+    if not folded(axis, runs):
+        return Coordinate(f"{name} / {unit}", lambda run: np.asarray(run.commands[name]), name if quantity else None)
 
+    def position(run: Run) -> Array:
+        return np.asarray(np.mod(run.commands[name] + 180.0, 360.0) - 180.0)
 
-def _position(run: Run, name: str, folded: bool) -> Array:
-    position = np.asarray(run.commands[name])
-    return np.asarray(np.mod(position + 180.0, 360.0) - 180.0 if folded else position)
+    return Coordinate(f"{name} over one revolution / {unit}", position, name if quantity else None)
 
 
 def _rate(run: Run, name: str, order: int) -> Array:

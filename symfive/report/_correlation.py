@@ -34,7 +34,8 @@ def correlation_matrix(identification: Identification) -> Figure:
     groups = _groups(identification)
     if not groups:
         raise InputError("no parameter was free", remedy="free at least one")
-    correlation = _correlation(identification)
+    std = np.where(identification.std > 0.0, identification.std, 1.0)
+    correlation = np.clip(identification.covariance / np.outer(std, std), -1.0, 1.0)
     order = [place for _, members in groups for _, place in members]
     together = len(order) > MOST_SINGLE and any(heading for heading, _ in groups)
     if together:
@@ -73,11 +74,6 @@ def _layout(side: float, margin: float) -> tuple[Figure, Axes, Axes]:
     tall = min(0.7 * side, 3.0)
     bar = ((margin + side + 1.35) / width, (margin + 0.2 + 0.5 * (side - tall)) / height, 0.14 / width, tall / height)
     return figure, axes, figure.add_axes(bar)
-
-
-def _correlation(identification: Identification) -> Array:
-    std = np.where(identification.std > 0.0, identification.std, 1.0)
-    return np.asarray(np.clip(identification.covariance / np.outer(std, std), -1.0, 1.0))
 
 
 def _groups(identification: Identification) -> list[Group]:
@@ -122,8 +118,8 @@ def _numbers(axes: Axes, table: Array) -> None:
     for i, j in np.ndindex(*table.shape):
         if i != j and abs(table[i, j]) >= 0.1:
             colour = "#ffffff" if abs(table[i, j]) > 0.45 else "#1e2b37"
-            words = f"{table[i, j]:.1f}".replace("-", "−").replace("0.", ".") if abs(table[i, j]) < 0.995 else "±1"
-            words = words if words != "±1" else ("1" if table[i, j] > 0 else "−1")
+            text = f"{table[i, j]:.1f}".replace("0.", ".") if abs(table[i, j]) < 0.995 else f"{table[i, j]:.0f}"
+            words = text.replace("-", "−")
             axes.text(j, i, words, ha="center", va="center", fontsize=6.5, color=colour)
 
 

@@ -14,27 +14,17 @@ from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of
 from symfive.drawing import poses_figure
 from symfive.effects import form_words
 from symfive.errors import InputError
+from symfive.identify import Identification
 from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten
-from symfive.report._bands import error_motion_bands
 from symfive.report._cards import card
 from symfive.report._chain import chain_picture
-from symfive.report._evidence import (
-    fit_table,
-    gap_table,
-    observability_table,
-    suspects_table,
-    tests_table,
-)  # fmt: skip
+from symfive.report._evidence import fit_table, gap_table, observability_table, suspects_table, tests_table
 from symfive.report._finding_figure import finding_figure
 from symfive.report._findings import closing
 from symfive.report._geometry import geometry_chart, geometry_table
-from symfive.report._over_time import READING as OVER_TIME
-from symfive.report._over_time import residuals_with_tips
 from symfive.report._page import embedded, write_page
 from symfive.report._polar import polar_trace
-from symfive.report._save import keep
-from symfive.report._spectrum import READING as SPECTRUM
-from symfive.report._spectrum import residual_spectrum
+from symfive.report._save import FIGURES, keep
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
@@ -133,7 +123,6 @@ def _proof(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
     before, after, found = diagnosis.before, diagnosis.after, bool(diagnosis.findings)
     moved = "Where a value moved by more than its bar, the geometry had absorbed part of a finding."
     circles = "Measured (dashed: model) and residual, magnified further. Both directions overlaid."
-    motions = "Error over the travel used, with its uncertainty. Where the band contains zero, no error is proven."
     words = "After: with all findings. " if found else ""
     return {
         "proof": "Before and after" if found else "Residuals",
@@ -144,7 +133,7 @@ def _proof(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
         "polar_before": _figure("polar-before", "Circular tests before", f"Before: without the findings. {circles}",
                                 lambda: (polar_trace(before), {}), figures) if found else "",
         "polar_after": _figure("polar-after", "Circular tests", words + circles, lambda: (polar_trace(after), {}), figures),
-        "error_motions": _figure("error-motions", "Error motions", motions, lambda: (error_motion_bands(after), {}), figures),
+        "error_motions": _drawing("error-motions", after, figures),
     }  # fmt: skip
 
 
@@ -156,6 +145,12 @@ def _figure(name: str, title: str, reading: str, draw: Drawn, figures: Path) -> 
         return Markup()  # no circle among the runs, no error motion in the machine file
     keep(figure, name, figures)
     return embedded(figure, name, title, reading, tips)
+
+
+def _drawing(name: str, identification: Identification, figures: Path) -> Markup:
+    """The figure of that name in the report of an identification."""
+    drawing = next(drawing for drawing in FIGURES if drawing.name == name)
+    return _figure(name, drawing.title, drawing.reading, partial(drawing.draw, identification), figures)
 
 
 def _sensitivity(diagnosis: Diagnosis) -> dict[str, object]:
@@ -185,10 +180,8 @@ def _quality(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
     return {
         "outliers": outlier_table(after) if after.outliers else "",
         "gaps": gap_table(after.model.campaign),
-        "over_time": _figure("residuals-over-time", "Residuals over time", OVER_TIME, lambda: residuals_with_tips(after),
-                             figures),
-        "spectrum": _figure("residual-spectrum", "Spectrum of the residuals", SPECTRUM, lambda: (residual_spectrum(after), {}),
-                            figures),
+        "over_time": _drawing("residuals-over-time", after, figures),
+        "spectrum": _drawing("residual-spectrum", after, figures),
         "noise": noise_table(after),
         "setup": setup_table(after) if has_setup else "",
         "poses": Markup(poses_figure(after.model.campaign)),

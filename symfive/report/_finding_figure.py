@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from symfive.diagnose import Diagnosis, Finding
 from symfive.drawing import BLUE, FAINT, INK, ORANGE
 from symfive.identify import Identification
+from symfive.numbers import plain_number, unit_words
 from symfive.report._coordinate import Coordinate, coordinates_of
 from symfive.report._over_coordinates import means_along
-from symfive.report._style import Tips, blank, footnote, plain_number, robust_limit, short, styled, unit_words
+from symfive.report._style import Tips, blank, footnote, robust_limit, short, styled
 from symfive.report._traces import Array, Trace, direction_of, running_mean, spread, traces_of
 
 __all__ = ["finding_figure"]

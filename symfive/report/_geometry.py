@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from symfive.diagnose import Diagnosis, Finding
-from symfive.drawing import BLUE, INK, ORANGE
+from symfive.drawing import BLUE, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
-from symfive.numbers import with_std
+from symfive.numbers import rounded, unit_words, with_std
 from symfive.parameters import Parameter
-from symfive.report._style import blank, footnote, rounded, short, styled, unit_words
+from symfive.report._style import blank, footnote, named_rows, styled
 from symfive.report._tables import Cell, table
 from symfive.report._words import meaning
 
@@ -30,7 +30,8 @@ def geometry_chart(before: Identification, after: Identification) -> tuple[Figur
     Where the machine file has no location error free, its error motions' coefficients. Raises `InputError` where there
     is neither.
     """
-    parameters = _geometry(before, after)
+    both = [p for p in after.parameters if p.name in before.model.index]
+    parameters = [p for p in both if p.kind == "location_error"] or [p for p in both if p.kind == "error_motion"]
     if not parameters:
         raise InputError("the machine file frees no geometry", remedy="add a location error, as EX0C")
     units: dict[str, list[Parameter]] = {}
@@ -53,11 +54,6 @@ def geometry_chart(before: Identification, after: Identification) -> tuple[Figur
     return figure, tips
 
 
-def _geometry(before: Identification, after: Identification) -> list[Parameter]:
-    both = [p for p in after.parameters if p.name in before.model.index]
-    return [p for p in both if p.kind == "location_error"] or [p for p in both if p.kind == "error_motion"]
-
-
 def _draw(
     axes: Axes, before: Identification, after: Identification, parameters: list[Parameter], unit: str,
     tips: dict[str, list[str]],
@@ -73,11 +69,7 @@ def _draw(
         std = after.uncertainty(p.name)
         moved = f"{rounded(before[p.name], std, unit)} → {rounded(after[p.name], std, unit)}"
         axes.text(1.02, row, moved, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
-    axes.set_yticks(range(len(parameters)), [short(p.name) for p in parameters])
-    axes.set_ylim(len(parameters) - 0.4, -0.6)
-    axes.set_xlabel(unit_words(unit))
-    axes.axvline(0.0, color=INK, linewidth=0.6)
-    axes.grid(visible=False, axis="y")
+    named_rows(axes, [p.name for p in parameters], unit)
 
 
 def geometry_table(diagnosis: Diagnosis) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from symfive.identify import Identification
 from symfive.numbers import expected_ratio, plain_number, rounded, unit_words
 from symfive.report._words import confounded_machine, meaning, verdict
-from symfive.screen import wrapped
+from symfive.screen import aligned, wrapped
 from symfive.worth import location_worths, worth_text
 
 __all__ = ["identification_text"]
@@ -21,13 +21,9 @@ def identification_text(identification: Identification) -> str:
          meaning(identification.parameters[index[name]], machine))
         for name, value, std, unit, prior in identification.table()
     ]  # fmt: skip
-    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [
-        f"{n:<{wide[0]}}  {v:>{wide[1]}}  {s:>{wide[2]}}  {u:<{wide[3]}}  {p:>{wide[4]}}  {m}"
-        for n, v, s, u, p, m in rows
-    ]
     unit = identification.unit
-    lines += [
+    lines = [
+        *aligned(rows, right=(1, 2, 4)),
         f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} against the declared "
         f"noise ({expected_ratio(identification.dof)})",
         f"The readings determine {identification.rank} of {len(identification.parameters)} parameters, set-up included.",

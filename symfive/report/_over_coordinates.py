@@ -10,14 +10,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from symfive.campaign import FIRST_LINE, Run
+from symfive.campaign import FIRST_LINE
 from symfive.drawing import BLUE, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.machine import Axis
+from symfive.numbers import unit_words, with_unit
 from symfive.report._over_time import FEW_ROWS
-from symfive.report._style import blank, footnote, plain_number, robust_limit, short, styled, unit_words
-from symfive.report._traces import Array, Trace, direction_of, moving_axes, spread, traces_of
+from symfive.report._style import blank, footnote, robust_limit, short, styled
+from symfive.report._traces import Array, Trace, direction_of, folded, moving_axes, spread, traces_of
 
 __all__ = ["coordinates_with_tips", "means_along", "residuals_over_coordinates"]
 
@@ -65,8 +66,8 @@ def coordinates_with_tips(
         grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
     for j, name in enumerate(moved):
         axis = machine.axes[name]
-        folded = " over one revolution" if _folded(axis, [t.run for t in traces]) else ""
-        grid[-1, j].set_xlabel(f"{name}{folded} / {unit_words(axis.unit)}")
+        once = " over one revolution" if folded(axis, [t.run for t in traces]) else ""
+        grid[-1, j].set_xlabel(f"{name}{once} / {unit_words(axis.unit)}")
     figure.suptitle("Residuals over the axes", x=0.01, ha="left")
     handles = [Line2D([], [], color=colour, label=f"axis {words}") for _, colour, words in SENSES]
     figure.legend(handles=handles, loc="outside upper right", ncols=2)
@@ -78,20 +79,14 @@ def coordinates_with_tips(
     return figure, tips
 
 
-def _folded(axis: Axis, runs: Sequence[Run]) -> bool:
-    return axis.rotary and any(np.ptp(run.commands[axis.name]) > 360.0 + 1e-6 for run in runs)
-
-
 def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace], tips: dict[str, list[str]]) -> int:
-    runs = [trace.run for trace in traces]
-    fold = _folded(axis, runs)
     parts = [trace for trace in traces if np.ptp(trace.run.commands[axis.name]) > 1e-9]
     if not parts:
         axes.text(0.5, 0.5, "at rest", transform=axes.transAxes, ha="center", va="center")
         return 1
     axes.axhline(0.0, color=INK, linewidth=0.6)
     place = np.concatenate([trace.run.commands[axis.name] for trace in parts])
-    place = np.mod(place, 360.0) if fold else place
+    place = np.mod(place, 360.0) if folded(axis, [trace.run for trace in traces]) else place
     sense = np.concatenate([direction_of(trace.run.commands[axis.name]) for trace in parts])
     value, single = (np.concatenate([getattr(t, name) for t in parts]) for name in ("kept", "sample"))
     index, step = spread(len(place), MOST_POINTS)
@@ -119,8 +114,8 @@ def _said(parts: Sequence[Trace], dots: NDArray[np.int64], place: Array, axis: A
     found = []
     for dot in dots.tolist():
         trace, row = owners[dot]
-        at = f"{axis.name} {plain_number(place[dot], axis.unit)} {unit_words(axis.unit)}"
-        left = f"{trace.label} {plain_number(trace.residual[row], trace.unit)} {unit_words(trace.unit)}"
+        at = f"{axis.name} {with_unit(place[dot], axis.unit)}"
+        left = f"{trace.label} {with_unit(trace.residual[row], trace.unit)}"
         found.append(f"{short(trace.run.id)}, pose {row + 1} (line {row + FIRST_LINE}), {at}: {left}")
     return found
 

@@ -15,15 +15,12 @@ from numpy.typing import NDArray
 from symfive.campaign import FIRST_LINE
 from symfive.drawing import FAINT, INK, SERIES
 from symfive.identify import Identification
-from symfive.report._style import blank, footnote, plain_number, robust_limit, short, styled, unit_words
-from symfive.report._traces import Array, Trace, running_mean, spread, traces_of
+from symfive.numbers import plain_number, unit_words, with_unit
+from symfive.report._style import blank, footnote, robust_limit, short, styled
+from symfive.report._traces import Array, Trace, by_panel, running_mean, spread, traces_of
 
-__all__ = ["FEW_ROWS", "READING", "residuals_over_time", "residuals_with_tips"]
+__all__ = ["FEW_ROWS", "residuals_over_time", "residuals_with_tips"]
 
-READING = (
-    "Measured minus modelled, over time in s or the number of the pose. Good: noise around zero within the grey band, no "
-    "waves, no steps. A single pose far out may be a misreading."
-)
 FEW_ROWS = 100
 """Runs of fewer rows are drawn as single readings: a line between them would show nothing that was measured."""
 APART = 0.24
@@ -51,18 +48,17 @@ def residuals_with_tips(
     identification: Identification, runs: str | Iterable[str] | None = None
 ) -> tuple[Figure, dict[str, list[str]]]:
     """The same, and what hovering over the points of static runs says."""
-    panels: dict[tuple[str, str], list[Trace]] = {}
-    for trace in traces_of(identification, runs, drawn=True):
-        panels.setdefault((trace.run.id, trace.unit), []).append(trace)
+    panels = by_panel(traces_of(identification, runs, drawn=True))
     drawn = list(panels.items())[:MOST_PANELS]
+    every = [trace for _, traces in drawn for trace in traces]
     columns = 1 if len(drawn) <= 3 else 2 if len(drawn) <= 12 else 3
     rows = -(-len(drawn) // columns)
     figure = blank(9.0, max(2.6, 1.45 * rows + 1.0))
     grid = figure.subplots(rows, columns, squeeze=False)
-    limits = _limits([trace for _, traces in drawn for trace in traces])
+    limits = _limits(every)
     steps, tips = {1}, dict[str, list[str]]()
-    tipped = sum(len(traces) * traces[0].run.rows for _, traces in drawn if not traces[0].run.dynamic) <= TIPPED_ROWS
-    alike = len({traces[0].run.dynamic for _, traces in drawn}) == 1
+    tipped = sum(trace.run.rows for trace in every if not trace.run.dynamic) <= TIPPED_ROWS
+    alike = len({trace.run.dynamic for trace in every}) == 1
     for place, ((run, unit), traces) in enumerate(drawn):
         axes = grid[place // columns, place % columns]
         steps.add(_draw(axes, traces, limits[unit]))
@@ -75,10 +71,9 @@ def residuals_with_tips(
             axes.set_xlabel("time in the run / s" if traces[0].run.dynamic else "number of the pose")
     for place in range(len(drawn), rows * columns):
         grid[place // columns, place % columns].set_visible(False)
-    title = "Residuals over time" if any(traces[0].run.dynamic for _, traces in drawn) else "Residuals, pose by pose"
-    figure.suptitle(title, x=0.01, ha="left")
-    _legend(figure, [trace for _, traces in drawn for trace in traces], limits)
-    recorded = [trace for _, traces in drawn for trace in traces if trace.run.dynamic]
+    recorded = [trace for trace in every if trace.run.dynamic]
+    figure.suptitle("Residuals over time" if recorded else "Residuals, pose by pose", x=0.01, ha="left")
+    _legend(figure, every, limits)
     pieces = max((trace.step * trace.piece(PIECES) for trace in recorded), default=1)
     footnote(
         figure,
@@ -155,7 +150,7 @@ def _tips(traces: Sequence[Trace], limit: float) -> dict[str, list[str]]:
             turned = ", ".join(
                 f"{n} {plain_number(v[row], 'deg')}°" for n, v in trace.run.commands.items() if n in "ABC"
             )
-            left = f"{trace.label} {plain_number(trace.residual[row], trace.unit)} {unit_words(trace.unit)}"
+            left = f"{trace.label} {with_unit(trace.residual[row], trace.unit)}"
             said.append(
                 f"{short(trace.run.id)}, pose {row + 1} (line {row + FIRST_LINE}): {turned}{': ' if turned else ''}{left}"
             )
@@ -215,10 +210,7 @@ def _colours(traces: list[Trace]) -> list[str]:
 def _legend(figure: Figure, traces: list[Trace], limits: Mapping[str, float]) -> None:
     handles: list[Line2D | Patch] = []
     labels: dict[str, list[str]] = {}
-    groups: dict[tuple[str, str], list[Trace]] = {}
-    for trace in traces:
-        groups.setdefault((trace.run.id, trace.unit), []).append(trace)
-    for group in groups.values():
+    for group in by_panel(traces).values():
         for trace, colour in zip(group, _colours(group), strict=True):
             same = labels.setdefault(colour, [])
             same += [trace.label] if trace.label not in same else []
@@ -228,10 +220,8 @@ def _legend(figure: Figure, traces: list[Trace], limits: Mapping[str, float]) ->
     if any(trace.noise.total > 1.05 * trace.noise.declared for trace in traces):
         handles.append(Line2D([], [], color=FAINT, linestyle=":", label="±2σ of the noise found"))
     if any(trace.outlier.any() for trace in traces):
-        ring = Line2D(
-            [], [], marker="o", markerfacecolor="none", markeredgecolor=INK, linestyle="none", label="excluded outlier"
-        )
-        handles.append(ring)
+        ring = {"marker": "o", "markerfacecolor": "none", "markeredgecolor": INK, "linestyle": "none"}
+        handles.append(Line2D([], [], label="excluded outlier", **ring))  # type: ignore[arg-type]
     if any(np.any(np.abs(trace.farthest) > limits[trace.unit]) for trace in traces):
         edge = Line2D([], [], marker="^", color=SERIES[0], linestyle="none", markersize=5.0, label="beyond the panel")
         handles.append(edge)

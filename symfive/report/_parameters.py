@@ -8,11 +8,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from symfive.drawing import BLUE, FAINT, INK, ORANGE
+from symfive.drawing import BLUE, FAINT, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
+from symfive.numbers import rounded
 from symfive.parameters import DETERMINED, Parameter
-from symfive.report._style import blank, footnote, rounded, short, styled, unit_words
+from symfive.report._style import blank, footnote, named_rows, styled
 
 __all__ = ["parameters_chart"]
 
@@ -66,11 +67,7 @@ def _draw(axes: Axes, identification: Identification, parameters: list[Parameter
         axes.text(1.02, row, said, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
     near = sigma < 50.0 * np.maximum(np.abs(values), stds)  # a prior that is much wider would leave the values a dot
     reach = np.concatenate([low, high, (mean - sigma)[near], (mean + sigma)[near]])
-    axes.set_yticks(range(len(parameters)), [short(p.name.removeprefix("setup.")) for p in parameters])
-    axes.set_ylim(len(parameters) - 0.4, -0.6)
-    axes.set_xlabel(unit_words(unit))
-    axes.axvline(0.0, color=INK, linewidth=0.6)
-    axes.grid(visible=False, axis="y")
+    named_rows(axes, [p.name.removeprefix("setup.") for p in parameters], unit)
     margin = 0.04 * max(float(np.ptp(reach)), 1e-9)
     axes.set_xlim(min(float(reach.min()), 0.0) - margin, max(float(reach.max()), 0.0) + margin)
 

@@ -16,7 +16,8 @@ from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
-from symfive.report._style import blank, footnote, plain_number, short, styled
+from symfive.numbers import plain_number
+from symfive.report._style import blank, footnote, short, styled
 from symfive.report._traces import Array, Condensed, chosen_runs, condensed, condensed_of, running_mean, spread
 
 __all__ = ["polar_trace"]

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from symfive.drawing import FAINT, INK, SERIES
 from symfive.errors import InputError
+from symfive.numbers import plain_number, unit_words
 from symfive.report._over_time import FEW_ROWS
-from symfive.report._style import blank, footnote, plain_number, styled, unit_words
+from symfive.report._style import blank, footnote, styled
 from symfive.report._traces import spread
 
 __all__ = ["prediction_chart"]

@@ -7,11 +7,10 @@ from pathlib import Path
 
 from symfive.drawing import poses_figure
 from symfive.identify import Identification
-from symfive.numbers import expected_ratio, plain_number
+from symfive.numbers import expected_ratio, with_unit
 from symfive.report._page import embedded, sentences, write_page
 from symfive.report._save import drawings, keep
 from symfive.report._standards import standards_section, worth_section
-from symfive.report._style import unit_words
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
 from symfive.report._template import Markup, fragment
 from symfive.report._words import confounded_machine, confounded_setup, fits, verdict
@@ -79,7 +78,7 @@ def _facts(identification: Identification) -> list[str]:
 
 def _quality(identification: Identification) -> str:
     known = {unit: value for unit, value in identification.rms.items() if unit != "mixed"}
-    rms = ", ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known.items())
+    rms = ", ".join(with_unit(value, unit) for unit, value in known.items())
     return (
         f"Residual RMS {rms or 'not available'}; χ²/dof {identification.chi2_dof:.4g} against the declared noise, "
         f"{identification.chi2_dof_whitened:.4g} against the estimated noise; {identification.dof:.0f} degrees of freedom: "

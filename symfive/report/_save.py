@@ -14,11 +14,9 @@ from symfive.outputs import write_bytes
 from symfive.report._bands import error_motion_bands
 from symfive.report._correlation import correlation_matrix
 from symfive.report._over_coordinates import coordinates_with_tips
-from symfive.report._over_time import READING as OVER_TIME
 from symfive.report._over_time import residuals_with_tips
 from symfive.report._parameters import parameters_chart
 from symfive.report._polar import polar_trace
-from symfive.report._spectrum import READING as SPECTRUM
 from symfive.report._spectrum import residual_spectrum
 from symfive.report._style import Tips, rendered
 
@@ -50,12 +48,18 @@ FIGURES = (
             "Left of each pair: measured (dashed: fitted model). Right: residual, magnified further. A circle is good. A gap "
             "between the two directions at an axis points to backlash, a fixed oval to squareness or scale.",
             _plain(polar_trace)),
-    Drawing("residuals-over-time", "Residuals over time", OVER_TIME, residuals_with_tips),
+    Drawing("residuals-over-time", "Residuals over time",
+            "Measured minus modelled, over time in s or the number of the pose. Good: noise around zero within the grey band, no "
+            "waves, no steps. A single pose far out may be a misreading.",
+            residuals_with_tips),
     Drawing("residuals-over-coordinates", "Residuals over the axes",
             "Residual over the position of each axis (mm or °). Two separate lines: the error depends on the direction of motion "
             "(backlash, friction, lag). Two lines that bend together: a geometric error.",
             coordinates_with_tips),
-    Drawing("residual-spectrum", "Spectrum of the residuals", SPECTRUM, _plain(residual_spectrum)),
+    Drawing("residual-spectrum", "Spectrum of the residuals",
+            "Amplitude of the residual over frequency in 1/s, or over order (waves per revolution). Peaks above the dashed line "
+            "are not noise: at a fixed frequency a vibration, at a fixed order an error that repeats every revolution.",
+            _plain(residual_spectrum)),
     Drawing("error-motions", "Identified error motions",
             "Error over the travel used, with its uncertainty. Where the band contains zero, no error is proven.",
             _plain(error_motion_bands)),

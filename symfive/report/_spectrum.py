@@ -16,18 +16,14 @@ from symfive.disk import release
 from symfive.drawing import INK, SERIES
 from symfive.errors import InputError
 from symfive.identify import Identification
-from symfive.machine import Machine
-from symfive.report._style import blank, footnote, plain_log, short, styled, unit_words
-from symfive.report._traces import Array, Trace, traces_of
+from symfive.numbers import unit_words
+from symfive.report._style import blank, footnote, plain_log, short, styled
+from symfive.report._traces import Array, Trace, by_panel, traces_of
 
-__all__ = ["READING", "residual_spectrum"]
-
-READING = (
-    "Amplitude of the residual over frequency in 1/s, or over order (waves per revolution). Peaks above the dashed line are "
-    "not noise: at a fixed frequency a vibration, at a fixed order an error that repeats every revolution."
-)
+__all__ = ["residual_spectrum"]
 
 LEVEL = 0.01
+LEAST_ROWS = 64
 BLOCK_ROWS = 1 << 14
 STRETCH_ROWS, MOST_STRETCHES = 1 << 17, 8
 """A longer recording's spectrum is the mean of those of so many stretches of so many rows."""
@@ -52,22 +48,21 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
     above it are real. Frequency: Hann window, one-sided amplitude. Order: least squares at whole orders of the circle's angle, or
     of the axis that turns by a whole turn, as many as the angles resolve. Raises `InputError` where no run is long enough.
     """
-    groups: dict[tuple[str, str], list[Trace]] = {}
-    for trace in traces_of(identification, runs):
-        groups.setdefault((trace.run.id, trace.unit), []).append(trace)
+    groups = by_panel(traces_of(identification, runs))
     drawn = list(groups.items())[:MOST_RUNS]
     unit = drawn[0][0][1]
     drawn = [(key, traces) for key, traces in drawn if key[1] == unit]
     finder = CircleFinder(identification.model.machine)
-    over_time = [(run, *_frequencies(traces)) for (run, _), traces in drawn if _recorded(traces)]
-    turning: dict[tuple[str, str], list[Trace]] = {}
-    for trace in traces_of(identification, {run for (run, _), _ in drawn}, drawn=True):
-        turning.setdefault((trace.run.id, trace.unit), []).append(trace)
+    recorded = [
+        (run, traces) for (run, _), traces in drawn if traces[0].run.dynamic and traces[0].run.rows >= LEAST_ROWS
+    ]
+    over_time = [(run, *_frequencies(traces)) for run, traces in recorded]
+    turning = by_panel(traces_of(identification, {run for (run, _), _ in drawn}, drawn=True))
     over_turn = [(key[0], *found) for key, _ in drawn if (found := _orders(turning[key], finder)) is not None]
     panels = int(bool(over_time)) + int(bool(over_turn))
     if not panels:
         raise InputError(
-            "no run is a recording or goes round", remedy="choose a run of at least 64 rows or of one turn"
+            "no run is a recording or goes round", remedy=f"choose a run of at least {LEAST_ROWS} rows or of one turn"
         )
     figure = blank(4.9 * panels + 0.4, 3.8)
     axes = list(figure.subplots(1, panels, squeeze=False)[0])
@@ -87,10 +82,6 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
         f"Not drawn: {others} further runs or units." if others else "",
     )
     return figure
-
-
-def _recorded(traces: list[Trace]) -> bool:
-    return traces[0].run.dynamic and traces[0].run.rows >= 64
 
 
 def _frequencies(traces: list[Trace]) -> tuple[Array, Array, float]:
@@ -187,15 +178,11 @@ def _swollen(normal: Array, count: int) -> Array:
 
 
 def _angle(trace: Trace, finder: CircleFinder) -> tuple[Array, str] | None:
+    """The angle of the circle, else the coordinate of the rotary axis whose stations lie around a whole turn."""
     circle = finder.find(trace.run)
     if circle is not None and circle.turns >= LEAST_TURN:
         return circle.angle, circle.over
-    return _whole_turn(trace, finder.machine)
-
-
-def _whole_turn(trace: Trace, machine: Machine) -> tuple[Array, str] | None:
-    """The coordinate of the rotary axis whose stations lie around a whole turn."""
-    for name, axis in machine.axes.items():
+    for name, axis in finder.machine.axes.items():
         if axis.rotary:
             angle = np.radians(trace.run.commands[name])
             stations = np.unique(np.round(np.mod(angle, 2.0 * np.pi), 6))

@@ -15,11 +15,10 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from symfive.drawing import FAINT, GRID, INK, PAPER, render
-from symfive.numbers import plain_number, rounded, unit_words
+from symfive.numbers import unit_words
 
 __all__ = [
-    "Tips", "blank", "footnote", "label_of",
-    "plain_log", "plain_number", "rendered", "robust_limit", "rounded", "short", "styled", "unit_words",
+    "Tips", "blank", "footnote", "label_of", "named_rows", "plain_log", "rendered", "robust_limit", "short", "styled",
 ]  # fmt: skip
 
 _LOOK: Any = {
@@ -81,6 +80,15 @@ def plain_log(axes: Axes, which: str = "both") -> None:
         if which in ("both", name):
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def named_rows(axes: Axes, names: Sequence[str], unit: str) -> None:
+    """A row for each name, the first one on top, over values in `unit` about zero."""
+    axes.set_yticks(range(len(names)), [short(name) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_xlabel(unit_words(unit))
+    axes.axvline(0.0, color=INK, linewidth=0.6)
+    axes.grid(visible=False, axis="y")
 
 
 def footnote(figure: Figure, *sentences: str) -> None:

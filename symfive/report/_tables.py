@@ -11,7 +11,7 @@ import numpy as np
 from symfive.campaign import FIRST_LINE
 from symfive.identify import Identification
 from symfive.inference import square_of
-from symfive.report._style import plain_number, rounded, unit_words
+from symfive.numbers import plain_number, rounded, unit_words
 from symfive.report._template import Markup, fragment
 from symfive.report._traces import traces_of
 from symfive.report._words import determined, meaning

@@ -17,13 +17,13 @@ from symfive.disk import release
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import Noise
-from symfive.instruments import instruments_of
-from symfive.machine import Machine
+from symfive.instruments import fitted_parts
+from symfive.machine import Axis, Machine
 from symfive.report._style import label_of
 
 __all__ = [
-    "Condensed", "Trace", "chosen_runs", "condensed", "condensed_of", "direction_of", "moving_axes", "running_mean", "spread",
-    "traces_of",
+    "Condensed", "Trace", "by_panel", "chosen_runs", "condensed", "condensed_of", "direction_of", "folded", "moving_axes",
+    "running_mean", "spread", "traces_of",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -112,19 +112,22 @@ def chosen_runs(campaign: Campaign, runs: str | Iterable[str] | None) -> tuple[R
 
 def condensed_of(identification: Identification, run: Run) -> Condensed:
     """A run of a fit as it is drawn."""
-    names = [column.name for column in identification.model.columns(run)]
-    places = [(o.row, names.index(o.column)) for o in identification.outliers if o.run == run.id]
-    return condensed(run, identification.residuals[run.id], names, places)
+    return condensed(run, identification.residuals[run.id], *_outliers(identification, run))
 
 
 def _whole(identification: Identification, run: Run) -> Condensed:
     """All rows, as they lie on disk."""
-    residual, names = identification.residuals[run.id], [c.name for c in identification.model.columns(run)]
+    residual = identification.residuals[run.id]
     mask = np.zeros(residual.shape, dtype=bool)
-    for outlier in identification.outliers:
-        if outlier.run == run.id:
-            mask[outlier.row, names.index(outlier.column)] = True
+    for place in _outliers(identification, run)[1]:
+        mask[place] = True
     return Condensed(run, residual, residual, residual, residual, mask, 1)
+
+
+def _outliers(identification: Identification, run: Run) -> tuple[list[str], list[tuple[int, int]]]:
+    """The names of a run's columns, and row and column of its outliers."""
+    names = [column.name for column in identification.model.columns(run)]
+    return names, [(o.row, names.index(o.column)) for o in identification.outliers if o.run == run.id]
 
 
 def condensed(
@@ -205,24 +208,31 @@ def traces_of(
     found = []
     for run in chosen_runs(model.campaign, runs):
         view = condensed_of(identification, run) if drawn else _whole(identification, run)
-        first = 0
-        for instrument in instruments_of(run):
-            columns = instrument.columns(run, model.machine)
-            if not (instrument.name == "encoder" and run.options.get("motion_from") == "encoder"):
-                noise = identification.noises.get((run.id, instrument.name)) or _declared(run, instrument.name)
-                for j, column in enumerate(columns, start=first):
-                    found.append(
-                        Trace(
-                            view.run, instrument.name, column.name, column.unit, view.residual[:, j], view.outlier[:, j],
-                            noise, view.low[:, j], view.high[:, j], view.sample[:, j], view.step,
-                        )
-                    )  # fmt: skip
-            first += len(columns)
+        columns = model.columns(run)
+        for name, part in fitted_parts(run, model.machine):
+            declared = run.noise(name)
+            noise = identification.noises.get((run.id, name)) or Noise(declared, declared=declared)
+            found += [
+                Trace(
+                    view.run, name, columns[j].name, columns[j].unit, view.residual[:, j], view.outlier[:, j], noise,
+                    view.low[:, j], view.high[:, j], view.sample[:, j], view.step,
+                )
+                for j in range(part.start, part.stop)
+            ]  # fmt: skip
     return found
 
 
-def _declared(run: Run, instrument: str) -> Noise:
-    return Noise(run.noise(instrument), declared=run.noise(instrument))
+def by_panel(traces: Iterable[Trace]) -> dict[tuple[str, str], list[Trace]]:
+    """(run, unit) → its traces, which share a panel."""
+    panels: dict[tuple[str, str], list[Trace]] = {}
+    for trace in traces:
+        panels.setdefault((trace.run.id, trace.unit), []).append(trace)
+    return panels
+
+
+def folded(axis: Axis, runs: Iterable[Run]) -> bool:
+    """Whether an axis turns by more than one revolution in a run, so that it is drawn over one."""
+    return axis.rotary and any(np.ptp(run.commands[axis.name]) > 360.0 + 1e-6 for run in runs)
 
 
 def moving_axes(runs: Sequence[Run], machine: Machine) -> tuple[str, ...]:

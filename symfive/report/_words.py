@@ -7,7 +7,7 @@ from scipy.special import chdtr, chdtrc
 from symfive.effects import form_words
 from symfive.identify import UNCONVERGED, Identification
 from symfive.machine import Machine
-from symfive.numbers import expected_ratio, plain_number, unit_words
+from symfive.numbers import expected_ratio, with_unit
 from symfive.parameters import DETERMINED, Parameter
 
 __all__ = ["confounded_machine", "confounded_setup", "determined", "fits", "meaning", "verdict"]
@@ -49,7 +49,7 @@ def verdict(identification: Identification) -> str:
 
 def _fit(identification: Identification) -> str:
     known = [(unit, value) for unit, value in identification.rms.items() if unit != "mixed"]
-    rms = " and ".join(f"{plain_number(value, unit)} {unit_words(unit)}" for unit, value in known)
+    rms = " and ".join(with_unit(value, unit) for unit, value in known)
     left = f"residual RMS {rms}, " if rms else ""
     ratio = identification.chi2_dof
     much = f"χ²/dof {ratio:.3g} against the declared noise ({expected_ratio(identification.dof)})"

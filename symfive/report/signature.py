@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from symfive.campaign import Campaign, Run
 from symfive.effects import Effect
-from symfive.instruments import instruments_of
+from symfive.instruments import columns_of
 from symfive.model import signature
 
 if TYPE_CHECKING:
@@ -35,15 +35,12 @@ def plot_signature(
     figure = Figure(figsize=(PANEL[0], PANEL[1] * len(campaign.runs) + 0.7), layout="constrained")
     panels = figure.subplots(len(campaign.runs), 1, sharey=True, squeeze=False)[:, 0]
     for panel, run in zip(panels, campaign.runs, strict=True):
-        _draw(panel, run, change[run.id], _names(run, campaign), columns or "_um")
+        names = [column.name for column in columns_of(run, campaign.machine)]
+        _draw(panel, run, change[run.id], names, columns or "_um")
     panels[-1].set_xlabel("time in the run / s")
     title = effect.id.replace("_", " ") + (f" of {effect.axis}" if effect.axis else "")
     figure.suptitle(f"{title}: change of the readings", fontsize=11)
     return figure
-
-
-def _names(run: Run, campaign: Campaign) -> list[str]:
-    return [c.name for instrument in instruments_of(run) for c in instrument.columns(run, campaign.machine)]
 
 
 def _draw(panel: Axes, run: Run, change: np.ndarray, names: list[str], ending: str) -> None:

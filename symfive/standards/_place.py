@@ -11,7 +11,7 @@ from symfive.disk import release
 from symfive.machine import Machine
 from symfive.numbers import plain_number
 
-__all__ = ["moved", "place_of", "rotary_axes"]
+__all__ = ["moved", "place_of"]
 
 STILL = 1e-6
 """An axis that moves less (mm, degree) stands still."""
@@ -25,11 +25,6 @@ def moved(run: Run) -> set[str]:
             found.add(name)
         release(way)
     return found
-
-
-def rotary_axes(machine: Machine) -> list[str]:
-    """The rotary axes in the machine's order."""
-    return [name for name in machine.axis_names if machine.axes[name].rotary]
 
 
 def place_of(machine: Machine, run: Run) -> dict[str, str]:

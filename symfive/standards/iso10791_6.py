@@ -16,7 +16,7 @@ from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.numbers import plain_number
 from symfive.procedures import Nominal
-from symfive.standards._place import moved, place_of, rotary_axes
+from symfive.standards._place import moved, place_of
 from symfive.standards._value import COVERAGE, StandardValue
 
 __all__ = ["STANDARD", "kinematic_values"]
@@ -32,11 +32,10 @@ AXIAL, ACROSS = 0.9, 0.2
 def kinematic_values(campaign: Campaign) -> tuple[StandardValue, ...]:
     """The range of every reading of the R-test and ball-bar runs that turn a rotary axis of a five-axis machine."""
     machine, values = campaign.machine, list[StandardValue]()
-    rotary = rotary_axes(machine)
-    if len(rotary) != 2:
+    if len(machine.rotary_axes) != 2:
         return ()
     for run in campaign.runs:
-        turned = [name for name in rotary if name in moved(run)]
+        turned = [name for name in machine.rotary_axes if name in moved(run)]
         if run.measured and turned and any(name in run.instrument for name in INSTRUMENTS):
             values += _of_run(machine, run, turned)
     return tuple(values)
@@ -70,7 +69,7 @@ def _of_run(machine: Machine, run: Run, turned: list[str]) -> list[StandardValue
 
 def _test(machine: Machine, run: Run, turned: list[str]) -> str:
     """The annex, and the number where it is known."""
-    annex = ANNEX[sum(machine.structure.carries(name) == "tool" for name in rotary_axes(machine))]
+    annex = ANNEX[sum(machine.structure.carries(name) == "tool" for name in machine.rotary_axes)]
     if len(turned) == 2:
         return f"{annex}4" if len(moved(run)) == 5 else f"{annex} ({'+'.join(turned)})"
     if len(moved(run)) == 2:

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run
 from symfive.circles import Circle, CircleFinder, grouped
-from symfive.instruments import instruments_of
+from symfive.instruments import columns_of
 from symfive.numbers import plain_number
-from symfive.standards._place import moved, place_of, rotary_axes
+from symfive.standards._place import moved, place_of
 from symfive.standards._value import COVERAGE, StandardValue
 
 __all__ = ["STANDARD", "circular_values"]
@@ -74,7 +74,7 @@ class _Fitted:
 def circular_values(campaign: Campaign) -> tuple[StandardValue, ...]:
     """G of every measured circle of the linear axes, G(b), D and the squareness of each pair of directions, F where the length
     is known."""
-    finder, rotary = CircleFinder(campaign.machine), set(rotary_axes(campaign.machine))
+    finder, rotary = CircleFinder(campaign.machine), set(campaign.machine.rotary_axes)
     found = [finder.find(run) for run in campaign.runs if run.measured]
     circles = [
         circle for circle in found
@@ -152,8 +152,8 @@ def _squareness(
 def _data(circle: Circle, campaign: Campaign) -> tuple[Array, Array]:
     """Angle (M,) rad and deviation (M,) µm of the 360° amid the run, or of all of a shorter one."""
     run = circle.run
-    columns = [c.name for i in instruments_of(run) for c in i.columns(run, campaign.machine)]
-    deviation = circle.measured(np.stack([run.readings[name] for name in columns], axis=1))
+    readings = [run.readings[column.name] for column in columns_of(run, campaign.machine)]
+    deviation = circle.measured(np.stack(readings, axis=1))
     rows = _evaluated(circle)
     return circle.angle[rows], deviation[rows]
 

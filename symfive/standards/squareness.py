@@ -27,9 +27,8 @@ ACROSS = 1e-6
 def squareness_values(identification: Identification) -> tuple[StandardValue, ...]:
     """Squareness, µm/m, of each pair of perpendicular linear axes of which a tilt was identified."""
     machine = identification.model.machine
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
     values = []
-    for first, second in combinations(sorted(linear), 2):
+    for first, second in combinations(sorted(machine.linear_axes), 2):
         nominal = np.asarray(machine.axes[first].direction) @ np.asarray(machine.axes[second].direction)
         slopes = _slopes(machine, first, second)
         where = [i for i, p in enumerate(identification.parameters) if p.name in slopes]

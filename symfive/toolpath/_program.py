@@ -81,7 +81,7 @@ class _Program:
 
     def __init__(self, machine: Machine, tool_length: float, tool_centre: bool) -> None:
         self.names = tuple(machine.axis_names)
-        self.rotary = {name for name in self.names if machine.axes[name].rotary}
+        self.rotary = machine.rotary_axes
         self.tool_length, self.always, self.tip, self.lengthened = tool_length, tool_centre, tool_centre, False
         self.motion, self.plane, self.scale, self.incremental = "", PLANES["G17"], 1.0, False
         self.offset, self.tools = "", set[float]()

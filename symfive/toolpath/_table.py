@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
 from symfive.machine import Machine
 from symfive.separated import Marks, cells_of, sign_of
@@ -26,18 +26,16 @@ def read_poses(path: Path, machine: Machine, tool_length: float) -> ToolPath:
     header, marks = cells_of(lines[0], sign), Marks(sign)
     _check_header(path, header, machine)
     rows, numbers = [], []
-    for number, text in enumerate(lines[1:], start=2):
-        if not text.strip():
-            continue
-        cells = cells_of(text, sign)
-        if len(cells) != len(header):
-            problem = f"the row has {len(cells)} cells, the header {len(header)}"
-            raise InputError(problem, path=path, line=number, remedy="the file may be truncated")
-        try:
+    with inside(path=path):
+        for number, text in enumerate(lines[1:], start=2):
+            if not text.strip():
+                continue
+            cells = cells_of(text, sign)
+            if len(cells) != len(header):
+                problem = f"the row has {len(cells)} cells, the header {len(header)}"
+                raise InputError(problem, line=number, remedy="the file may be truncated")
             rows.append([marks.number(cell, number, name) for cell, name in zip(cells, header, strict=True)])
-        except InputError as error:
-            raise error.at(path) from None
-        numbers.append(number)
+            numbers.append(number)
     if not rows:
         raise InputError("the table has a header and no poses", path=path, line=1, remedy="write at least one pose")
     table = np.array(rows)
