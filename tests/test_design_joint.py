@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from symfive.campaign import Campaign, read_campaign
-from symfive.design import JointPlan, plan_joint
+from symfive.campaign import Campaign
+from symfive.design import certify_joint, plan
 from symfive.design._criteria import criterion_of
 from symfive.design._information import Task
 from symfive.design._minutes import GAP, Mixes
@@ -89,11 +87,6 @@ def test_the_bound_meets_the_relaxed_design_where_each_instrument_has_one_place(
     assert mixes.best().value == pytest.approx(min(sizes), abs=2.0 * GAP)
 
 
-@pytest.fixture(scope="module")
-def made() -> JointPlan:
-    return plan_joint(LEAN, minutes=12.0, instruments=("r_test", "touch_probe"), starts=1)
-
-
 def _mean_variance(campaign: Campaign) -> float:
     """Mean of variance over prior variance of the machine's errors, from the normal equations of the model's readings."""
     model = Model(campaign)
@@ -108,20 +101,20 @@ def _mean_variance(campaign: Campaign) -> float:
     )
 
 
-def test_a_plan_keeps_its_minutes_and_its_certificate_holds(made: JointPlan, tmp_path: Path) -> None:
-    certificate, value = made.certificate, _mean_variance(made.campaign)
-    assert made.minutes <= 12.0
+def test_the_certificate_of_two_instruments_holds() -> None:
+    quick = {"minutes": 7.0, "criterion": "A", "setups": 1, "starts": 1, "anywhere": False, "prove": False}
+    first = plan(LEAN, instrument="r_test", **quick)
+    second = plan(LEAN, instrument="touch_probe", given=first.campaign, **quick)
+    certificate = certify_joint([first, second], instruments=("r_test", "touch_probe"))
+    value = _mean_variance(replace(first.campaign, runs=(*first.campaign.runs, *second.campaign.runs)))
+    assert certificate.minutes == pytest.approx(first.minutes + second.minutes)
     assert math.exp(certificate.value) == pytest.approx(value, rel=1e-6)
     assert math.exp(certificate.bound) <= value
     assert certificate.efficiency == pytest.approx(math.exp(certificate.bound) / value)
-    assert certificate.efficiency > 0.5
     assert certificate.gain >= 1.0
-    made.write(tmp_path / "plan")
-    said = json.loads((tmp_path / "plan" / "plan.json").read_text())
-    assert said["certificate"]["says"] == certificate.says
-    assert [run.id for run in read_campaign(tmp_path / "plan").runs] == [run.id for run in made.campaign.runs]
-
-
-def test_too_few_minutes_are_refused() -> None:
-    with pytest.raises(InputError, match="give at least 6 minutes"):
-        plan_joint(LEAN, minutes=5.0, instruments=("r_test",))
+    assert f"≥ {math.floor(1e3 * certificate.efficiency) / 1e3:.3f}" in certificate.says
+    other = plan(LEAN, instrument="r_test", noise_um=0.1, **quick)
+    with pytest.raises(InputError, match="differ"):
+        certify_joint([first, other])
+    with pytest.raises(InputError, match="no plan"):
+        certify_joint([])

@@ -64,7 +64,6 @@ class Mixes:
         self.task, self.mountings, self.minutes, self.pace = task, mountings, minutes, pace
         self.of_kind = {kind: [m for m in mountings if m.kind == kind] for kind in sorted({m.kind for m in mountings})}
         self._reached: dict[Kinds, Mix] = {}
-        self._bounds: dict[Kinds, float] = {}
 
     def seconds(self, count: int) -> float:
         """Reading time beside `count` set-ups; the first pose of each costs no more than its set-up."""
@@ -267,7 +266,7 @@ class _Master:
         self.value = self.task.value_of_marginal(self.information)
 
     def extended(self, fresh: Sequence[_Atom]) -> None:
-        """The same with further mountings, weighed again."""
+        """The same with further mountings, weighed again (sequential quadratic programming, D. Kraft 1988)."""
         from scipy.optimize import minimize
 
         self.atoms += fresh

@@ -22,11 +22,10 @@ from symfive.outputs import write_json, write_text
 if TYPE_CHECKING:
     from symfive.design._discriminate import Discrimination
     from symfive.design._dynamic import CirclePlan
-    from symfive.design._joint_plan import JointPlan
     from symfive.design._plan import Plan
 
 __all__ = [
-    "SCHEMA", "plan_data", "write_circles", "write_joint", "write_plan", "write_recordings", "write_sheet", "write_test",
+    "SCHEMA", "plan_data", "write_circles", "write_plan", "write_recordings", "write_sheet", "write_test",
 ]  # fmt: skip
 
 SCHEMA = "symfive.plan/1"
@@ -114,20 +113,6 @@ def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",)
     worth = "" if plan.certificate is None else f"Certificate: {plan.certificate.says}"
     expected = assess(plan.campaign, effects=plan.effects)
     write_recordings(plan.campaign, expected, plan.to_data(), folder, nc, post, worth)
-
-
-def write_joint(plan: JointPlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
-    """Campaign, plan.json, programs, set-up sheet and its pictures of several instruments into a folder that exists."""
-    driven, campaign = plan.post, plan.campaign
-    if post is not None:
-        driven = replace(post, via=driven.via, unsafe=driven.unsafe, ways=driven.ways, tested=driven.tested)
-        if post.retract_mm != plan.post.retract_mm:
-            driven = cleared(campaign.machine, campaign.runs, plan.post.unsafe, driven)
-    facts = f"{campaign.rows} readings · about {plan.minutes:.0f} min with set-up"
-    worth = f"Certificate: {plan.certificate.says}"
-    sheet = Sheet(campaign=campaign, post=driven, facts=facts, worth=worth, assessment=plan.assessment)
-    _write_files(sheet, folder, nc)
-    write_json(folder / "plan.json", plan.to_data())
 
 
 def write_recordings(
