@@ -557,7 +557,7 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--noise-um", "0"], "Invalid value for '--noise-um': '0' is not a number from 1e-12"),
         (["--minutes", "4"], "4 minutes are too short for one set-up (5 min) and two poses; give at least 6 minutes"),
         (["--circles", "synchronous"], "none is named; add --effect backlash:C"),
-        (["--circles", "synchronous", "--effect", "backlash:Q"], "speaks of axis Q"),
+        (["--circles", "synchronous", "--effect", "backlash:Q"], "speaks of axis 'Q'"),
         (["--circles", "square", "--effect", "backlash:C"], "use one of synchronous, planar"),
     ],
 )
