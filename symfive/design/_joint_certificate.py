@@ -1,0 +1,168 @@
+"""The certificate of several plans together: compared with any mix of instruments in the same minutes, set-up included."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.design._assess import assess
+from symfive.design._assessment_data import six_digits
+from symfive.design._information import Task
+from symfive.design._minutes import Mixes
+from symfive.design._mountings import BAR, Mounting, mounting_of, mountings_of, with_circles
+from symfive.design._plan import Plan
+from symfive.design._request import interest_of, task_of
+from symfive.design._space import Space, make_space
+from symfive.errors import InputError
+from symfive.machine import Machine
+from symfive.threads import one_thread
+
+__all__ = ["JointCertificate", "Shared", "certify_joint", "shared_minutes"]
+
+INSTRUMENTS = ("r_test", "ball_bar", "touch_probe")
+RATE_HZ = 50.0
+WORDS = {"r_test": "R-test", "ball_bar": "ball bar (poses and circles)", "touch_probe": "touch probe"}
+
+
+@dataclass(frozen=True)
+class JointCertificate:
+    """`efficiency` of a plan: at least this share of the best that any mountings of `instruments` in as many `minutes` can do
+    (in variance, per parameter); `value` ψ of the plan, `bound` the lowest ψ there is; `gain` at most so many times lower is the
+    variance than with the relaxed design of the best single instrument; over so many `candidates`."""
+
+    efficiency: float
+    value: float
+    bound: float
+    gain: float
+    minutes: float
+    instruments: tuple[str, ...]
+    candidates: int
+
+    @property
+    def says(self) -> str:
+        """The certificate in one sentence."""
+        share, most = math.floor(self.efficiency * 1e3) / 1e3, math.ceil(self.gain * 1e3) / 1e3
+        names = ", ".join(WORDS[name] for name in self.instruments)
+        return (
+            f"efficiency ≥ {share:.3f} in {self.minutes:g} min over {self.candidates} candidate poses and circles with {names}, "
+            f"set-up included; together at most {most:.3f} × lower variance than the best one of them (searched over a dense "
+            "set, not proved)"
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """The certificate as nested mappings."""
+        return {
+            "says": self.says, "efficiency": six_digits(self.efficiency), "bound": six_digits(self.bound),
+            "gain_over_one_instrument": six_digits(self.gain), "minutes": self.minutes,
+            "instruments": list(self.instruments), "candidates": self.candidates, "rigour": "searched over a dense set",
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What instruments have in common: `spaces` by instrument, the `task`, whose set-up errors are per prior 1σ, the `mountings`
+    of each and, where a ball bar is among them, of its `circles`."""
+
+    spaces: dict[str, Space]
+    task: Task
+    mountings: tuple[Mounting, ...]
+    circles: tuple[Mounting, ...]
+
+    @property
+    def pace(self) -> float:
+        """s a pose."""
+        return next(iter(self.spaces.values())).machine.workspace.seconds_per_pose
+
+    def alone(self, minutes: float) -> Mixes:
+        """Mixes of poses at rest and, of their own, circles."""
+        return Mixes(self.task, [*self.mountings, *self.circles], minutes, self.pace)
+
+    def joint(self, minutes: float, more: Sequence[Mounting] = ()) -> Mixes:
+        """Mixes in which a mounted bar reads poses and circles; `more` mountings, of a plan."""
+        bars = [m for m in self.mountings if m.kind == BAR]
+        rest = [m for m in self.mountings if m.kind != BAR]
+        return Mixes(self.task, [*rest, *with_circles(bars, self.circles), *more], minutes, self.pace)
+
+
+def shared_minutes(
+    machine: Machine, instruments: Sequence[str] = INSTRUMENTS, *, criterion: str = "A", for_: Iterable[str] = (),
+    given: Campaign | None = None, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None,
+) -> Shared:  # fmt: skip
+    """All mountings of these instruments on a machine; those that it cannot use are left out. Raises `InputError` where none is
+    left."""
+    spaces: dict[str, Space] = {}
+    refused: InputError | None = None
+    for name in dict.fromkeys(instruments):
+        try:
+            spaces[name] = make_space(machine, name, noise_um=noise_um, setup_sigma=setup_sigma)
+        except InputError as error:
+            refused = error
+    if not spaces:
+        raise refused or InputError("no instrument is named", remedy=f"use {', '.join(INSTRUMENTS)}")
+    first = next(iter(spaces.values()))
+    own = max(len(space.own) for space in spaces.values())
+    asked = task_of(first, criterion, interest_of(tuple(p.name for p in first.shared), tuple(for_)), given)
+    mountings = [m for space in spaces.values() for m in mountings_of(space, own)]
+    circles = mountings_of(spaces[BAR], own, rate_hz=RATE_HZ) if BAR in spaces else []
+    return Shared(spaces, replace(asked, own_sigma=np.ones(own)), tuple(mountings), tuple(circles))
+
+
+@one_thread
+def certify_joint(
+    plans: Sequence[Plan], *, instruments: Sequence[str] = INSTRUMENTS, criterion: str = "A", for_: Iterable[str] = ()
+) -> JointCertificate:
+    """The certificate of plans that are measured one after the other, as of `first` and `plan(…, given=first.campaign)`.
+
+    They are compared with every mix of `instruments`, and of their own, in the sum of their minutes; circles of a ball bar are
+    among the candidates. Raises `InputError` for plans of different machines, noise or set-up errors, or with options.
+    """
+    runs = tuple(run for made in plans for run in made.campaign.runs)
+    if not runs:
+        raise InputError("no plan is given", remedy="give the plans that plan() made")
+    machine, first = plans[0].machine, runs[0]
+    noise, names = first.noise(first.instrument[0]), tuple(made.instrument for made in plans)
+    for made in plans:
+        if made.machine.structure != machine.structure or made.machine.errors != machine.errors:
+            raise InputError("the plans are of different machines", remedy="plan all of them for one machine")
+    for run in runs:
+        if run.noise(run.instrument[0]) != noise or run.setup_sigma_um != first.setup_sigma_um:
+            raise InputError(f"run {run.id}: its noise or set-up errors differ", remedy="plan with the same ones")
+        if run.spindle is not None or run.options:
+            raise InputError(f"run {run.id}: indexing and frames are not compared", remedy="plan without them")
+    shared = shared_minutes(
+        machine,
+        (*names, *instruments),
+        criterion=criterion,
+        for_=for_,
+        noise_um=noise,
+        setup_sigma=first.setup_sigma_um,
+    )
+    renamed = tuple(replace(run, id=f"{i}-{run.id}") for i, run in enumerate(runs, start=1))
+    return _certified(shared, replace(plans[0].campaign, runs=renamed), sum(made.minutes for made in plans))
+
+
+def _certified(shared: Shared, campaign: Campaign, minutes: float) -> JointCertificate:
+    """The certificate of a campaign, its own mountings and poses among the candidates."""
+    expected, first = assess(campaign), next(iter(shared.spaces.values()))
+    own = len(shared.task.own_sigma)
+    index = {p.name: i for i, p in enumerate(expected.parameters)}
+    place = [index[p.name] for p in first.shared]
+    sigma = np.array([p.sigma for p in first.shared])
+    S = expected.covariance[np.ix_(place, place)] / np.outer(sigma, sigma)
+    value = shared.task.criterion.value(shared.task.of_interest(S))
+    mixes = shared.joint(minutes, [_mounted(shared, run, own) for run in campaign.runs])
+    bound, candidates = mixes.lowest(), sum(len(m.rows) for m in mixes.mountings)
+    best = min(mix.value for mix in shared.alone(minutes).single().values())
+    gain = max(math.exp(best - bound), 1.0)
+    return JointCertificate(
+        min(1.0, math.exp(bound - value)), value, bound, gain, minutes, tuple(shared.spaces), candidates
+    )
+
+
+def _mounted(shared: Shared, run: Run, own: int) -> Mounting:
+    return mounting_of(shared.spaces[run.instrument[0]], own, run)

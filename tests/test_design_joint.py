@@ -1,0 +1,120 @@
+"""Several instruments in the same minutes: the bound against every plan of small lists, evaluated here with NumPy alone."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symfive.campaign import Campaign
+from symfive.design import certify_joint, plan
+from symfive.design._criteria import criterion_of
+from symfive.design._information import Task
+from symfive.design._minutes import GAP, Mixes
+from symfive.design._mountings import Mounting
+from symfive.errors import InputError
+from symfive.machine import preset
+from symfive.model import Model
+
+POSES, SHARED, OWN, PACE, SETUP = 3, 3, 2, 25.0, 300.0
+MINUTES = 12.0
+TSUTSUMI = preset("tsutsumi-2007")
+LEAN = replace(TSUTSUMI, errors={n: TSUTSUMI.errors[n] for n in ("EC0Y", "EX0C", "EY0C", "EA0C")}, text="")
+
+
+def _mountings(seed: int, places: int) -> list[Mounting]:
+    """Two kinds of instruments at some places each, a few poses, one or two readings a pose (per second)."""
+    random = np.random.default_rng(seed)
+    return [
+        Mounting(
+            kind, (float(place),), 0.0, random.normal(size=(POSES, SHARED + OWN, readings)) * 2.0 / math.sqrt(PACE)
+        )
+        for kind, readings in (("a", 1), ("b", 2))
+        for place in range(places)
+    ]
+
+
+def _mixes(mountings: list[Mounting], criterion: str) -> Mixes:
+    measure = criterion_of(criterion, SHARED, np.zeros((0, 3, SHARED)))
+    return Mixes(Task(measure, np.eye(SHARED), np.ones(OWN), np.arange(SHARED)), mountings, MINUTES, PACE)
+
+
+def _size(runs: Sequence[tuple[Mounting, np.ndarray]], criterion: str) -> float:
+    """ψ of runs with so many seconds in each pose by the definition, each run with set-up errors of its own (1σ = 1)."""
+    whole = np.eye(SHARED + OWN * len(runs))
+    for number, (mounting, seconds) in enumerate(runs):
+        columns = [*range(SHARED), *range(SHARED + OWN * number, SHARED + OWN * (number + 1))]
+        for pose in range(POSES):
+            whole[np.ix_(columns, columns)] += seconds[pose] * mounting.rows[pose] @ mounting.rows[pose].T
+    S = np.linalg.inv(whole)[:SHARED, :SHARED]
+    return float(np.log(np.linalg.det(S)) / SHARED if criterion == "D" else np.log(np.trace(S) / SHARED))
+
+
+def _every_plan(mountings: list[Mounting]) -> Iterator[list[tuple[Mounting, np.ndarray]]]:
+    """All plans of one or two runs of whole poses that fit into the time, the first pose of a run being free."""
+    for count in (1, 2):
+        poses = int((60.0 * MINUTES - count * (SETUP - PACE)) // PACE)
+        for chosen in itertools.combinations_with_replacement(mountings, count):
+            for picked in itertools.combinations_with_replacement(range(POSES * count), poses):
+                seconds = PACE * np.bincount(picked, minlength=POSES * count)
+                yield [(m, seconds[POSES * i : POSES * (i + 1)]) for i, m in enumerate(chosen)]
+
+
+@pytest.mark.parametrize("criterion", ["A", "D"])
+@pytest.mark.parametrize("seed", range(3))
+def test_no_plan_of_whole_poses_is_better_than_the_bound(seed: int, criterion: str) -> None:
+    mountings = _mountings(seed, 2)
+    mixes = _mixes(mountings, criterion)
+    assert max(map(len, mixes.all)) == 2
+    assert mixes.lowest() <= min(_size(runs, criterion) for runs in _every_plan(mountings)) + 1e-9
+
+
+@pytest.mark.parametrize("criterion", ["A", "D"])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_bound_meets_the_relaxed_design_where_each_instrument_has_one_place(seed: int, criterion: str) -> None:
+    mixes = _mixes(_mountings(seed, 1), criterion)
+    bound, found = mixes.lowest(), [mixes.reached(kinds) for kinds in mixes.all]
+    sizes = [_size(list(zip(mix.mountings, mix.weights, strict=True)), criterion) for mix in found]
+    assert sizes == pytest.approx([mix.value for mix in found])
+    for mix in found:
+        spent = sum(float(w.sum()) for w in mix.weights)
+        assert spent == pytest.approx(60.0 * MINUTES - len(mix.kinds) * (SETUP - PACE))
+    assert min(sizes) - 2.0 * GAP <= bound <= min(sizes)
+    assert mixes.best().value == pytest.approx(min(sizes), abs=2.0 * GAP)
+
+
+def _mean_variance(campaign: Campaign) -> float:
+    """Mean of variance over prior variance of the machine's errors, from the normal equations of the model's readings."""
+    model = Model(campaign)
+    normal = np.diag(np.array([p.sigma for p in model.parameters]) ** -2.0)
+    for run in campaign.runs:
+        line = model.linearise(run, model.start)
+        for jacobian in line.jacobian / model.noise(run)[:, None]:
+            normal[np.ix_(line.columns, line.columns)] += jacobian.T @ jacobian
+    variance = np.diag(np.linalg.inv(normal))
+    return float(
+        np.mean([v / p.sigma**2 for v, p in zip(variance, model.parameters, strict=True) if p.kind != "setup"])
+    )
+
+
+def test_the_certificate_of_two_instruments_holds() -> None:
+    quick = {"minutes": 7.0, "criterion": "A", "setups": 1, "starts": 1, "anywhere": False, "prove": False}
+    first = plan(LEAN, instrument="r_test", **quick)
+    second = plan(LEAN, instrument="touch_probe", given=first.campaign, **quick)
+    certificate = certify_joint([first, second], instruments=("r_test", "touch_probe"))
+    value = _mean_variance(replace(first.campaign, runs=(*first.campaign.runs, *second.campaign.runs)))
+    assert certificate.minutes == pytest.approx(first.minutes + second.minutes)
+    assert math.exp(certificate.value) == pytest.approx(value, rel=1e-6)
+    assert math.exp(certificate.bound) <= value
+    assert certificate.efficiency == pytest.approx(math.exp(certificate.bound) / value)
+    assert certificate.gain >= 1.0
+    assert f"≥ {math.floor(1e3 * certificate.efficiency) / 1e3:.3f}" in certificate.says
+    other = plan(LEAN, instrument="r_test", noise_um=0.1, **quick)
+    with pytest.raises(InputError, match="differ"):
+        certify_joint([first, other])
+    with pytest.raises(InputError, match="no plan"):
+        certify_joint([])
