@@ -61,6 +61,7 @@ def test_the_generator_knows_nothing_of_symfive() -> None:
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
+@pytest.mark.slow
 def test_a_case_depends_on_its_name_and_the_seed_alone() -> None:
     first, again, other = (cases.make_case(seed, "visible-002") for seed in (1, 1, 2))
     assert (first.effects, first.seed) == (again.effects, again.seed)
@@ -504,6 +505,7 @@ def test_the_oracle_holds_every_textbook_effect(tmp_path: Path) -> None:
     assert true_effect({"effect": "shock"}, "r_test") is None
 
 
+@pytest.mark.slow
 def test_the_oracles_prior_has_room_for_what_geometry_swallows_nearly_whole(tmp_path: Path) -> None:
     """A scale error of a hundred times the usual size that static bars see in its curvature alone; and no effect at all."""
     for case in ("masked-064", "none-000"):

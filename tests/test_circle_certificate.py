@@ -84,6 +84,7 @@ def test_no_set_of_circles_is_better_than_the_bound(criterion: str, robust: str,
         assert weights.sum() == pytest.approx(seconds)
 
 
+@pytest.mark.slow
 def test_slow_circles_are_certified_lower_and_faster_ones_by_default(tmp_path: Path) -> None:
     """Lag grows with the feed: a list of slow feeds is certified low, and the default goes to the machine's limit."""
     options = {"count": 1, "rate_hz": 25.0, "per_minute": True}

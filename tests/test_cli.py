@@ -170,6 +170,7 @@ def test_identify_loads_what_it_uses(tmp_path, campaign):
     assert not modules & {"symfive._api", "symfive.design", "symfive.diagnose", "symfive.executors"}
 
 
+@pytest.mark.slow
 def test_plan_of_poses_loads_no_statistics(tmp_path):
     """`scipy.stats` alone takes as long to import as the search for 10 poses."""
     words = ["plan", "table-bc", "--points", "3", "--starts", "1", "--setups", "1", "-o", str(tmp_path / "p"), "-q"]
@@ -192,6 +193,7 @@ def test_check_quietly(symfive, small_plan, broken):
     assert answer.code == 1 and len(answer.out.splitlines()) == 1 and "low.csv, line 5, column 1" in answer.out
 
 
+@pytest.mark.slow
 def test_a_function_wins_over_the_package_of_its_name_whichever_comes_first():
     code = (
         "import sys, symfive; assert not {'casadi', 'symfive._api'} & set(sys.modules); "

@@ -72,6 +72,7 @@ def test_the_least_gain_of_several_errors_has_a_bound() -> None:
     assert certificate.bound < certificate.value <= exact + 1e-9
 
 
+@pytest.mark.slow
 def test_large_plans_use_the_relaxed_design() -> None:
     space = make_space(_locations("oyama-2010"), "r_test")
     task = task_of(space, "D", [p.name for p in space.shared], None)
@@ -82,6 +83,7 @@ def test_large_plans_use_the_relaxed_design() -> None:
     assert certificate.efficiency > 0.99
 
 
+@pytest.mark.slow
 def test_a_design_refined_to_its_end_keeps_every_limit() -> None:
     """A hair beyond the travel of X (0.2 µm) it was given up for one with 1.6 times the variance (ψ -4.06)."""
     space = make_space(location_only("table-bc"), "ball_bar")

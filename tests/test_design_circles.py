@@ -152,7 +152,7 @@ def test_refined_circles_are_better_and_keep_the_limits() -> None:
     assert again.matrix == pytest.approx(circle.matrix)
 
 
-@pytest.mark.parametrize(("reach", "refine"), [(100.0, False), (75.0, True)])
+@pytest.mark.parametrize(("reach", "refine"), [(100.0, False), pytest.param(75.0, True, marks=pytest.mark.slow)])
 def test_the_ball_stands_on_the_table(reach: float, refine: bool) -> None:
     """Bars of 50 and 100 mm: X_T/r = 1.8 would put the ball beside the table, in the list and after the refinement."""
     small = replace(LEAN, workspace=replace(LEAN.workspace, table_radius=reach), text="")
@@ -165,6 +165,7 @@ def test_the_ball_stands_on_the_table(reach: float, refine: bool) -> None:
         plan_circles(small, DRIVE[1:], radii=(100.0,), ratios=(1.8,), feeds=(500.0,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"robust": "worst"}, {"robust": "mean"}, {"per_minute": True}])
 def test_what_circles_are_chosen_for(options: dict) -> None:
     found = plan_circles(

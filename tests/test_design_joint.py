@@ -101,6 +101,7 @@ def _mean_variance(campaign: Campaign) -> float:
     )
 
 
+@pytest.mark.slow
 def test_the_certificate_of_two_instruments_holds() -> None:
     quick = {"minutes": 7.0, "criterion": "A", "setups": 1, "starts": 1, "anywhere": False, "prove": False}
     first = plan(LEAN, instrument="r_test", **quick)

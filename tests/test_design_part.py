@@ -107,6 +107,7 @@ def test_typical_places_stand_for_all(folder: Path) -> None:
             assert part.expected(root @ root.T).worst == pytest.approx(math.sqrt(variance.max()))
 
 
+@pytest.mark.slow
 def test_the_plan_beats_the_ordinary_one_in_the_same_time(made: Plan) -> None:
     both = made.part
     assert both is not None and made.criterion == "G"
@@ -117,6 +118,7 @@ def test_the_plan_beats_the_ordinary_one_in_the_same_time(made: Plan) -> None:
     assert "the spindle is indexed" in made.notes[0]
 
 
+@pytest.mark.slow
 def test_what_is_expected_is_what_is_left(made: Plan) -> None:
     """10 machines drawn from the priors, measured and identified: the mean square error along the path is the expected one."""
     both = made.part
@@ -130,6 +132,7 @@ def test_what_is_expected_is_what_is_left(made: Plan) -> None:
     assert 0.6 < math.sqrt(squares) / both.after.expected.mean < 1.4
 
 
+@pytest.mark.slow
 def test_it_is_said_in_plan_json_on_the_sheet_and_on_the_screen(made: Plan, tmp_path: Path) -> None:
     made.write(tmp_path / "plan")
     data = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))

@@ -55,7 +55,7 @@ OYAMA = location_only("oyama-2010")
 
 @pytest.fixture(scope="module")
 def made() -> Plan:
-    return plan(OYAMA, points=20, starts=2, returns=2)
+    return plan(OYAMA, points=20, starts=1, returns=2)
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +70,7 @@ def rounded_plans() -> dict[str, Plan]:
     return found
 
 
+@pytest.mark.slow
 def test_certificate_of_twenty_poses(made: Plan) -> None:
     assert made.certificate.efficiency >= 0.99
     assert made.certificate.rigour.startswith("branch and bound")
@@ -144,6 +145,7 @@ def test_the_sheet_says_what_to_mount_again() -> None:
     assert "leaves the nest; seat it again" in table["rows"][1][1]
 
 
+@pytest.mark.slow
 def test_plan_is_the_same_every_time() -> None:
     first, again = (plan(OYAMA, points=8, setups=1, starts=1, anywhere=False) for _ in range(2))
     assert json.dumps(again.to_data()) == json.dumps(first.to_data())
@@ -194,6 +196,7 @@ def test_time_budget_and_a_lost_pose() -> None:
     )
 
 
+@pytest.mark.slow
 def test_ball_bar_plan_chooses_bars_of_the_list(rounded_plans: dict[str, Plan]) -> None:
     made = rounded_plans["ball_bar"]
     assert {run.length for run in made.campaign.runs} <= set(made.machine.workspace.bar_lengths)
@@ -267,6 +270,7 @@ TSUTSUMI = preset("tsutsumi-2007")
 PLAY = [make_effect("servo_mismatch", "C", gains=("position_gain",)), make_effect("backlash", "C")]
 
 
+@pytest.mark.slow
 def test_circle_information_over_the_ratio() -> None:
     """Backlash is seen best where C reverses (X_T > r), the servo mismatch about twice as well as at X_T/r = 0.3."""
     found = {u: circle_information(TSUTSUMI, PLAY, ratio=u, radius=50.0, feed=500.0).sigma for u in (0.3, 0.9, 1.25)}
@@ -384,6 +388,7 @@ def test_a_further_test_without_a_clear_way_gets_no_program(tmp_path: Path) -> N
     assert "No program: run yz-ccw: bar and" in sheet and "along the recording at line" in sheet
 
 
+@pytest.mark.slow
 def test_ninety_poses_for_the_worst_known_direction() -> None:
     """Most poses tell nothing about a single direction: their sensitivity is 0 but for rounding, on either side of it."""
     made = plan(location_only("table-bc"), criterion="E", points=90, setups=1, starts=1, anywhere=False, prove=False)
@@ -569,6 +574,7 @@ def test_the_command_line_says_what_to_change(
     assert says in said.err and said.err.count("\n") == 1 and said.out == "" and not (tmp_path / "p").exists()
 
 
+@pytest.mark.slow
 def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole = preset("tsutsumi-2007")
     write_machine(
@@ -604,6 +610,7 @@ def test_no_pose_follows_itself_and_the_ends_stay() -> None:
     assert out_and_back(np.arange(3), 9).tolist() == [0, 1, 0, 2, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["r_test", "ball_bar"])
 def test_plans_are_rounded_at_the_edge_of_the_table_and_need_one_tool(
     rounded_plans: dict[str, Plan], instrument: str, tmp_path: Path

@@ -54,6 +54,7 @@ def serial() -> tuple[Space, Task, tuple[bytes, ...], list[str]]:
     return space, task, _bits(space, task, None, told), told
 
 
+@pytest.mark.slow
 def test_a_design_is_the_same_on_another_executor(serial: tuple[Space, Task, tuple[bytes, ...], list[str]]) -> None:
     space, task, expected, messages = serial
     told: list[str] = []

@@ -32,6 +32,7 @@ def made() -> Plan:
     return plan_until(MACHINE, ASKED, **QUICK)
 
 
+@pytest.mark.slow
 def test_what_is_asked_is_reached_with_few_poses(made: Plan) -> None:
     assert all(made.assessment.sigma[name] <= asked for name, asked in ASKED.items())
     assert made.certificate.points < 12
@@ -79,11 +80,13 @@ def test_what_cannot_be_is_said_with_what_limits_it(asked: dict[str, float], sai
         plan_until(MACHINE, asked, **QUICK)
 
 
+@pytest.mark.slow
 def test_a_measured_tool_lifts_the_limit() -> None:
     found = plan_until(MACHINE, {"EZ0B": 5.0}, setup_sigma=SetupSigma(tool_length=2.0), **QUICK)
     assert found.assessment.sigma["EZ0B"] <= 5.0
 
 
+@pytest.mark.slow
 def test_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, whole = tmp_path / "plan", preset("tsutsumi-2007")
     few = replace(whole, errors={n: whole.errors[n] for n in ("EXX", "EA0C")}, text="")

@@ -39,6 +39,7 @@ def test_clean_campaigns_stay_clean(name):
     assert "noise" in result.summary
 
 
+@pytest.mark.slow
 def test_a_pair_that_the_geometry_conceals_is_named_with_its_magnitudes(sag_and_drift):
     found = {f.name: f for f in sag_and_drift.findings}
     assert set(found) == {"gravity_sag", "thermal_drift"}
@@ -51,6 +52,7 @@ def test_a_pair_that_the_geometry_conceals_is_named_with_its_magnitudes(sag_and_
         assert abs(sag_and_drift.after[name] - value) < 3.0 * sag_and_drift.after.uncertainty(name), name
 
 
+@pytest.mark.slow
 def test_the_fit_improves_on_data_that_were_left_out(sag_and_drift):
     fit = sag_and_drift.fit
     assert fit.chi2_dof_before > 10.0 and fit.chi2_dof_after < 1.05
@@ -59,6 +61,7 @@ def test_the_fit_improves_on_data_that_were_left_out(sag_and_drift):
     assert predict(fitted_model(sag_and_drift.after), heldout).rms["check"] < 1.05 * 0.4
 
 
+@pytest.mark.slow
 def test_the_letter_says_how_the_geometry_moved(sag_and_drift):
     moved = {name for finding in sag_and_drift.findings for name in finding.moved}
     assert moved & set(sag_and_drift.before.model.index)
@@ -68,6 +71,7 @@ def test_the_letter_says_how_the_geometry_moved(sag_and_drift):
     assert {"effect", "axis", "confidence", "where", "parameters", "rivals", "says"} <= set(data["findings"][0])
 
 
+@pytest.mark.slow
 def test_observability_is_told_before_any_verdict(sag_and_drift):
     table = {o.form: o for o in sag_and_drift.observability}
     assert table["gravity_sag.B.EZB"].visible < 0.35 < table["backlash.C"].visible
@@ -107,7 +111,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [n if n == "shift" else pytest.param(n, marks=pytest.mark.slow) for n in CASES])
 def test_effects_of_the_independent_plant_are_named(name, tmp_path):
     result = _simulated(tmp_path, [effect for effect, _ in CASES[name]])
     found = {(f.name, f.axis): f.parameters for f in result.findings}
@@ -119,6 +123,7 @@ def test_effects_of_the_independent_plant_are_named(name, tmp_path):
     assert result.fit.chi2_dof_after < 1.1
 
 
+@pytest.mark.slow
 def test_a_sag_that_comes_back_by_another_way_is_one_effect(tmp_path):
     sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 9.0, "form": "hysteresis"}
     result = _simulated(tmp_path, [sag], seed=11)

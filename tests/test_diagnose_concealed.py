@@ -74,6 +74,7 @@ def _names(found: Diagnosis) -> list[tuple[str, str | None]]:
     return [(f.name, f.axis) for f in found.findings]
 
 
+@pytest.mark.slow
 def test_a_sag_far_larger_than_usual_is_not_pulled_back_by_its_prior(tmp_path):
     """120 µm where 10 are usual: nothing else makes up for what a prior would hold back."""
     machine = plant.static_table()
@@ -494,6 +495,7 @@ def test_two_axes_whose_loops_differ_are_told_apart_in_another_plane(tmp_path):
     assert _names(both) == [("servo_mismatch", "X")] and both.findings[0].confidence > 0.99
 
 
+@pytest.mark.slow
 def test_what_is_not_known_of_a_name_is_in_the_uncertainty_of_the_geometry(tmp_path):
     """Half of the probability on another component, which moves the geometry otherwise."""
     machine = plant.static_table()

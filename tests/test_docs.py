@@ -61,7 +61,8 @@ def blocks(page: Path) -> list[Block]:
     return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 2) for m in FENCE.finditer(text)]
 
 
-SLOW = {ROOT / "docs/design.md", ROOT / "docs/howto/diagnosis.md", ROOT / "docs/howto/plan.md"}
+LONG = ("design", "figures", "howto/diagnosis", "howto/effect", "howto/fleet", "howto/instrument", "howto/plan")
+SLOW = {ROOT / "docs" / f"{page}.md" for page in LONG}
 
 
 def pages_with(language: str) -> list:
@@ -127,6 +128,7 @@ def test_the_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys, 
     run_in_order(page, capsys)
 
 
+@pytest.mark.slow
 def test_the_first_page_runs_in_order_on_a_small_plan(tmp_path, monkeypatch, capsys):
     """Every command as it stands, but for the number of poses and of starts."""
 

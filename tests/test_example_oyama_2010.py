@@ -131,6 +131,7 @@ def test_the_map_compensates_where_it_was_not_measured(error_map, hidden, folder
     assert story.check_compensation(wrong, hidden, folder / "between-wrong").rms("after") > 10.0
 
 
+@pytest.mark.slow
 def test_a_sag_is_believed_to_be_geometry_and_the_diagnosis_says_what_it_is(sag):
     plain = sag.before
     assert abs(plain["EZ0B"]) > 20.0 * plain.uncertainty("EZ0B")  # true is zero
@@ -179,6 +180,7 @@ def test_the_plan_needs_a_third_of_the_poses():
     assert len(compared.ratio) == len({*compared.ratio}) == 52
 
 
+@pytest.mark.slow
 def test_the_figures_are_drawn(measured, error_map, hidden, sag, folder, tmp_path):
     _, jointly = steps.mapped_jointly(measured)
     check = story.check_compensation(error_map, hidden, folder / "between-again")

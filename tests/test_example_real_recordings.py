@@ -149,6 +149,7 @@ def test_halves_are_each_others_rest() -> None:
     assert cut.runs[1].start_s == run.time[run.rows // 2] and cut.runs[1].time[0] == 0.0
 
 
+@pytest.mark.slow
 def test_a_simulated_backlash_is_placed_named_and_proven(simulated: Study) -> None:
     [finding] = simulated.found.findings
     assert (finding.name, finding.axis) == ("backlash", "X")

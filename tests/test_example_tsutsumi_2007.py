@@ -152,6 +152,7 @@ def test_claims_of_the_path(of_the_path, name):
     assert [claim.statement for claim in mine if not claim.settled] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OF_THE_TRACES)
 def test_claims_of_the_simulations(of_the_path, of_the_traces, name):
     mine = [claim for claim in (*of_the_path, *of_the_traces) if claim.id == name]
@@ -209,6 +210,7 @@ def test_a_claim_that_fails_is_not_settled(tmp_path):
 
 
 # --- symfive beside the paper ------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_symfive_has_the_drives_of_the_paper_within_a_tenth_of_a_micrometre():
     cases = [case_of(Circle(55.0)), case_of(Circle(45.0, direction=-1))]
     for case, one in zip(cases, twin.compare(cases), strict=True):
@@ -227,6 +229,7 @@ def test_every_effect_of_the_case_is_handed_over():
 
 
 # --- the concealed peak ------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_the_geometry_alone_gets_dx_wrong_and_the_whole_model_right(campaigns):
     campaign = campaigns[concealed.ECCENTRIC]
     plain = identify(campaign.with_machine(twin.without_drives(campaign.machine)))
@@ -243,6 +246,7 @@ def test_the_geometry_alone_gets_dx_wrong_and_the_whole_model_right(campaigns):
     assert 20.0 < width < 60.0
 
 
+@pytest.mark.slow
 def test_the_peak_of_equal_loops_is_no_finding(campaigns):
     campaign = campaigns[concealed.ALONE]
     ccw = campaign.select(campaign.runs[0].id)
@@ -269,6 +273,7 @@ def test_what_the_diagnosis_finds(campaigns):
 
 
 # --- the plan ----------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_what_the_ratio_tells():
     made = information.claims_of_the_plan(information.curve(points=4), information.gain())
     assert [(claim.statement, claim.ours) for claim in made if not claim.settled] == []

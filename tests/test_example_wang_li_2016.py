@@ -63,10 +63,12 @@ def askew():
     return plates.yawed(pitch=20.0)
 
 
+@pytest.mark.slow
 def test_every_claim_is_in_the_table_once(found):
     assert set(found) == REPRODUCED | WRONG
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(REPRODUCED))
 def test_a_claim_is_reproduced_within_its_limits(found, name):
     assert_reproduced(found[name])
@@ -174,6 +176,7 @@ def test_a_turn_about_the_line_of_two_balls_moves_neither():
         np.testing.assert_allclose(np.linalg.norm(moved, axis=0), size, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_one_turning_machine_and_its_figure(tmp_path):
     one = b_motions.one_turned()
     inside = np.abs(one.joint - one.true) < 3.0 * one.std
@@ -189,6 +192,7 @@ def test_a_plain_slope_is_not_the_squareness(campaign):
     assert raw["EC0X"] > 8.0
 
 
+@pytest.mark.slow
 def test_an_askew_plate_reads_as_roll_and_is_found(askew):
     assert askew.false_roll == pytest.approx(
         plates.YAW_URAD * 400.0 / 100.0, rel=0.01
@@ -243,6 +247,7 @@ def test_the_plan_needs_fewer_readings():
     assert min(gain.ratio[n] for n in ("EX0C", "EA0C", "EB0C")) > 10.0
 
 
+@pytest.mark.slow
 def test_one_machine_and_its_figures(one, fate, askew, tmp_path):
     inside = [abs(one.joint[n] - one.truth[n]) < 3.0 * one.joint.uncertainty(n) for n in fate.spread]
     assert np.mean(inside) > 0.97

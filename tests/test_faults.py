@@ -294,6 +294,7 @@ def test_no_fault_leaves_a_part(verb, old, world, tmp_path, monkeypatch, capsys,
         print(f" {verb}: {count} faults", end="")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["simulate"])
 def test_nor_where_names_cannot_be_exchanged(verb, world, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(world)

@@ -131,6 +131,7 @@ def faults(shim: Path, root: Path, verb: str, every: int) -> dict:
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["add", "event", "rebuild"])
 def test_a_sample_of_kills_and_full_disks(shim, tmp_path, verb):
     found = faults(shim, tmp_path, verb, every=9)

@@ -147,6 +147,7 @@ def test_a_long_recording_is_drawn_by_blocks_of_all_its_rows():
     assert set(view.run.commands["X"]) <= set(place)
 
 
+@pytest.mark.slow
 def test_the_report_of_a_long_recording_counts_all_rows(monkeypatch, circles, tmp_path):
     """Its pictures are of blocks, its tables of rows."""
     result = identify(spoilt(circles, "dL_um"), noise="declared")

@@ -27,6 +27,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_one_program_drives_both_directions_and_feeds_with_the_bar_on(folder: Path) -> None:
     for dialect in DIALECTS:
         series = [*(folder / "nc" / dialect).glob(f"*+*{WORDS[dialect].suffix}")]

@@ -232,6 +232,7 @@ def test_every_rms_counts_all_readings() -> None:
     assert predicted.rms["cycle-3"] > 2.0 * predicted.rms_kept["cycle-3"]
 
 
+@pytest.mark.slow
 def test_a_diagnosis_counts_all_readings_and_says_what_is_excluded(tmp_path: Path) -> None:
     deviations = positioning()
     deviations[2][40] -= 30.0

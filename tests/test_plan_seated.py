@@ -48,6 +48,7 @@ def _bent(made: Plan) -> Iterator[tuple[Run, int, Way]]:
             yield run, row, places
 
 
+@pytest.mark.slow
 def test_a_blocked_move_goes_around_without_a_removal(made: Plan) -> None:
     assert list(_bent(made))
     assert not made.unsafe
@@ -58,6 +59,7 @@ def test_a_blocked_move_goes_around_without_a_removal(made: Plan) -> None:
         assert not blocked_moves(made.machine, run, program_steps(made.machine, run, made.post))
 
 
+@pytest.mark.slow
 def test_a_program_passes_its_further_positions_seated(made: Plan) -> None:
     nominal, stroke = Nominal(made.machine), 0.05 * made.machine.workspace.stroke(bar=made.instrument == "ball_bar")
     for run, row, places in _bent(made):
@@ -70,6 +72,7 @@ def test_a_program_passes_its_further_positions_seated(made: Plan) -> None:
         assert np.abs(away).max() < stroke
 
 
+@pytest.mark.slow
 def test_every_rotary_axis_comes_to_a_row_from_the_side_that_the_file_says(made: Plan) -> None:
     rotary = [name for name, axis in made.machine.axes.items() if axis.rotary]
     for run, row, places in _bent(made):
@@ -79,11 +82,13 @@ def test_every_rotary_axis_comes_to_a_row_from_the_side_that_the_file_says(made:
             assert np.ptp(q) == 0.0 or np.sign(q[-1] - q[-2]) == approach(run.commands[name])[row]
 
 
+@pytest.mark.slow
 def test_programs_of_all_dialects_are_in_order(made: Plan, tmp_path: Path) -> None:
     made.write(tmp_path / "plan", nc=tuple(DIALECTS))
     assert not check(tmp_path / "plan")
 
 
+@pytest.mark.slow
 def test_another_dwell_keeps_the_further_positions(made: Plan, tmp_path: Path) -> None:
     made.write(tmp_path / "plan", nc=("linuxcnc",), post=Post(dwell_s=3.0))
     assert not check(tmp_path / "plan")

@@ -34,7 +34,7 @@ def away(machine: Machine, ball: tuple[float, float, float]) -> float:
     return math.dist(ball[:2], machine.axes["C"].origin[:2])
 
 
-@pytest.mark.parametrize("instrument", ["r_test", "ball_bar"])
+@pytest.mark.parametrize("instrument", ["r_test", pytest.param("ball_bar", marks=pytest.mark.slow)])
 def test_balls_of_a_plan_stand_on_the_table_of_an_axis_off_the_origin(instrument: str) -> None:
     machine = off_centre()
     made = plan(machine, instrument=instrument, points=6, setups=2, starts=1, returns=0, anywhere=False, prove=False)

@@ -54,6 +54,7 @@ def few() -> Run:
 # --- ways --------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_pose_can_be_left_and_every_move_is_clear(made: Plan) -> None:
     for run in made.campaign.runs:
         ways = Ways(TABLE, run)
@@ -72,6 +73,7 @@ def test_a_pose_without_travel_to_draw_back_is_refused_not_written() -> None:
         cleared(low, (run,), {})
 
 
+@pytest.mark.slow
 def test_poses_without_a_way_out_are_replaced_or_the_plan_is_refused() -> None:
     """With Z so short the best poses stand at its upper end, from where no tool can be drawn out of a nest."""
     short = _with_travel(TABLE, "Z", -100.0, 300.0)
@@ -97,6 +99,7 @@ def test_a_blocked_rapid_is_blamed_on_the_row_it_leads_to() -> None:
     assert {row for row, _ in blocked_moves(OYAMA, run, steps)} == {1}
 
 
+@pytest.mark.slow
 def test_a_rapid_between_known_places_moves_one_axis(made: Plan) -> None:
     """Which way several axes take together in a rapid depends on the control. A pose may be lifted to the top, where the spindle
     stands already."""
@@ -286,6 +289,7 @@ def test_the_pace_of_one_straight_move_is_that_from_rest_to_rest() -> None:
     assert pace(TABLE, np.zeros((2, len(TABLE.axis_names)))) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_times_and_minutes_are_those_of_the_programs(made: Plan) -> None:
     total = 0.0
     for run in made.campaign.runs:
@@ -303,6 +307,7 @@ def test_a_budget_holds_for_the_programs_as_they_are_written(hurried: Plan) -> N
     assert hurried.minutes <= 6.5
 
 
+@pytest.mark.slow
 def test_another_retract_leads_to_other_ways_that_are_clear(made: Plan, tmp_path) -> None:
     """What the user decides about the programs may change ways and times; the campaign says the times of its programs."""
     made.write(tmp_path / "plan", nc=("iso",), post=Post(retract_mm=90.0, dwell_s=5.0, machine_top=-2.0))
@@ -315,6 +320,7 @@ def test_another_retract_leads_to_other_ways_that_are_clear(made: Plan, tmp_path
 # --- words -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_plan_with_fewer_readings_than_unknowns_says_why_its_certificate_is_low(made: Plan, hurried: Plan) -> None:
     unknowns = len(made.assessment.parameters)
     (said,) = (note for note in made.notes if "unknowns" in note)
@@ -324,6 +330,7 @@ def test_a_plan_with_fewer_readings_than_unknowns_says_why_its_certificate_is_lo
     assert not [note for note in hurried.notes if "unknowns" in note]
 
 
+@pytest.mark.slow
 def test_the_sheet_says_what_the_program_says(made: Plan, tmp_path) -> None:
     made.write(tmp_path / "plan", nc=("linuxcnc",))
     page = (tmp_path / "plan" / "setup.html").read_text()

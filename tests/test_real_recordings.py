@@ -57,6 +57,7 @@ def test_conversion_survives_the_disk(name: str, tmp_path: Path) -> None:
         assert np.isfinite(prediction).all(), run_id
 
 
+@pytest.mark.slow
 def test_emps_without_its_friction_gets_a_friction_and_the_instant_of_its_force() -> None:
     """Mass and viscous friction alone; published: 95.11 kg, 20.39 N, and 2.2 N are left (A. Janot et al. 2019). The force is a
     sample of the 1 kHz control ahead of the position."""

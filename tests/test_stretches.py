@@ -124,6 +124,7 @@ def test_a_run_of_pieces_is_not_cut_again(recording: Campaign, long: None) -> No
         replace(seen.runs[0], pieces=seen.runs[0].pieces[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("long")
 def test_a_long_recording_is_named_from_stretches_and_identified_whole(recording: Campaign) -> None:
     found = diagnose(recording)
@@ -152,6 +153,7 @@ def fits(recording: Campaign) -> tuple[Identification, Identification]:
     return identify(recording), identify(recording, effects=[make_effect("backlash", "X")])
 
 
+@pytest.mark.slow
 def test_windows_change_no_result(fits: tuple[Identification, Identification], monkeypatch: pytest.MonkeyPatch) -> None:
     before, after = fits
     play = after.model.added[0]

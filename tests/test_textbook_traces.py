@@ -66,9 +66,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [n if n in ("none", "X at once") else pytest.param(n, marks=pytest.mark.slow) for n in CASES]
-)
+@pytest.mark.parametrize("name", [n if n == "none" else pytest.param(n, marks=pytest.mark.slow) for n in CASES])
 def test_plays_are_named_with_their_widths_and_nothing_beside(name, tmp_path):
     play, way = CASES[name]
     found = diagnose(imported(tmp_path, play, way))
