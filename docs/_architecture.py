@@ -10,8 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 LAYERS: dict[str, tuple[str, ...]] = {
     "ground": (
-        "version", "errors", "numbers", "parameters", "screen", "threads", "executors", "compiled", "outputs", "disk", "files",
-        "separated", "toml_files", "validation",
+        "version", "errors", "arrays", "numbers", "parameters", "screen", "threads", "executors", "compiled", "outputs", "disk",
+        "files", "separated", "toml_files", "validation",
     ),
     "plain data": ("machine", "runs"),
     "physics": ("kinematics", "motion", "row", "instruments", "effects"),

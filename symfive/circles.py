@@ -8,8 +8,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.campaign import Run
 from symfive.instruments import fitted_parts
 from symfive.kinematics import ball_in_workpiece
@@ -17,7 +17,6 @@ from symfive.machine import Machine
 
 __all__ = ["Circle", "CircleFinder", "grouped"]
 
-Array = NDArray[np.float64]
 LEAST_SWEEP = np.radians(60.0)
 INSTRUMENTS = ("ball_bar", "grid_encoder")
 
@@ -49,7 +48,7 @@ class Circle:
         return float(np.ptp(self.angle) / (2.0 * np.pi))
 
     @property
-    def evaluated(self) -> NDArray[np.bool_]:
+    def evaluated(self) -> Flags:
         """Rows (N,) of the complete turns amid the path, without what run-up and run-out go beyond them (ISO 230-4); all rows
         of less than one turn."""
         complete = np.floor(self.turns + 1e-3)

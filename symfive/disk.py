@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 
 __all__ = ["Spool", "new_table", "release"]
 
-Array = NDArray[np.float64]
 IN_MEMORY_BYTES = 1 << 21
 TURNED_ROWS = 1 << 16
 

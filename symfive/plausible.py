@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine, designed_ball
 from symfive.numbers import plain_number
@@ -15,7 +15,6 @@ from symfive.runs import Campaign, Run
 
 __all__ = ["doubts", "unreadable"]
 
-Array = NDArray[np.float64]
 TINY, SLIP = 0.1, 10.0
 """Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
 units are 57, 60 and 1000)."""

@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.circles import CircleFinder
 from symfive.effects import Effect
@@ -44,7 +44,6 @@ __all__ = [
     "worth_text",
 ]
 
-Array = NDArray[np.float64]
 DO_NOT = "do not correct: below the uncertainty"
 CERTAIN = 0.9545
 """Probability of two standard deviations."""
@@ -196,13 +195,13 @@ class _Seen:
     run: Run
     values: Array
     prediction: Array
-    rows: NDArray[np.int64]
+    rows: Indices
     weights: Array
     deviation: Array
     basis: Array
 
     @classmethod
-    def of(cls, model: Model, run: Run, values: Array, readings: Array, kept: NDArray[np.bool_], sigma: Array) -> _Seen:
+    def of(cls, model: Model, run: Run, values: Array, readings: Array, kept: Flags, sigma: Array) -> _Seen:
         """`readings` (N, ny), those that are `kept`, and 1σ of each column (ny,)."""
         line = model.linearise(run, values)
         rows = np.flatnonzero(kept.ravel())

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign._lines import lines_of
 from symfive.disk import Spool, release
 from symfive.errors import InputError
@@ -20,7 +20,6 @@ from symfive.separated import LARGEST, SIGNS, Marks, cells_of, sign_of
 
 __all__ = ["read_columns", "write_columns"]
 
-Array = NDArray[np.float64]
 SPINDLE = "spindle_deg"
 """The column that says how far the spindle is turned; a file may leave it out."""
 

@@ -8,15 +8,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.codegen._subject import Subject
 from symfive.errors import InputError
 from symfive.kinematics import Pose, axis_pose
 
 __all__ = ["AxisLine", "axis_lines", "lines_by_parameters", "table_axes"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

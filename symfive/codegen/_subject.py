@@ -11,8 +11,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.effects import Effect, baseline_effects
 from symfive.given import machine_or_model_given
@@ -41,7 +41,7 @@ class Subject:
     effects: tuple[Effect, ...]
     left_out: tuple[tuple[str, str], ...]
     fitted: bool
-    covariance: NDArray[np.float64] | None
+    covariance: Array | None
     digest: str
 
     @property
@@ -86,7 +86,7 @@ def subject_of(source: Machine | FittedModel | Path | str) -> Subject:
     )  # fmt: skip
 
 
-def _covariance(model: FittedModel, parameters: Sequence[Parameter]) -> NDArray[np.float64]:
+def _covariance(model: FittedModel, parameters: Sequence[Parameter]) -> Array:
     """That of the parameters (k, k); what the model does not know has its prior variance."""
     places = {name: i for i, name in enumerate(model.names)}
     known = [i for i, p in enumerate(parameters) if p.name in places]

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.codegen._chain import TOOL_AXIS
 from symfive.codegen._subject import Subject
 from symfive.kinematics import ball_in_workpiece, chain_poses
 
 __all__ = ["Vectors", "reference", "spread_vectors"]
 
-Array = NDArray[np.float64]
 GOLDEN = 0.6180339887498949
 
 

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.codegen._chain import chain_of
 from symfive.codegen._sources import solved_axes
 from symfive.codegen._subject import Subject
 
 __all__ = ["Poses", "workspace_poses"]
 
-Array = NDArray[np.float64]
 RADIUS, HEIGHTS, TOOL = 100.0, (0.0, 150.0), 150.0
 
 

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.codegen._entry import COVERAGE, Change, digits_of
 from symfive.codegen._lines import table_axes
 from symfive.codegen._subject import Subject
@@ -25,8 +25,6 @@ from symfive.compiled.scalar import number
 from symfive.errors import InputError
 
 __all__ = ["TrunnionFit", "entered_fit", "fit_trunnion", "setp_files"]
-
-Array = NDArray[np.float64]
 
 
 RESOLUTION = 1e-4

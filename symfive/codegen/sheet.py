@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.codegen._entry import COVERAGE, Change
 from symfive.codegen._lines import AxisLine, axis_lines, lines_by_parameters, table_axes
 from symfive.codegen._sources import filled
@@ -24,7 +24,6 @@ from symfive.parameters import DETERMINED
 
 __all__ = ["CONTROLS", "Control", "Row", "sheet_files"]
 
-Array = NDArray[np.float64]
 Lines = tuple[AxisLine, AxisLine]
 
 

@@ -16,11 +16,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+
+from symfive.arrays import Array
 
 __all__ = ["FEWEST", "SHARE", "Columns"]
 
-Array = NDArray[np.float64]
 Value = float | Array
 CHUNK = 1024
 """Rows at a time: the columns at work stay in the processor's cache."""

@@ -13,15 +13,14 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.compiled._cache import cache_folder, discard, find, keep, remember, remembered, workplace
 from symfive.compiled._compiler import Compiler
 from symfive.compiled._source import source_of
 
 __all__ = ["Library", "compiled", "found", "interpretation_s", "key_of", "note_interpretation"]
 
-Array = NDArray[np.float64]
 ALIGNMENT = 64
 
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.compiled._cache import cache_folder
 from symfive.compiled._columns import FEWEST, SHARE, Columns
 from symfive.compiled._compiler import SWITCH, Compiler, find_compiler
@@ -24,7 +24,6 @@ from symfive.compiled._library import Library, compiled, found, interpretation_s
 
 __all__ = ["Mapped", "Status", "status"]
 
-Array = NDArray[np.float64]
 BLOCK = 64
 PIECE = 4096
 """Rows that are interpreted before the rule is applied again."""

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from symfive.convert._files import Array
+from symfive.arrays import Array
 
 __all__ = ["Vector", "axes_of_modified_dh", "forward", "placement", "rounded"]
 

@@ -9,9 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import read_text
 from symfive.machine import ErrorTerm
@@ -29,7 +29,6 @@ __all__ = [
     "table",
 ]
 
-Array = NDArray[np.float64]
 STEADY = 20.0  # resolutions a sample: from there on a lost sample shows in the value
 _NO_VALUE = ("***", "<undefined>")
 

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
-from symfive.convert._files import Array, Log, files, positive_name, read_log, sampling_times
+from symfive.convert._files import Log, files, positive_name, read_log, sampling_times
 from symfive.instruments.drive_force import low_pass
 from symfive.machine import Machine, Structure, make_axis
 

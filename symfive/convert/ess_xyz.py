@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
-from symfive.convert._files import Array, Log, files, positive_name, read_log
+from symfive.convert._files import Log, files, positive_name, read_log
 from symfive.convert._iso230 import iso230_axis, iso230_run
 from symfive.errors import InputError
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.convert._chain import forward, placement, rounded
-from symfive.convert._files import Array, files, location_errors
+from symfive.convert._files import files, location_errors
 from symfive.errors import InputError
 from symfive.files import read_text
 from symfive.machine import Machine, Structure, make_axis

@@ -16,8 +16,8 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
@@ -27,7 +27,6 @@ from symfive.design._space import Space
 
 __all__ = ["bound_anywhere"]
 
-Array = NDArray[np.float64]
 POSES = 200
 ROUNDS, JOINING = 4, 2
 GAP = 5e-3

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Campaign, Run
 from symfive.design._assessment_data import assessment_data
 from symfive.design._information import inverse
@@ -31,7 +31,6 @@ from symfive.threads import one_thread
 
 __all__ = ["Assessment", "assess", "machine_information", "workspace_places"]
 
-Array = NDArray[np.float64]
 LEVER_MM = 100.0
 WORTHLESS = 1e-4
 
@@ -119,7 +118,7 @@ class Assessment(OnScreen):
         )
 
     @property
-    def idle(self) -> dict[str, NDArray[np.int64]]:
+    def idle(self) -> dict[str, Indices]:
         """Run → rows (from 0) that add almost no information."""
         return {run: np.flatnonzero(w < WORTHLESS / max(len(w), 1)) for run, w in self.worth.items()}
 
@@ -128,7 +127,7 @@ class Assessment(OnScreen):
         return tuple((run, row) for run, rows in self.idle.items() for row in rows.tolist())
 
 
-def _spans(lines: NDArray[np.int64]) -> str:
+def _spans(lines: Indices) -> str:
     """Numbers in words: 3, 7-12."""
     spans = np.split(lines, np.flatnonzero(np.diff(lines) != 1) + 1)
     shown = [f"{span[0]}" if len(span) == 1 else f"{span[0]}-{span[-1]}" for span in spans[:8]]
@@ -175,7 +174,7 @@ def _data_information(model: Model) -> dict[str, Array]:
     return found
 
 
-def _whitened(model: Model, run: Run, margins: dict[str, int]) -> Iterator[tuple[slice, NDArray[np.int64], Array]]:
+def _whitened(model: Model, run: Run, margins: dict[str, int]) -> Iterator[tuple[slice, Indices, Array]]:
     """A run by windows: which rows, which parameters (c,) they depend on, and the sensitivities over the noise (n, ny, c)."""
     names = [i.name for i in instruments_of(run) for _ in i.columns(run, model.machine)]
     driven = "encoder" in run.instrument and run.options.get("motion_from") == "encoder"
@@ -207,14 +206,14 @@ def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
     return found
 
 
-def _volume(information: Array, chosen: NDArray[np.int64], sigma: Array) -> float:
+def _volume(information: Array, chosen: Indices, sigma: Array) -> float:
     """ψ of D for the parameters `chosen`, per prior 1σ."""
     covariance = inverse(information)[np.ix_(chosen, chosen)] / np.outer(sigma[chosen], sigma[chosen])
     return float(np.linalg.slogdet(covariance)[1]) / max(len(chosen), 1)
 
 
 def _worth(
-    model: Model, run: Run, covariance: Array, information: Array, chosen: NDArray[np.int64], margins: dict[str, int]
+    model: Model, run: Run, covariance: Array, information: Array, chosen: Indices, margins: dict[str, int]
 ) -> Array:
     """How much ψ of D rises when one row is taken out (N,): log det(I - J C Jᵀ) less that of what does not count."""
     other = np.setdiff1d(np.arange(len(covariance)), chosen)

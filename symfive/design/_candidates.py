@@ -6,8 +6,8 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
 from symfive.design._relaxed import marginal_sensitivity
@@ -16,8 +16,6 @@ from symfive.errors import InputError
 
 __all__ = ["best_setups", "candidates_in", "pose_grid", "setup_options"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 LEVELS = {"rotary": 13, "turn": 24, "bar azimuth": 12, "bar elevation": 7}
 PER_SETUP = 500
 ROUNDS, INNER = 4, 8

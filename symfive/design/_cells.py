@@ -21,14 +21,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.design._spectrum import Spectrum
 
 __all__ = ["TINY", "Cells", "Cut", "FirstCells", "first_cells"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Order = tuple[int, ...]
 NEGLECTED, WIDEST, MOST_FIRST = 1e-5, math.radians(20.0), 1_500_000
 TINY = 1e-30
@@ -40,12 +38,12 @@ class Cells:
 
     centres: Array
     halves: Array
-    third: NDArray[np.int64]
+    third: Indices
 
     def __len__(self) -> int:
         return len(self.centres)
 
-    def take(self, chosen: NDArray[np.int64] | NDArray[np.bool_]) -> Cells:
+    def take(self, chosen: Indices | Flags) -> Cells:
         """Some of them."""
         return Cells(self.centres[chosen], self.halves[chosen], self.third[chosen])
 
@@ -57,7 +55,7 @@ class Cells:
             np.concatenate([self.third, other.third]),
         )
 
-    def halved(self, across: NDArray[np.int64]) -> Cells:
+    def halved(self, across: Indices) -> Cells:
         """Both halves of every cell."""
         row = np.arange(len(self))
         halves = self.halves.copy()
@@ -90,7 +88,7 @@ class Cut:
             getattr(found, name)[rows] = getattr(other, name)
         return found
 
-    def take(self, chosen: NDArray[np.bool_] | Indices) -> Cut:
+    def take(self, chosen: Flags | Indices) -> Cut:
         """Of some of the cells."""
         return Cut(self.value[chosen], self.slope[chosen], self.bent[chosen], self.third[chosen])
 
@@ -109,7 +107,7 @@ class FirstCells:
     settled: float
     looked_at: int
     thirds: Array
-    orders: NDArray[np.int64]
+    orders: Indices
 
     def bounded(self, cells: Cells, value: Array, slope: Array, bent: Array, cut: Cut) -> tuple[Array, Indices]:
         """The bound in the reachable parts of these cells, and the angle across which to halve.

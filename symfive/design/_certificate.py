@@ -16,8 +16,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._proof import bounded_sensitivity
@@ -28,7 +28,6 @@ from symfive.design._space import Space
 
 __all__ = ["Certificate", "certify", "generate"]
 
-Array = NDArray[np.float64]
 GAP = 2e-3
 ROUNDS = 25
 KEPT, FIRST, PATIENCE = 1e-5, 1000, 4

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.design._assessment_data import six_digits
 from symfive.design._circles import Circle, Goal, measured
 from symfive.design._paths import FAMILIES, CircleShape
@@ -32,7 +32,6 @@ from symfive.procedures import circle_frame, heights
 
 __all__ = ["CircleCertificate", "certify_circles", "farthest", "fastest", "relaxed_bound"]
 
-Array = NDArray[np.float64]
 DENSE, NEAR = 6, 5
 """Powers of 2: circles of the dense set by family and radius, and in every round those near the circles that count."""
 ROUNDS, NARROW = 8, 0.1

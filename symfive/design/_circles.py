@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
 from symfive.design._criteria import Criterion
 from symfive.design._information import inverse
@@ -19,7 +19,6 @@ from symfive.procedures import heights
 
 __all__ = ["Circle", "Goal", "circle_information", "circle_of_runs", "measured", "true_values", "typical_values"]
 
-Array = NDArray[np.float64]
 ROBUST = ("nominal", "mean", "worst")
 
 
@@ -138,7 +137,7 @@ class Goal:
     for variances compares plans as if each were repeated until a given hour."""
 
     criterion: Criterion
-    interest: NDArray[np.int64]
+    interest: Indices
     scale: Array
     robust: str = "nominal"
     per_minute: bool = False

@@ -7,8 +7,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.compiled import Mapped
 from symfive.design._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation
@@ -18,7 +18,6 @@ from symfive.machine import Machine
 
 __all__ = ["Clearances"]
 
-Array = NDArray[np.float64]
 TABLE_DEPTH = 2000.0
 """mm of the table as a body: nobody says what is under it."""
 ON_THE_BAR = ("spindle nose and bar", "bar and post", "bar and table", "bar and cup")

@@ -21,13 +21,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 
 __all__ = ["CRITERIA", "Criterion", "criterion_of", "name_of"]
 
-Array = NDArray[np.float64]
 SMOOTHING = 32.0
 """Exponent of the p-means of E and G: at most log(s)/32 away from the maximum."""
 

@@ -17,8 +17,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.effects import form_words
 from symfive.errors import EvaluationError, InputError
@@ -29,7 +29,6 @@ from symfive.threads import one_thread
 
 __all__ = ["APART", "PAUSE_S", "Candidate", "Discrimination", "Separation", "discriminate", "in_addition", "in_common"]
 
-Array = NDArray[np.float64]
 _Lines = dict[str, Linearisation]
 ITERATIONS = 4
 PAUSE_S = 60.0

@@ -15,11 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from symfive.arrays import Array, Flags, Indices
 
 __all__ = ["Rod", "apart"]
 
-Array = NDArray[np.float64]
 STEPS, WITHIN_MM = 40, 1e-4
 """Steps of the search, and how near the two bounds are when it ends."""
 FLAT = 1e-12
@@ -46,7 +46,7 @@ class Rod:
         start, axis, length = (np.concatenate([getattr(rod, n) for rod in rods]) for n in ("start", "axis", "length"))
         return cls(start, axis, length, radius)
 
-    def at(self, rows: NDArray[np.int64]) -> Rod:
+    def at(self, rows: Indices) -> Rod:
         """Some of them."""
         radius = np.broadcast_to(self.radius, self.length.shape)[rows]
         return Rod(self.start[rows], self.axis[rows], self.length[rows], radius)
@@ -141,7 +141,7 @@ def _bound(direction: Array, point: Array) -> Array:
     return np.where(size > FLAT, _dot(direction, point) / np.where(size > FLAT, size, 1.0), -np.inf)
 
 
-def _nearest(simplex: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+def _nearest(simplex: Array) -> tuple[Array, Flags, Flags]:
     """Of tetrahedra (N, 4, 3), which may be flat: the points nearest to 0 of their edges and faces, the corners that span these,
     and whether 0 lies inside."""
     first = simplex[:, EDGES[:, 0]]
@@ -165,7 +165,7 @@ def _nearest(simplex: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_
     return points[rows, best], corners, _holds_zero(_dot(x, opposite))
 
 
-def _holds_zero(parts: Array) -> NDArray[np.bool_]:
+def _holds_zero(parts: Array) -> Flags:
     """Whether 0 lies inside a tetrahedron: the four that it forms with the faces, of the volumes `parts` (N, 4) times 6, have the
     sign of the whole."""
     signed = parts[:, ::-1] * [1.0, -1.0, 1.0, -1.0]

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.design._information import Task
 from symfive.design._refine import Rows
 from symfive.design._setup_errors import NOISE_HARDLY, SETUP_ERRORS
@@ -20,7 +20,6 @@ from symfive.numbers import plain_number
 
 __all__ = ["what_dominates"]
 
-Array = NDArray[np.float64]
 MORE = 4.0
 """So many times as many poses would halve every 1σ that noise causes."""
 GROUPS = {error.name: error for error in SETUP_ERRORS}

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symfive.campaign import Campaign
 from symfive.design._assess import assess
@@ -45,7 +44,6 @@ from symfive.threads import one_thread
 
 __all__ = ["Circle", "CirclePlan", "best_ratio", "circle_information", "plan_circles"]
 
-Array = NDArray[np.float64]
 RATIOS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.3, 1.5, 1.8)
 FREE = {"synchronous": ("ratio", "feed"), "planar": ("feed", "x", "y", "z")}
 WIDER = 1.4

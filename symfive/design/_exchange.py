@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.design._information import Layout, Task, inverse
 
 __all__ = ["Candidates", "choose", "exchange", "greedy"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 WORTH = 1e-6
 """An exchange must lower ψ by more than this."""
 PASSES = 12

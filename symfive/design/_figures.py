@@ -10,8 +10,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE, Run
 from symfive.design._mounting import STILL
 from symfive.drawing.render import rendered
@@ -26,7 +26,6 @@ __all__ = ["pose_figure", "svg", "uncertainty_figure", "worth_figure"]
 
 MOST_BARS = 400
 
-Array = NDArray[np.float64]
 COLOURS = "viridis"
 STICK_MM = 60.0
 LOOK = {"svg.hashsalt": "symfive", "svg.fonttype": "none", "text.parse_math": False}

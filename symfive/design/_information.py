@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.design._criteria import Criterion
 
 __all__ = ["Layout", "Task", "inverse"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 def inverse(matrix: Array) -> Array:

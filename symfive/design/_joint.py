@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
@@ -22,7 +21,6 @@ from symfive.nc import Post
 
 __all__ = ["chosen_with_moves", "price"]
 
-Array = NDArray[np.float64]
 Laid = tuple[Schedule, Post]
 
 

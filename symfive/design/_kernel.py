@@ -11,14 +11,11 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.compiled import Mapped
 
 __all__ = ["Kernel"]
-
-Array = NDArray[np.float64]
 
 
 class Kernel:

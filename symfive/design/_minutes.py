@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
 from symfive.design._mountings import Mounting
@@ -32,7 +32,6 @@ from symfive.design._schedule import SETUP_S
 
 __all__ = ["Mix", "Mixes"]
 
-Array = NDArray[np.float64]
 Kinds = tuple[str, ...]
 GAP = 1e-2
 SHARES = (0.02, 0.1, 0.35, 1.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.numbers import plain_number, unit_words
@@ -14,7 +14,6 @@ from symfive.procedures import Nominal
 
 __all__ = ["STILL", "digits", "from_axes", "over_the_ball", "path_facts"]
 
-Array = NDArray[np.float64]
 STILL = 1e-3
 """What moves by less, mm or degree, stands still; directions that differ by less are one."""
 

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.design._candidates import candidates_in, pose_grid, setup_options
 from symfive.design._space import UNIT_MM, Space
@@ -23,7 +23,6 @@ from symfive.procedures import PLANES, Nominal, circle_frame, polar_angle
 
 __all__ = ["BAR", "CIRCLES", "Mounting", "mounting_of", "mountings_of", "with_circles"]
 
-Array = NDArray[np.float64]
 POSES = 150
 """Poses of the grid in every mounting."""
 BAR, CIRCLES = "ball_bar", "circles"

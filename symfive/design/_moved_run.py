@@ -14,8 +14,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import Run
 from symfive.compiled import Mapped
 from symfive.design._information import inverse
@@ -38,7 +38,6 @@ from symfive.motion import (
 
 __all__ = ["MovedRun"]
 
-Array = NDArray[np.float64]
 STILL = 1e-12
 
 
@@ -256,7 +255,7 @@ class _Motion:
             tangents_moved[signal.start] = np.zeros_like(moved)
         return _Moved(state, moved, tangents, tangents_moved)
 
-    def _arrivals(self, state: Array, contact: NDArray[np.int64], side: Array, position: _Moved, half: float) -> None:
+    def _arrivals(self, state: Array, contact: Indices, side: Array, position: _Moved, half: float) -> None:
         """Where the play has been crossed: the readings' slopes change sides there."""
         q, moved = position.value, position.moved
         for row in np.flatnonzero((np.abs(state[1:]) == 1.0) & (side[1:] != state[1:])):

@@ -11,8 +11,8 @@ import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Run
 from symfive.design._clearances import ON_THE_BAR, Clearances
 from symfive.machine import Machine
@@ -20,8 +20,6 @@ from symfive.nc import Positions, Step
 
 __all__ = ["ROUNDING_MM", "Moves", "blocked_moves"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 LINEAR_MM, ROTARY_DEG = 4.0, 1.0
 """A move is looked at at least so densely."""
 FINE_MM = 0.25
@@ -56,7 +54,7 @@ class Moves:
         """Positions in the machine's order of axes."""
         return np.array([positions[name] for name in self.machine.axis_names])
 
-    def outside(self, places: Array) -> NDArray[np.bool_]:
+    def outside(self, places: Array) -> Flags:
         """Whether each axis is outside its travel (…, axes)."""
         return np.asarray(~((places >= self.low) & (places <= self.high)))
 
@@ -133,7 +131,7 @@ class Moves:
         for i in np.flatnonzero(~(left.min(axis=1) >= -ROUNDING_MM)):
             found[owner[i]] = found[owner[i]] or self.names[int(np.argmin(left[i]))]
 
-    def _doubtful(self, a: tuple[Array, Array], b: tuple[Array, Array]) -> NDArray[np.bool_]:
+    def _doubtful(self, a: tuple[Array, Array], b: tuple[Array, Array]) -> Flags:
         """Whether something could meet between two positions."""
         (here, axis), (there, other) = self.clearances.frames(a[0]), self.clearances.frames(b[0])
         way = np.linalg.norm(there - here, axis=1) + self.clearances.reach * np.linalg.norm(other - axis, axis=1)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Indices
 from symfive.design._candidates import PER_SETUP, best_setups, candidates_in, pose_grid, setup_options
 from symfive.design._certificate import generate
 from symfive.design._exchange import Candidates, both_ways, choose, exchange, greedy
@@ -19,8 +19,6 @@ from symfive.design._starts import each
 
 __all__ = ["optimise", "value_of"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 LARGEST_REFINED = 80
 """Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are as good."""
 SHARES, STEPS = (1.0, 1.0 / 3.0, 0.0), (12, 30, 150)

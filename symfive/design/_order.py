@@ -11,15 +11,12 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.machine import Axis, Machine
 from symfive.nc import CAUTION, able
 
 __all__ = ["kept_apart", "move_times", "out_and_back", "round_trip", "there_and_back"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 def _axis_time(way: Array, axis: Axis) -> Array:

@@ -14,8 +14,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
 from symfive.compiled import Mapped
 from symfive.design._assess import Assessment
@@ -31,7 +31,6 @@ from symfive.toolpath import ToolPath
 
 __all__ = ["Expected", "Part", "part_criterion"]
 
-Array = NDArray[np.float64]
 PLACES = 150
 """Places by which designs are compared; what is reported is over all."""
 AT_ONCE = 2000
@@ -69,7 +68,7 @@ class Part:
             self.slopes -= touched_slopes
 
     @cached_property
-    def typical(self) -> NDArray[np.int64]:
+    def typical(self) -> Indices:
         """Rows that stand for all: each further one is the place whose slopes differ most from those taken before."""
         flat = self.slopes.reshape(len(self.slopes), -1)
         chosen = [int(np.argmax(np.einsum("ij,ij->i", flat, flat)))]
@@ -81,7 +80,7 @@ class Part:
             chosen.append(int(np.argmax(apart)))
         return np.sort(np.array(chosen, dtype=np.int64))
 
-    def ordered(self, names: Sequence[str]) -> NDArray[np.int64]:
+    def ordered(self, names: Sequence[str]) -> Indices:
         """Where the parameters `names` stand in `names` of this part."""
         return np.array([self.names.index(name) for name in names], dtype=np.int64)
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.design._space import follow
 from symfive.errors import InputError
@@ -38,7 +38,6 @@ from symfive.procedures import (
 
 __all__ = ["FAMILIES", "CirclePath", "CircleShape", "circle_runs", "limits_met", "make_path"]
 
-Array = NDArray[np.float64]
 FAMILIES = {
     "synchronous": ("ratio", "radius", "feed", "height"),
     "planar": ("radius", "feed", "x", "y", "z"),

@@ -11,7 +11,6 @@ from textwrap import wrap
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.design._anywhere import bound_anywhere
@@ -47,7 +46,6 @@ from symfive.toolpath import ToolPath
 
 __all__ = ["Plan", "plan"]
 
-Array = NDArray[np.float64]
 FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
 INDEXED = (

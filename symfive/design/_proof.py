@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.design._bodies import NOSE_LENGTH
 from symfive.design._cells import TINY, Cells, Cut, FirstCells, first_cells
 from symfive.design._information import Layout
@@ -24,7 +24,6 @@ from symfive.design._spectrum import spectrum_of
 
 __all__ = ["Proved", "bounded_sensitivity"]
 
-Array = NDArray[np.float64]
 MOST_CELLS, TOGETHER = 2_000_000, 20_000
 KINKED = "tool and post"
 
@@ -67,8 +66,8 @@ class _Reached:
     """Of cells: which may hold a reachable pose (`near`), of which the centre is one (`here`), and the limit that cuts off most
     of each of those that are near."""
 
-    near: NDArray[np.bool_]
-    here: NDArray[np.bool_]
+    near: Flags
+    here: Flags
     cut: Cut
 
 

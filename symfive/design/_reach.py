@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
 from symfive.design._exchange import Candidates, exchange
@@ -17,7 +17,6 @@ from symfive.errors import InputError
 
 __all__ = ["Reach", "with_ways_out"]
 
-Array = NDArray[np.float64]
 PASSES = 2
 
 

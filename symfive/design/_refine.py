@@ -19,15 +19,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.design._information import Task
 from symfive.design._kernel import Kernel
 
 __all__ = ["Objective", "Rows", "refine"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 WITHIN = 1e-6
 """Limits are kept by this much, and met to as much: a design a hair beyond one of them would be lost."""
 OPTIONS: dict[str, Any] = {

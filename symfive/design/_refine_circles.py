@@ -13,8 +13,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.design._circles import Circle, Goal, true_values
 from symfive.design._moved_run import MovedRun
@@ -25,7 +25,6 @@ from symfive.model import Model
 
 __all__ = ["CircleObjective", "refined_shapes"]
 
-Array = NDArray[np.float64]
 OPTIONS: dict[str, Any] = {
     "max_iter": 25, "tol": 1e-5, "acceptable_tol": 1e-3, "acceptable_iter": 4, "mu_init": 1e-3, "bound_push": 1e-3,
     "bound_frac": 1e-3, "hessian_approximation": "limited-memory", "print_level": 0, "sb": "yes",

@@ -14,14 +14,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
 
 __all__ = ["Relaxed", "marginal_sensitivity", "relax", "sensitivity"]
 
-Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 NEGLIGIBLE = 1e-6
 MULTIPLICATIVE, FRESH = 10, 40

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task, inverse
 from symfive.design._refine import Rows
@@ -16,11 +16,10 @@ from symfive.machine import Machine
 
 __all__ = ["drawn_spaces", "lost_pose", "over_prior", "robust_exchange", "survive_a_lost_pose"]
 
-Array = NDArray[np.float64]
 SHORTLIST = 12
 
 
-def lost_pose(task: Task, rows: Array, group: NDArray[np.int64], groups: int) -> tuple[float, int]:
+def lost_pose(task: Task, rows: Array, group: Indices, groups: int) -> tuple[float, int]:
     """ψ after the loss of the pose that hurts most, and which one (rows (n, width, ny))."""
     whole = task.layout(groups).embed(rows, group)
     information = task.information(rows, group, groups)

@@ -10,8 +10,8 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.design._information import Task
 from symfive.design._optimise import value_of
 from symfive.design._refine import Rows
@@ -19,7 +19,6 @@ from symfive.design._space import UNIT_MM, Space
 
 __all__ = ["not_rounded", "on_grid", "one_tool", "rounded"]
 
-Array = NDArray[np.float64]
 ANGLE, PLACE = np.radians(0.01), 1.0 / UNIT_MM
 """The grid: rad, and 1 mm in the units of a design."""
 RINGS = (1, 10, 100)
@@ -65,7 +64,7 @@ def _levels(value: float, low: float, high: float) -> list[float]:
     return [float(n * PLACE) for n in inside[np.argsort(np.abs(inside * PLACE - value))][:3]] or [value]
 
 
-def _poses_in(space: Space, z: Array, k: Array, setup: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _poses_in(space: Space, z: Array, k: Array, setup: Array) -> tuple[Array, Flags]:
     """The rows with their poses rounded in a set-up, and which of them can be reached there; the others keep their pose."""
     poses = space.poses
     own = z.copy()

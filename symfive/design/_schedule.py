@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
 from symfive.design._criteria import Volume
 from symfive.design._information import Task, inverse
@@ -23,8 +23,6 @@ from symfive.procedures import Nominal
 
 __all__ = ["SETUP_S", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 SETUP_S = 300.0
 """Time to place a nest or a ball and to mount the tool, before each run."""
 UNSAFE_S = 60.0

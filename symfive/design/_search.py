@@ -10,8 +10,8 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.design._exchange import Candidates
 from symfive.design._information import Task
 from symfive.design._relaxed import Relaxed, sensitivity
@@ -20,8 +20,6 @@ from symfive.design._space import Space
 
 __all__ = ["COARSE", "FEW", "MANY", "Search"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 COARSE = 4096
 FEW, MANY = 25, 125
 """Poses of the grid in a set-up from which a search ascends, by the square of how many angles a pose has: while poses are

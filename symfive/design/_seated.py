@@ -15,8 +15,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.design._candidates import pose_grid
 from symfive.design._order import move_times
 from symfive.design._rounding import on_grid
@@ -25,8 +25,6 @@ from symfive.nc import Positions, Way
 
 __all__ = ["Clear", "Seated", "bars_of"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 BETWEEN = np.linspace(0.0, 1.0, 37)[1:-1]
 """Shares of a move at which the limits are looked at while the order is sought."""
 FEWER = BETWEEN[2::5]
@@ -99,7 +97,7 @@ class Seated:
         legs = dict.fromkeys(leg for path in paths if path for leg in itertools.pairwise(path))
         return [(self._position(a), self._position(b)) for a, b in legs]
 
-    def reached_from(self, pose: int, z: Array) -> NDArray[np.bool_]:
+    def reached_from(self, pose: int, z: Array) -> Flags:
         """Whether the straight moves from a pose to other rows (m, nz) of the set-up keep all limits (m,)."""
         both, k = np.concatenate([self.z[pose : pose + 1], z]), np.repeat(self.k[:1], len(z) + 1, axis=0)
         return ~_leaves(self.space, both, k, np.zeros(len(z), dtype=np.int64), np.arange(1, len(z) + 1), BETWEEN)
@@ -185,7 +183,7 @@ class Seated:
         return csr_array(np.where(edge, np.maximum(times, LEAST_S), 0.0))
 
 
-def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, shares: Array) -> NDArray[np.bool_]:
+def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, shares: Array) -> Flags:
     """Whether the seated moves from some rows to others leave the limits: rotary axes straight, the ball in its nest or the bar
     on the shorter arc, as the program drives."""
     a, b = z[first], z[last]

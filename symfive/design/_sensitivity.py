@@ -10,14 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.design._information import Layout
 from symfive.design._space import Space
 
 __all__ = ["PENALTY", "SensitivityFunction", "local_maxima", "sensitivity_function"]
 
-Array = NDArray[np.float64]
 PENALTY = 10.0
 """Weight of the squared violation (in 100 mm) against φ over its largest value."""
 STAGES = ((PENALTY, 6), (PENALTY, 8), (30.0 * PENALTY, 6))
@@ -148,7 +147,7 @@ def _newton_steps(phi: SensitivityFunction, poses: Array, top: float, penalty: f
     return poses
 
 
-def _step(slope: Array, bent: Array, free: NDArray[np.bool_], trust: Array) -> Array:
+def _step(slope: Array, bent: Array, free: Flags, trust: Array) -> Array:
     """Newton's step uphill in the angles that are free, no longer than `trust`: curvatures count by their size."""
     finite = np.isfinite(np.concatenate([slope[:, :, None], bent], axis=2)).all(axis=(1, 2), keepdims=True)
     slope, bent = np.where(finite[:, :, 0], slope, 0.0), np.where(finite, bent, 0.0)

@@ -22,8 +22,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.compiled import Mapped
 from symfive.design._bodies import (
@@ -44,7 +44,6 @@ from symfive.parameters import Parameter
 
 __all__ = ["PARALLEL", "SETUP_VARIABLES", "Space", "make_space"]
 
-Array = NDArray[np.float64]
 SETUP_VARIABLES = ("table_ball.radius", "table_ball.angle", "table_ball.height", "tool.length")
 UNIT_MM = 100.0
 DIGITS = 6
@@ -98,14 +97,14 @@ class Space:
         values = self.axes(z, k)[0]
         return {name: np.round(values[:, i], DIGITS) + 0.0 for i, name in enumerate(self.machine.axis_names)}
 
-    def feasible(self, z: Array, k: Array, rows: Array | None = None) -> NDArray[np.bool_]:
+    def feasible(self, z: Array, k: Array, rows: Array | None = None) -> Flags:
         """Rows (n,) inside all limits, whose expected reading (3σ of the priors) stays within the sensor's range; `rows` their
         sensitivities where they are at hand."""
         inside = np.all((z >= self.lower - 1e-9) & (z <= self.upper + 1e-9), axis=1)
         inside &= np.all(self.kernel.limits(z, k) >= -1e-9, axis=1)
         return np.asarray(inside & self.in_range(z, k, rows))
 
-    def in_range(self, z: Array, k: Array, rows: Array | None = None) -> NDArray[np.bool_]:
+    def in_range(self, z: Array, k: Array, rows: Array | None = None) -> Flags:
         """Whether 3σ of the priors keep the reading inside the sensor's range or the bar's stroke."""
         limit = self.machine.workspace.stroke(bar=self.instrument == "ball_bar")
         seen = (self.kernel.rows(z, k) if rows is None else rows)[:, : len(self.shared), :]

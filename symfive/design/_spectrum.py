@@ -18,12 +18,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
+
+from symfive.arrays import Array, Indices
 
 __all__ = ["Spectrum", "spectrum_of"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Order = tuple[int, ...]
 ValuesAt = Callable[[Array], Array]
 """φ (n,) at poses (n, d)."""

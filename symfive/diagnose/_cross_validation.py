@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.diagnose._groups import way
 from symfive.diagnose._result import Fit
 from symfive.effects import Effect
@@ -18,7 +18,6 @@ from symfive.threads import one_thread
 
 __all__ = ["cross_validated"]
 
-Array = NDArray[np.float64]
 FOLDS = 4
 
 

@@ -18,10 +18,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln
 from scipy.stats import chi2, f
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign
 from symfive.diagnose._groups import partitions
 from symfive.identify import Identification, identify
@@ -31,7 +31,6 @@ from symfive.threads import one_thread
 
 __all__ = ["Detection", "Disagreement", "Test", "detect", "log_tail"]
 
-Array = NDArray[np.float64]
 MAX_LAG = 20
 SILENT = 1e-9
 """A group with less than this share of what all tell of a parameter says nothing of it."""
@@ -125,7 +124,7 @@ def detect(
 class _Gram:
     """Of one run: whitened [fitted columns | residual], `matrix` (k + 1, k + 1) at `where` in the fit's parameters."""
 
-    where: NDArray[np.int64]
+    where: Indices
     matrix: Array
 
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from symfive.arrays import Array
 from symfive.diagnose._ask import asked, folder_of
 from symfive.diagnose._locate import Location
 from symfive.diagnose._places import direction_of, intervals_of
@@ -33,7 +33,6 @@ from symfive.threads import one_thread
 
 __all__ = ["amend", "findings_of", "model_averaged", "moved"]
 
-Array = NDArray[np.float64]
 LISTED = 1e-3
 """Rivals less probable than this are not listed."""
 ACTS = 0.05

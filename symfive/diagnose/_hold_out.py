@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.campaign import Campaign
 from symfive.diagnose._split import Split
 from symfive.effects import Effect, Varying, coordinate_words, effect_words
@@ -25,8 +25,7 @@ __all__ = [
     "withdraw", "worse_held_out",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.bool_]
+Rows = Flags
 TOLERANCE = 1e-2
 """Share of its 1σ by which no set-up error moves any more."""
 WORSE = 0.01

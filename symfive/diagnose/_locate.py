@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection, detect
 from symfive.diagnose._places import Interval, direction_of, intervals_of
@@ -38,7 +38,6 @@ from symfive.threads import one_thread
 
 __all__ = ["Location", "Observability", "Suspect", "locate", "located", "observability_words"]
 
-Array = NDArray[np.float64]
 ALIKE = 0.999
 """Cosine of two visible shapes from which on they are one class: at 22 σ of size they would differ by 1 σ."""
 CLEAR = 3.0

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.machine import Machine
 
 __all__ = ["Interval", "direction_of", "intervals_of"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

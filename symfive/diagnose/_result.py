@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.design import Discrimination
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._hold_out import WORSE, HoldOut
@@ -26,7 +26,6 @@ __all__ = [
 ]  # fmt: skip
 
 SCHEMA = "symfive.diagnosis/1"
-Array = NDArray[np.float64]
 BEYOND = 1.5
 """Held-out readings predicted so many times worse than fitted ones are reported."""
 EXPLAINED = 1.1

@@ -8,8 +8,8 @@ from fnmatch import fnmatchcase
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Flags
 from symfive.campaign import Campaign, Run
 from symfive.diagnose._groups import kind_of
 from symfive.errors import InputError
@@ -18,7 +18,7 @@ from symfive.instruments import instruments_of
 
 __all__ = ["Split", "first_half", "parted", "runs_of"]
 
-Rows = NDArray[np.bool_]
+Rows = Flags
 SHOWN = 6
 """Held-out runs whose names are written out, at most."""
 HOW = "write half, cycles, or runs:NAME,NAME with names or patterns (*) of runs"

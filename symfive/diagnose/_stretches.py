@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Campaign, Run
 from symfive.disk import release
 from symfive.motion import approach
@@ -20,7 +20,6 @@ from symfive.runs import Piece
 
 __all__ = ["LONG", "stretches_of"]
 
-Array = NDArray[np.float64]
 LONG, SEEN = 20_000, 8_000
 """Rows of all recordings up to which the search sees every one, which takes 1 GB; and about how many it sees of more."""
 MOST_STEP = 8
@@ -35,7 +34,7 @@ PLACES, SPEEDS, TIMES = 16, 8, 16
 """Cells into which the travel of an axis, its speed and the time of a run are cut."""
 
 
-def stretches_of(campaign: Campaign) -> tuple[Campaign, Mapping[str, NDArray[np.bool_]]]:
+def stretches_of(campaign: Campaign) -> tuple[Campaign, Mapping[str, Flags]]:
     """The campaign as the search sees it, and of every run which of its rows (N,) these are. The same campaign where its
     recordings are not long.
 
@@ -58,7 +57,7 @@ def stretches_of(campaign: Campaign) -> tuple[Campaign, Mapping[str, NDArray[np.
     return replace(campaign, runs=tuple(runs.values())), seen
 
 
-def _cut(run: Run, rows: NDArray[np.bool_], step: int) -> tuple[Run, NDArray[np.bool_]]:
+def _cut(run: Run, rows: Flags, step: int) -> tuple[Run, Flags]:
     """Every `step`th of these rows of a run, in pieces each of which is led to; and which they are (N,)."""
     turned, margin = _since_reversals(run), int(np.ceil(SETTLED_S / run.interval))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]])))
@@ -77,7 +76,7 @@ def _cut(run: Run, rows: NDArray[np.bool_], step: int) -> tuple[Run, NDArray[np.
     return replace(run, time=time, commands=of(run.commands), readings=of(run.readings), pieces=tuple(pieces)), kept
 
 
-def _since_reversals(run: Run) -> NDArray[np.int64]:
+def _since_reversals(run: Run) -> Indices:
     """The row (N,) before each one since which every axis that moves has turned round, its first one where one has not."""
     found = np.arange(run.rows)
     for command in run.commands.values():
@@ -103,7 +102,7 @@ def _chosen(shares: Array, count: int) -> list[int]:
     return chosen
 
 
-def _shares(run: Run, stretches: NDArray[np.int64]) -> Array:
+def _shares(run: Run, stretches: Indices) -> Array:
     """How many rows of each stretch fall into each cell (stretches, cells)."""
     tables = [_counted(stretches, _cells(np.asarray(run.time), TIMES), TIMES)]
     for command in run.commands.values():
@@ -117,12 +116,12 @@ def _shares(run: Run, stretches: NDArray[np.int64]) -> Array:
     return np.concatenate(tables, axis=1)
 
 
-def _cells(values: Array, count: int) -> NDArray[np.int64]:
+def _cells(values: Array, count: int) -> Indices:
     """Index of the equal-width cell in which each value lies."""
     low, reach = float(values.min()), max(float(np.ptp(values)), 1e-300)
     return np.minimum((values - low) * (count / reach), count - 1).astype(np.int64)
 
 
-def _counted(stretches: NDArray[np.int64], cells: NDArray[np.int64], size: int) -> Array:
+def _counted(stretches: Indices, cells: Indices, size: int) -> Array:
     count = int(stretches[-1]) + 1
     return np.bincount(stretches * size + cells, minlength=count * size).reshape(count, size).astype(float)

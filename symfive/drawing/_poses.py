@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.drawing._colours import SERIES
 from symfive.instruments import instruments_of
@@ -18,7 +18,6 @@ from symfive.procedures import Nominal
 
 __all__ = ["SCRIPT", "poses_figure", "projected"]
 
-Array = NDArray[np.float64]
 SCRIPT = (files("symfive.drawing") / "poses.js").read_text(encoding="utf-8")
 """Turns every such figure of a page by dragging and by the arrow keys."""
 TURN, TILT = -60.0, 25.0

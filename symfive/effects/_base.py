@@ -6,9 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
+from symfive.arrays import Array
 from symfive.effects._form import AXIS, TOOL, Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.effects._rates import rate_of
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["LINKS", "STAGES", "Effect"]
 
-Array = NDArray[np.float64]
 STAGES = ("drive", "axis", "structure", "reading", "recording")
 """In which order effects enter: inside the position loop, behind the drive, in the structure, in the
 instrument's reading of a row, in what its recorder makes of all rows together."""

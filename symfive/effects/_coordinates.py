@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.machine import Machine
 from symfive.motion import Acceleration, Direction, Position, Signal, Velocity, approach
 from symfive.runs import Run
@@ -19,7 +19,6 @@ __all__ = [
     "usual_span",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 VELOCITY, ACCELERATION = " velocity", " acceleration"
 SINCE = " since reversal"
 SIGN = " velocity sign"

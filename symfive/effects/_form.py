@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from symfive.arrays import Array
 
 if TYPE_CHECKING:
     from symfive.effects._base import Effect
@@ -19,7 +20,6 @@ __all__ = [
     "own_component", "reversing", "revisited",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 TOOL, AXIS, CARRIED, BALL, FORCE = "tool", "axis", "carried", "ball", "force"
 """Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3);
 a force in the recording of an axis' drive."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.parameters import Parameter
 from symfive.validation import as_lists
 
@@ -26,7 +26,6 @@ __all__ = [
     "seen_length",
 ]
 
-Array = NDArray[np.float64]
 KNOWN = 0.5
 """Of a direction of amplitudes the readings say more than the prior where they leave less than this share of its variance."""
 UNSEEN = 0.3

@@ -8,8 +8,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._coordinates import ACCELERATION, SIGN, SINCE, VELOCITY
 from symfive.effects._force import driven_axes
 from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing, revisited
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from symfive.effects.unknown import Unknown
     from symfive.runs import Campaign, Run
 
-Array = NDArray[np.float64]
 HARMONICS, LEAST_CYCLES = 3, 2.0
 """Of a cycle over time: number of harmonics, and the least number of periods in the recording."""
 SIDES, CLOSEST = 16, 1e-5

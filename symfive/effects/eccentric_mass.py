@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._gravity import DOWN, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase
@@ -75,7 +75,7 @@ class EccentricMass(Effect):
         }
 
 
-def _across(direction: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _across(direction: Array) -> tuple[Array, Array]:
     """Two unit vectors across a unit vector, right-handed with it; (x, y) for z."""
     seed = np.eye(3)[0] if abs(direction[0]) < 0.9 else np.eye(3)[1]
     first = seed - direction * (direction @ seed)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
 from symfive.effects._form import Form, Forms, moving
@@ -112,7 +112,7 @@ class GravitySag(Effect):
         for part in self.parts:
             row.add_motion(self.component, self.parameter(row, part) * sizes[part])
 
-    def _directions(self, machine: Machine) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _directions(self, machine: Machine) -> tuple[Array, Array]:
         """Unit vectors in the body across the axis: the horizontal one, and the one against gravity."""
         axis = machine.axes[str(self.axis)]
         direction, down = np.asarray(axis.direction), np.asarray(self.down) / np.linalg.norm(self.down)

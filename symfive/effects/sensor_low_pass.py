@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
 from symfive.instruments import has_clock_of_its_own
@@ -17,7 +17,6 @@ from symfive.parameters import Parameter
 if TYPE_CHECKING:
     from symfive.runs import Campaign, Run
 
-Array = NDArray[np.float64]
 NEGLIGIBLE = 1e-18
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._form import TOOL, Form, Forms, Scan, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
-Array = NDArray[np.float64]
 LOWEST_HZ, HIGHEST_HZ, SPACING = 5.0, 120.0, 1.08
 """Where a mode of a structure is looked for; one that is off by its damping still rings in step."""
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._form import TOOL, Form, Forms, Scan
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagate
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
-Array = NDArray[np.float64]
 SHAPES = ("exponential", "mixture", "linear", "delayed")
 ONSETS = 9
 """Onset times of a late drift that are tried, a tenth of the campaign apart: closer than a time constant can be resolved."""
@@ -138,7 +137,7 @@ class ThermalDrift(Effect):
         the first part of the rise was seen."""
         end, names = self.clock_span(campaign), [p.name for p in self.parameters(campaign)]
 
-        def length(p: NDArray[np.float64]) -> list[float]:
+        def length(p: Array) -> list[float]:
             if self.shape == "linear":
                 return [float(np.linalg.norm(p[:3])) * end / 3600.0]
             lasts = max(end - p[4], 0.0) if self.shape == "delayed" else end

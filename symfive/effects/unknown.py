@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._coordinates import (
     ACCELERATION,
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
-Array = NDArray[np.float64]
 PLACES = ("axis", "structure", "force")
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._coordinates import SIGN, VELOCITY, coordinate_in, coordinate_values, owner, signals_of
 from symfive.effects._form import Form, goes_round, moving
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from symfive.runs import Campaign, Run
 
 __all__ = ["Varying", "varies_over"]
-
-Array = NDArray[np.float64]
 
 
 def varies_over(campaign: Campaign) -> tuple[str, ...]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._form import TOOL, Form, Forms, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity, propagate, seen_length
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
-Array = NDArray[np.float64]
 PLACES = ("structure", "reading")
 LEAST_CYCLES = 4.0
 """Cycles in the longest run, at least: fewer are a cycle over the campaign, not a vibration."""

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainccinv, ndtr, ndtri, softmax
 
+from symfive.arrays import Array
 from symfive.history._filter import Steps
 from symfive.history._limits import WEIGHT, Limits
 from symfive.history._usual import Predictive, Usual
 
 __all__ = ["Alarm", "Cause", "Watch", "causes_of"]
 
-Array = NDArray[np.float64]
 PRESENT = 0.05
 """An error with a smaller share in the determined directions is no candidate: the visits hardly determine it."""
 NAMED = 0.05

@@ -19,9 +19,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincc
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.history._alarms import Cause, causes_of
 from symfive.history._information import information_of
@@ -30,7 +30,6 @@ from symfive.numbers import power_of_ten, with_std
 
 __all__ = ["ITSELF", "Change", "FindingChange", "Scatter", "change_between"]
 
-Array = NDArray[np.float64]
 ITSELF = 0.9
 """An error is compared by itself where so much of it lies in the directions that both visits determine."""
 

@@ -9,15 +9,14 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.history._forecast import YEAR, Forecast
 from symfive.history._trend import Trend
 from symfive.numbers import plain_number, rounded, unit_words
 
 __all__ = ["Chart", "Mark", "Spark", "charts_of", "spark"]
 
-Array = NDArray[np.float64]
 Place = Callable[[Any], Any]
 """Where a time or a value (any shape) stands in the drawing."""
 WIDE, TALL = 340.0, 150.0

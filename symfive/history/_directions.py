@@ -15,13 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.history._information import Information
 
 __all__ = ["Readings", "readings_of"]
 
-Array = NDArray[np.float64]
 DETERMINED = 0.5
 
 

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from symfive.arrays import Array, Flags
 from symfive.history._directions import Readings
 from symfive.history._filter import State
 from symfive.history._information import Information
@@ -17,7 +17,6 @@ from symfive.history._visit import time_text
 
 __all__ = ["BAND", "YEAR", "Forecast", "errors_at", "forecasts_of", "years_ahead"]
 
-Array = NDArray[np.float64]
 YEAR = 365.25 * 86400.0
 BAND = 0.95
 POINTS = 400
@@ -54,7 +53,7 @@ def years_ahead(length: float) -> Array:
 
 
 def errors_at(
-    readings: Readings, scale: Array, known: Array, mean: Array, covariance: Array, begun: NDArray[np.bool_]
+    readings: Readings, scale: Array, known: Array, mean: Array, covariance: Array, begun: Flags
 ) -> tuple[Array, Array]:
     """Errors (n, k) and their 1σ, file units, from n levels (n, r) and their variances (n, r) along the readings' directions.
 
@@ -68,7 +67,7 @@ def errors_at(
 
 
 def forecasts_of(
-    state: State, readings: Readings, data: Information, *, which: NDArray[np.bool_], warmth: float, ahead: Array, now: float,
+    state: State, readings: Readings, data: Information, *, which: Flags, warmth: float, ahead: Array, now: float,
     tolerances: Mapping[str, float],
 ) -> tuple[Forecast, ...]:  # fmt: skip
     """The forecast of errors `which` (k,) from the instant `now` over the years `ahead`, at one temperature."""

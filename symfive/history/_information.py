@@ -15,14 +15,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.history._visit import Visit
 from symfive.history._zero import shifts
 
 __all__ = ["FLAT", "Information", "information_of"]
 
-Array = NDArray[np.float64]
 FLAT = 1e3
 """1σ that stands for no prior, in the parameter's own 1σ: it outweighs no data."""
 
@@ -40,7 +39,7 @@ class Information:
     scale: Array
     information: Array
     score: Array
-    seen: NDArray[np.bool_]
+    seen: Flags
     value: Array
     std: Array
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
+
+from symfive.arrays import Array
 
 __all__ = ["RATE", "WEIGHT", "Limits", "ewma_run_length"]
 
@@ -61,7 +62,7 @@ def ewma_run_length(limit: float, weight: float = WEIGHT) -> float:
 
 
 @lru_cache
-def _run_lengths() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _run_lengths() -> tuple[Array, Array]:
     limits = np.linspace(1.0, 7.0, 25)
     return limits, np.log([ewma_run_length(float(limit)) for limit in limits])
 

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.history._alarms import Alarm
@@ -24,7 +24,6 @@ from symfive.validation import as_lists
 
 __all__ = ["Trend", "alarm_data", "trend_of"]
 
-Array = NDArray[np.float64]
 SPARK_POINTS = 60
 
 

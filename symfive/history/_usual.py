@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, gammaln, ndtr, softmax, stdtr
 
+from symfive.arrays import Array, Flags
+
 __all__ = ["Predictive", "Updates", "Usual"]
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 DEGREES = np.array([1.0, 4.0, 16.0, 64.0])
 """How many visits' worth the likeness of errors of one kind is, beside without end."""
 POINTS, WIDEST = 17, 0.75

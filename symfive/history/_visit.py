@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import one_line, shown
 from symfive.numbers import with_std
@@ -28,7 +29,6 @@ STAGES = ("", "as-found", "as-left")
 KINDS = ("repair", "adjustment", "collision", "note")
 MOST_TEXT = 500
 DIGITS = 12
-Array = NDArray[np.float64]
 Twist = tuple[float, float, float]
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.history._alarms import Alarm, Cause, Watch
 from symfive.history._directions import Readings
 from symfive.history._filter import State, follow
@@ -21,8 +22,6 @@ from symfive.history._visit import Event, Visit
 
 __all__ = ["Watched", "watch_visits"]
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 STRETCH = 64
 """Visits that go through filter and watch at once."""
 COURSE = 1

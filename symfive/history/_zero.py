@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.history._visit import Visit
 from symfive.machine import Structure
 
 __all__ = ["shifts"]
 
-Array = NDArray[np.float64]
 MICRO = 1e3, 1e6
 """µm in a mm, µrad in a rad."""
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 
 __all__ = ["BallRunout", "SensorCalibration", "ball_runout", "calibrate_sensors"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

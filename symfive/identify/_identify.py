@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.effects import Effect
 from symfive.errors import InputError
@@ -20,8 +20,6 @@ from symfive.model import Model
 from symfive.threads import one_thread
 
 __all__ = ["identify", "summarise"]
-
-Array = NDArray[np.float64]
 
 
 def _silent(message: str) -> None:

@@ -6,14 +6,13 @@ from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import EvaluationError
 from symfive.inference import Problem
 
 __all__ = ["solve_with_ipopt"]
 
-Array = NDArray[np.float64]
 HUBER = 1.345
 """Where Huber's loss turns linear, in σ: 95 % efficiency for Gaussian noise (P. J. Huber 1981)."""
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.disk import new_table, release
 from symfive.errors import InputError
@@ -106,7 +106,7 @@ def predict(fitted: FittedModel | Identification | Path | str, campaign: Campaig
     return Prediction(replace(campaign, runs=tuple(predicted)), rms, kept, by_column, setup)
 
 
-def _predicted(model: Model, run: Run, values: NDArray[np.float64]) -> Run:
+def _predicted(model: Model, run: Run, values: Array) -> Run:
     """The run with the model's readings, computed window by window; on disk where they are long."""
     columns = model.columns(run)
     table = new_table(len(columns), run.rows)

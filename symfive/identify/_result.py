@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE
 from symfive.disk import release
 from symfive.errors import InputError
@@ -24,7 +24,6 @@ __all__ = ["SCHEMA", "UNCONVERGED", "Identification", "MotionCurve"]
 
 SCHEMA = "symfive.identification/1"
 UNCONVERGED = "The fit did not converge: uncertainties may be wrong, take nothing below as final."
-Array = NDArray[np.float64]
 CURVE_POINTS = 37
 
 

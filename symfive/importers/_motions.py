@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.files import shown
 from symfive.importers._xml import Element, vector
 
 __all__ = ["Motions"]
 
-Array = NDArray[np.float64]
 MAX_CHAIN = 50
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import read_text, shown
 
@@ -102,7 +102,7 @@ def number(element: Element, word: str | None = None) -> float:
     return value
 
 
-def vector(element: Element, tag: str, keys: str = "XYZ") -> NDArray[np.float64] | None:
+def vector(element: Element, tag: str, keys: str = "XYZ") -> Array | None:
     """Three numbers of a child `tag`, or of the entries `keys` of its data set `tag`DataSet; None where there is neither."""
     for child in element.children:
         if child.tag == tag:

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.importers.table import Table
@@ -19,7 +19,6 @@ from symfive.machine import Machine
 
 __all__ = ["Meaning", "guessed_meanings", "meanings", "shown_meanings", "taken"]
 
-Array = NDArray[np.float64]
 SCALES = {
     "length": {"mm": 1.0, "um": 1e-3, "m": 1e3, "in": 25.4},
     "angle": {"deg": 1.0, "rad": 180.0 / np.pi, "gon": 0.9, "urad": 1.8e-4 / np.pi},

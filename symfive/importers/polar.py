@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.files import read_text, shown
@@ -27,7 +27,6 @@ from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
 __all__ = ["FITTED", "as_moved", "as_planned", "polar_doubts", "polar_run", "read_polar"]
 
-Array = NDArray[np.float64]
 UNITS = {"um": 1.0, "mm": 1e3}
 EVEN = 0.05
 """Steps of the angle may differ from their median by this share (and be whole multiples of it where rows are lost)."""

@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, as_moved, polar_run
@@ -29,7 +29,6 @@ from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 
 __all__ = ["Setting", "positioning_run", "probe_run", "recorded_run", "runs_of"]
 
-Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 SPHERE = SetupSigma(table_ball=1000.0, tool_ball=20.0)
 """A calibration sphere is put down by eye and a rule."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
@@ -27,7 +27,6 @@ from symfive.separated import Marks, are_numbers, cells_of, signs_of
 
 __all__ = ["Matched", "Rest", "cut_at_rests", "read_recording", "rests_of"]
 
-Array = NDArray[np.float64]
 UNITS = {"um": 1.0, "mm": 1e3}
 IN_MM = re.compile(r"(?:^|[^a-z])mm[\])\s]*$", re.I)
 """How the name of a column in mm ends."""
@@ -251,7 +250,7 @@ def _assigned(run: Run, starts: Sequence[float]) -> list[dict[int, int]]:
     return [found[0], *(other for other in found[1:] if any(rows_of.get(i, row) != row for row, i in other.items()))]
 
 
-def _traced(before: NDArray[np.int64], i: int, row: int) -> dict[int, int]:
+def _traced(before: Indices, i: int, row: int) -> dict[int, int]:
     found = {}
     while i >= 0:
         found[row] = i

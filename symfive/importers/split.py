@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.campaign import Campaign, Run
 from symfive.circles import CircleFinder
 from symfive.errors import InputError
@@ -18,8 +18,7 @@ from symfive.machine import Machine
 
 __all__ = ["SPLITS", "cycles_of", "every", "moved_pieces", "piece_of", "prepared", "rows_of", "split", "turns_of"]
 
-Array = NDArray[np.float64]
-Rows = slice | NDArray[np.bool_] | list[int]
+Rows = slice | Flags | list[int]
 SAME = 1e-3
 """Commands of two cycles so near each other (mm, degree) are one target."""
 REST_S = 1.0

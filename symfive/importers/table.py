@@ -11,15 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError, inside
 from symfive.files import one_line, read_bytes, shown
 from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
 __all__ = ["Table", "read_table"]
 
-Array = NDArray[np.float64]
 MAX_BYTES = 200_000_000
 _UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad))?$")
 _BLANKS = re.compile(r",?\s+(?![\[(])")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.files import read_text, shown
@@ -17,7 +17,6 @@ from symfive.instruments import touches_of
 
 __all__ = ["Probed", "fitted_centres", "probed_run", "read_touches"]
 
-Array = NDArray[np.float64]
 LEAST_TOUCHES = 4
 ROUNDS = 20
 ENOUGH_MM = 1e-10

@@ -11,13 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.parameters import Parameter, parameter_words
 
 __all__ = ["Confounding", "confounded_combinations", "data_rank"]
 
-Array = NDArray[np.float64]
 SHARE = 0.05
 
 
@@ -83,7 +82,7 @@ def _is_machine(name: str, parameters: Sequence[Parameter]) -> bool:
     return any(p.name == name and p.kind != "setup" for p in parameters)
 
 
-def _echelon(basis: Array, preferred: NDArray[np.bool_]) -> Array:
+def _echelon(basis: Array, preferred: Flags) -> Array:
     """Reduced row-echelon form with complete pivoting, `preferred` columns first as long as they carry enough."""
     rows = basis.copy()
     free = np.ones(rows.shape[1], dtype=bool)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.inference._noise import Block
 
 __all__ = ["Information", "NormalEquations"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.disk import release
 from symfive.inference._whitening import Noise, innovations, steady_variance, whiten
 from symfive.inference._windows import spans_of
 
 __all__ = ["Block", "estimate_noise", "long_run_variance", "plain_noise", "square_of"]
 
-Array = NDArray[np.float64]
 LEVEL = 0.01
 ROUNDING = 1e-12
 """What is added to the diagonal so that rounding cannot make an eigenvalue negative."""
@@ -35,9 +34,9 @@ class Block:
 
     residual: Array
     jacobian: Array
-    columns: NDArray[np.int64]
+    columns: Indices
     interval: float
-    left_out: NDArray[np.bool_]
+    left_out: Flags
 
     @property
     def kept(self) -> int:
@@ -89,7 +88,7 @@ def plain_noise(blocks: Sequence[Block], declared: float) -> Noise:
     return Noise(max(declared, float(np.sqrt(square / max(sum(b.kept for b in blocks), 1)))), declared=declared)
 
 
-def square_of(residual: Array, left_out: NDArray[np.bool_]) -> float:
+def square_of(residual: Array, left_out: Flags) -> float:
     """Sum of the squares that are not left out, (N, ny)."""
     total = 0.0
     for rows in spans_of(len(residual)):

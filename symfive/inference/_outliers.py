@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.disk import new_table, release
 from symfive.inference._noise import Block
 from symfive.inference._whitening import Noise, Whitening, whiten
@@ -18,7 +18,6 @@ __all__ = [
     "OUTLIER_LEVEL", "Outlier", "isolated_outliers", "leverage_of", "one_by_one", "outlier_limit", "short_groups",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 Key = tuple[str, str]
 OUTLIER_LEVEL = 0.01
 LONGEST_OUTLIER = 3
@@ -85,7 +84,7 @@ def leverage_of(
 
 def one_by_one(
     blocks: Mapping[Key, Block], covariance: Array, noises: Mapping[Key, Noise], limit: float
-) -> dict[Key, NDArray[np.bool_]]:
+) -> dict[Key, Flags]:
     """Which readings (N, ny) stay beyond `limit` σ when the worse ones are left out: these bend the fit, and by that the
     residuals of good ones (data snooping, W. Baarda 1968). Of more than `MOST_SNOOPED`, those that are left out already.
 
@@ -118,7 +117,7 @@ def one_by_one(
     return {key: short_groups(mask) | blocks[key].left_out for key, mask in found.items()}
 
 
-def short_groups(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def short_groups(mask: Flags) -> Flags:
     """Those of some readings (N, ny) that stand in groups short enough to be outliers."""
     kept = np.zeros_like(mask)
     for j in range(mask.shape[1]):

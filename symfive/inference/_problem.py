@@ -6,8 +6,8 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.disk import new_table, release
 from symfive.effects import Effect
 from symfive.inference._information import Information, NormalEquations
@@ -30,7 +30,6 @@ from symfive.runs import Run
 
 __all__ = ["Key", "Problem"]
 
-Array = NDArray[np.float64]
 Key = tuple[str, str]
 SHORT = 100
 LOUD = 2.0
@@ -46,9 +45,9 @@ class Problem:
     window and takes no more memory for long runs."""
 
     model: Model
-    free: NDArray[np.bool_]
+    free: Flags
     noises: dict[Key, Noise] = field(default_factory=dict)
-    left_out: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    left_out: dict[str, Flags] = field(default_factory=dict)
     outliers: list[Outlier] = field(default_factory=list)
     repeats: tuple[tuple[str, ...], ...] = ()
     _margins: dict[str, int] = field(default_factory=dict, repr=False)
@@ -56,7 +55,7 @@ class Problem:
 
     @classmethod
     def of(
-        cls, model: Model, free: NDArray[np.bool_] | None = None, noises: Mapping[tuple[str, str], Noise] | None = None
+        cls, model: Model, free: Flags | None = None, noises: Mapping[tuple[str, str], Noise] | None = None
     ) -> Problem:
         """The problem with declared white noise and no outliers."""
         problem = cls(model, np.ones(len(model.parameters), dtype=bool) if free is None else free)
@@ -103,9 +102,7 @@ class Problem:
             found |= self._cut(run, slice(0, run.rows), residual, line.jacobian, line.columns)
         return found
 
-    def _cut(
-        self, run: Run, rows: slice, residual: Array, slopes: Array, columns: NDArray[np.int64]
-    ) -> dict[Key, Block]:
+    def _cut(self, run: Run, rows: slice, residual: Array, slopes: Array, columns: Indices) -> dict[Key, Block]:
         """Residuals (n, ny) of some rows of a run and slopes (n, ny, k), by instrument, with the free parameters' slopes."""
         used, interval = self.free[columns], run.interval
         if not used.all():
@@ -200,7 +197,7 @@ class Problem:
         """Readings less predictions: run → (N, ny), all columns, on disk where they are long."""
         return {run.id: self._residuals(run, values, 0)[0] for run in self.model.campaign.runs}
 
-    def _residuals(self, run: Run, values: Array, head: int) -> tuple[Array, list[Array], NDArray[np.int64]]:
+    def _residuals(self, run: Run, values: Array, head: int) -> tuple[Array, list[Array], Indices]:
         """Residuals (N, ny), slopes of the first `head` rows piece by piece, and the parameters that these are of."""
         residual, slopes, columns = new_table(run.rows, len(self.model.columns(run))), [], np.zeros(0, dtype=np.int64)
         for window in windows_of(self.model, run, values, self._margins, head):
@@ -296,7 +293,7 @@ class Problem:
         size = len(self.model.parameters)
         total = np.zeros((size, size))
         series: dict[Key, list[Array]] = {}
-        columns: dict[Key, NDArray[np.int64]] = {}
+        columns: dict[Key, Indices] = {}
         plain = {key for key in self.noises if INSTRUMENTS[key[1]].plain_weights}
         for key, block, white in self.whitened_at(values, plain):
             if not len(block.columns):  # nothing is free there: no information, and none to be in excess

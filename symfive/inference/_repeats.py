@@ -7,15 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.model import Model
 from symfive.motion import approach
 from symfive.runs import Run
 
 __all__ = ["Alike", "alike", "alone_among_repeats", "repeats_say_so"]
 
-Array = NDArray[np.float64]
 Key = tuple[str, str]
 POSE_DIGITS = 9
 FEWEST = 3
@@ -30,9 +29,9 @@ class Alike:
     """Recordings of one instrument at one set-up: by recording, the number of what was done in each row (N,). Rows of all of
     them with the same number were read in the same way."""
 
-    numbers: Mapping[Key, NDArray[np.int64]]
+    numbers: Mapping[Key, Indices]
 
-    def others(self, key: Key, row: int) -> Iterator[tuple[Key, NDArray[np.int64]]]:
+    def others(self, key: Key, row: int) -> Iterator[tuple[Key, Indices]]:
         """The other rows that were read in the same way as one, by recording."""
         number = self.numbers[key][row]
         for other, numbers in self.numbers.items():
@@ -65,7 +64,7 @@ def _setting(run: Run, model: Model) -> str:
     return repr((columns, run.table_ball, run.tool_ball, run.length, run.u, run.v))
 
 
-def _at_rest(runs: Sequence[Run]) -> Iterator[list[NDArray[np.int64]]]:
+def _at_rest(runs: Sequence[Run]) -> Iterator[list[Indices]]:
     axes = list(runs[0].commands)
     poses = np.concatenate([np.stack([run.commands[a] for a in axes], axis=1) for run in runs])
     sides = np.concatenate([np.stack([approach(run.commands[a]) for a in axes], axis=1) for run in runs])
@@ -75,7 +74,7 @@ def _at_rest(runs: Sequence[Run]) -> Iterator[list[NDArray[np.int64]]]:
         yield np.split(number.astype(np.int64), ends)
 
 
-def _in_motion(runs: Sequence[Run]) -> Iterator[list[NDArray[np.int64]]]:
+def _in_motion(runs: Sequence[Run]) -> Iterator[list[Indices]]:
     if len(runs) > 1:
         yield [np.arange(run.rows) for run in runs]
 
@@ -123,7 +122,7 @@ def alone_among_repeats(
     return found
 
 
-def _beyond(values: Array, place: NDArray[np.int64], owner: NDArray[np.int64], floor: float, level: float) -> Array:
+def _beyond(values: Array, place: Indices, owner: Indices, floor: float, level: float) -> Array:
     """What median polish leaves of readings (n,), over the limit."""
     from scipy.special import stdtrit
 

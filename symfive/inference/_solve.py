@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.errors import EvaluationError
 from symfive.inference._information import Information
 from symfive.inference._problem import Problem
@@ -15,7 +15,6 @@ from symfive.inference._problem import Problem
 __all__ = ["gauss_newton", "halved", "solve"]
 
 T = TypeVar("T")
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 MAX_STEPS = 40
 MAX_NOISE_ROUNDS = 5
@@ -115,9 +114,7 @@ def _information(problem: Problem, values: Array) -> Information | None:
         return None
 
 
-def _step(
-    matrix: Array, gradient: Array, damping: float, free: NDArray[np.int64], lowest: Array, highest: Array
-) -> Array:
+def _step(matrix: Array, gradient: Array, damping: float, free: Indices, lowest: Array, highest: Array) -> Array:
     """The damped step of the free parameters. Those that it would take beyond `lowest` or `highest` go there, and the others
     make the best of it."""
     step = np.zeros(len(gradient))

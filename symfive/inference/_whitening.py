@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+
+from symfive.arrays import Array
 
 __all__ = ["TRANSIENT", "Noise", "Whitening", "innovations", "steady_variance", "whiten"]
 
-Array = NDArray[np.float64]
 TRANSIENT = 64
 _BLOCK = 32
 _CACHED = 2**15

@@ -11,15 +11,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.disk import new_table, release
 from symfive.model import Model
 from symfive.runs import Run
 
 __all__ = ["Window", "predicted", "spans_of", "windows_of"]
 
-Array = NDArray[np.float64]
 LONG = 50_000
 """Up to so many rows a run is one window."""
 ROWS = 16_384
@@ -42,7 +41,7 @@ class Window:
     run: Run
     prediction: Array
     jacobian: Array | None
-    columns: NDArray[np.int64]
+    columns: Indices
 
     @property
     def rows(self) -> slice:

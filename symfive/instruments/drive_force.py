@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.instruments._base import Column, Instrument
 from symfive.parameters import Parameter
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["DriveForce", "FilteredMotion", "low_pass"]
 
-Array = NDArray[np.float64]
 TERMS = ("mass", "viscous", "coulomb", "offset")
 ORDER = 4
 FINER = 10

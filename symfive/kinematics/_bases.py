@@ -17,8 +17,8 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.compiled import Mapped
 from symfive.errors import InputError
 from symfive.machine import Axis, ErrorTerm, Machine
@@ -72,7 +72,7 @@ class Basis:
         each = [[1.0, *ca.vertsplit(f(q))] for (_, f), q in zip(self._families, coordinates, strict=True)]
         return [ca.SX(math.prod(one[k] for one, k in zip(each, chosen, strict=True))) for _, chosen in self._products]
 
-    def matrix(self, *coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def matrix(self, *coordinates: Array) -> Array:
         """The functions at N points: (N, number of functions)."""
         if not self.names:
             return np.zeros((len(coordinates[0]), 0))
@@ -147,13 +147,13 @@ def _bspline(q: Symbol, unit: float, travel: tuple[float, float], order: int, kn
     return [(f"S{i + 1}", values[i] - means[i]) for i in range(count - 1)]
 
 
-def _spline_means(knots: NDArray[np.float64], degree: int, count: int) -> NDArray[np.float64]:
+def _spline_means(knots: Array, degree: int, count: int) -> Array:
     """Mean of each B-spline over the knots: its integral is the width of its support over degree + 1 (C. de Boor 1978, X)."""
     widths = knots[degree + 1 : degree + 1 + count] - knots[:count]
     return np.asarray(widths / ((degree + 1) * (knots[-1] - knots[0])))
 
 
-def _cox_de_boor(knots: NDArray[np.float64], degree: int, q: Symbol) -> list[Symbol]:
+def _cox_de_boor(knots: Array, degree: int, q: Symbol) -> list[Symbol]:
     """All B-splines of a degree at q, from those of the degree below (C. de Boor 1972)."""
     if degree == 0:
         values = []

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from symfive.arrays import Array
 
 if TYPE_CHECKING:
     from symfive.machine._data import Machine
 
 __all__ = ["designed_ball"]
-
-Array = NDArray[np.float64]
 
 
 def designed_ball(machine: Machine, commands: Mapping[str, Array], tool_ball: ArrayLike) -> Array:

@@ -10,8 +10,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.compiled import Mapped
 from symfive.effects import STAGES, Effect
 from symfive.instruments import Column, columns_of, instruments_of
@@ -23,8 +23,6 @@ from symfive.row import Row
 from symfive.runs import Run
 
 __all__ = ["RowFunction", "apply_errors", "assemble", "assembled", "machine_parameters", "sensed_columns"]
-
-Array = NDArray[np.float64]
 
 
 def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
 from symfive.files import read_text, shown
@@ -39,7 +39,7 @@ class FittedModel(OnScreen):
     std: Mapping[str, float]
     units: Mapping[str, str]
     names: tuple[str, ...]
-    covariance: NDArray[np.float64]
+    covariance: Array
 
     def __str__(self) -> str:
         rows = [f"  {name} {with_std(self.values[name], self.std[name], self.units[name])}" for name in self.names]

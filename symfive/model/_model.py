@@ -8,8 +8,8 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.effects import Effect, baseline_effects
 from symfive.errors import EvaluationError, InputError
 from symfive.instruments import Column, has_clock_of_its_own, instruments_of, setup_parameter
@@ -21,7 +21,6 @@ from symfive.screen import OnScreen, plural
 
 __all__ = ["Linearisation", "Model"]
 
-Array = NDArray[np.float64]
 CLOCK = "clock"
 """How late the instrument of a run is: its name among the run's own unknowns."""
 
@@ -35,7 +34,7 @@ class Linearisation:
 
     prediction: Array
     jacobian: Array
-    columns: NDArray[np.int64]
+    columns: Indices
 
 
 class Model(OnScreen):

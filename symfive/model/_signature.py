@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
+from symfive.arrays import Array
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.model._model import Model
@@ -15,9 +13,7 @@ from symfive.runs import Campaign
 __all__ = ["signature"]
 
 
-def signature(
-    effect: Effect, campaign: Campaign, size: Mapping[str, float] | None = None
-) -> dict[str, NDArray[np.float64]]:
+def signature(effect: Effect, campaign: Campaign, size: Mapping[str, float] | None = None) -> dict[str, Array]:
     """Change of the readings when the effect joins the model, everything else unchanged: run id → (N, ny), in the
     columns' units.
 

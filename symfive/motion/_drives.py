@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.motion._friction import FRICTION, add_friction, states_with_friction
 from symfive.motion._loop import LOOP, acceleration, linear_states
 
 __all__ = ["GAINS", "drive_response"]
 
-Array = NDArray[np.float64]
 GAINS = (*LOOP, *FRICTION)
 """The quantities of a drive that can be parameters."""
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from symfive.arrays import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from symfive.runs import Run
 
 __all__ = ["filled", "programme_of"]
 
-Array = NDArray[np.float64]
 SIDE = 4
 """Rows of each side that say how the programme went on."""
 CORNER = 0.2
@@ -29,7 +29,7 @@ def programme_of(run: Run) -> Run:
     return replace(bare, time=time, commands={name: filled(run.steps, way) for name, way in run.commands.items()})
 
 
-def filled(steps: NDArray[np.int64], command: Array) -> Array:
+def filled(steps: Indices, command: Array) -> Array:
     """The command at all rows 0…steps[-1], of which `command` (N,) has those at `steps`.
 
     Each gap is filled from the rows about it, as far as the next corners: by a cubic spline, or, where the two sides do not
@@ -64,7 +64,7 @@ def filled(steps: NDArray[np.int64], command: Array) -> Array:
     return full
 
 
-def _side(corner: NDArray[np.bool_], edge: int, way: int) -> NDArray[np.int64]:
+def _side(corner: Flags, edge: int, way: int) -> Indices:
     """Rows on one side of a gap whose edge is row `edge`, in order, as far as the next corner."""
     found = [edge]
     while len(found) < SIDE:

@@ -14,11 +14,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+
+from symfive.arrays import Array
 
 __all__ = ["LOOP", "acceleration", "discretisation", "linear_recurrence", "linear_states", "step_matrices"]
 
-Array = NDArray[np.float64]
 LOOP = ("position_gain", "velocity_gain", "integral_time", "viscous", "feedforward")
 """The quantities of a drive that the machine file states, in order."""
 _SQUARINGS = 14

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.motion._drives import GAINS, drive_response
 from symfive.motion._gaps import filled, programme_of
 from symfive.motion._loop import LOOP
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["AxisMotion", "RunMotion", "Series", "Signal"]
 
 T = TypeVar("T")
-Array = NDArray[np.float64]
 SMOOTHING_S = 0.03
 LATE_S = 5e-3
 """Instants between which a drive's motion is a cubic of position and velocity: a fourth of a fast loop's time constant."""
@@ -299,13 +298,13 @@ class RunMotion:
         known = stride * np.arange(LEAD_ROWS)
         return np.asarray(np.polynomial.Polynomial.fit(known, command[known], LEAD_ROWS - 1)(np.arange(-count, 0)))
 
-    def fine_acceleration(self, name: str, interval: float) -> tuple[Series, NDArray[np.int64], float]:
+    def fine_acceleration(self, name: str, interval: float) -> tuple[Series, Indices, float]:
         """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows,
         interval)."""
         factor = max(1, int(np.ceil(self.run.interval / interval - 1e-9)))
         return self._kept(("fine", name, factor), name, (), lambda: self._finely(name, factor))
 
-    def _finely(self, name: str, factor: int) -> tuple[Series, NDArray[np.int64], float]:
+    def _finely(self, name: str, factor: int) -> tuple[Series, Indices, float]:
         axis, motion = self.machine.axes[name], self.axis(name)
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
         driven = axis.drive is not None and self.recorded(name) is None

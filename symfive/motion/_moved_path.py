@@ -16,13 +16,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.motion._loop import LOOP, acceleration, discretisation, linear_recurrence
 
 __all__ = ["moved_response"]
-
-Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=1)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import RunMotion, Series
 
@@ -22,7 +22,6 @@ __all__ = [
     "ReversalDistance", "ReversalTime", "SpindleAngle", "Velocity", "unmoved",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 LONG_AGO_S = FAR = 1e6
 """Before the first reversal an axis counts as far from one, in s and in mm or rad."""
 FINE_S = 2e-3

@@ -10,14 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symfive.campaign import Run
 from symfive.machine import Machine
 
 __all__ = ["Circle", "circle_of"]
 
-Array = NDArray[np.float64]
 PLANES = ("XY", "YZ", "ZX")
 SAME_MM = 1e-5
 """What moves by less stands still, and lies on the circle: positions in a file have six decimals."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.machine import Axis, Machine
 
 __all__ = ["CAUTION", "able", "pace", "spread", "tenths"]
 
-Array = NDArray[np.float64]
 CAUTION = 0.5
 """Share of an axis' greatest feed and acceleration that a program asks for."""
 

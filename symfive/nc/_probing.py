@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.instruments import touches_of
@@ -26,7 +26,6 @@ from symfive.nc._writer import STANDSTILL, Writer
 
 __all__ = ["ProbeWays", "cycle_of", "probing_steps"]
 
-Array = NDArray[np.float64]
 LINE_BYTES = 64
 """Of one touch in a log, at most."""
 STARTS_S = 0.5

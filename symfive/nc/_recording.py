@@ -12,8 +12,8 @@ import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.nc._arc import Circle
 from symfive.nc._base import Step
@@ -21,7 +21,6 @@ from symfive.procedures import FEED_IN_MM, Nominal
 
 __all__ = ["CHORD_DEG", "CHORD_MM", "circular", "pulled_out", "said", "straight_blocks"]
 
-Array = NDArray[np.float64]
 CHORD_MM, CHORD_DEG = 5e-4, 1e-3
 """How far a block may lead the tool ball from its path in the workpiece frame, and a rotary axis from its position."""
 BEFORE_FEED_IN_S = 1.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError
@@ -17,7 +16,6 @@ __all__ = [
     "upright_axis", "usual_lift",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 Positions = Mapping[str, float]
 Way = tuple[Positions, ...]
 """Positions of all axes on a way out of the nest, one after the other, which differ in one axis: which way several take in a

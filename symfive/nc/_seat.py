@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError
 from symfive.machine import Machine
@@ -15,8 +15,6 @@ from symfive.procedures import Nominal
 
 __all__ = ["Leg", "Seat"]
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 CHORD_SHARE = 0.05
 """A straight block may leave the true path by this share of the sensor's range or the bar's stroke."""
 MOST_BLOCKS = 4096

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Machine
@@ -21,7 +21,6 @@ from symfive.nc._writer import LETTERS, ORIENT_S, STANDSTILL, Writer
 
 __all__ = ["arrival_times", "outside_s", "program_steps", "series_of", "series_steps"]
 
-Array = NDArray[np.float64]
 SHORT_REST_S = 0.1
 
 

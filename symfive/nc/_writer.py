@@ -17,8 +17,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.instruments import Instrument, instruments_of
 from symfive.machine import Machine
@@ -33,7 +33,6 @@ from symfive.procedures import Nominal
 
 __all__ = ["LETTERS", "ORIENT_S", "STANDSTILL", "Writer"]
 
-Array = NDArray[np.float64]
 LETTERS = "XYZABCUVW"
 CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
 """Feed towards and away from the nest, and on the last millimetres."""

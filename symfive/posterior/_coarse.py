@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.posterior._evidence import SHARE, STEPS, LogEvidence, beside, explained, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior
 from symfive.posterior._moments import Moments
@@ -25,7 +25,6 @@ from symfive.posterior._terms import UNIDENTIFIED
 
 __all__ = ["coarsened", "misfit"]
 
-Array = NDArray[np.float64]
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """1σ of the coefficients of what stays, in units of the unidentified terms' usual one, half a decade apart."""
 NEGLIGIBLE = 0.02

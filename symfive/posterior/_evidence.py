@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.posterior._moments import Moments
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "evidence_of", "explained", "log_evidence", "solution",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 Member = tuple[int, float]
 """A term of a subset: its number, and the width of its amplitudes' prior in units of its usual one."""
 Blocks = tuple[tuple[int, float], ...]
@@ -62,13 +61,13 @@ class Equations:
     """The normal equations of a subset in every node: `h` (J, n, n), `g` (J, n), `q` (J,), `d` (n,), `columns` and `scale` (n,),
     and the weights of the columns `aim` that make the residual less the exact contributions of terms that are held."""
 
-    columns: NDArray[np.int64]
+    columns: Indices
     scale: Array
     d: Array
     h: Array
     g: Array
     q: Array
-    aim: NDArray[np.int64]
+    aim: Indices
     weights: Array
 
     def solved(self, kappa2: Array) -> Array:
@@ -117,9 +116,7 @@ def equations(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) 
     return Equations(where, w, d, h, g, q, aim, target[aim])
 
 
-def beside(
-    moments: Moments, members: Sequence[Member], columns: NDArray[np.int64], kappa2: float
-) -> tuple[Array, Array, Array]:
+def beside(moments: Moments, members: Sequence[Member], columns: Indices, kappa2: float) -> tuple[Array, Array, Array]:
     """What further `columns` (k,) find beside a subset under a noise scale: their information h (J, k, k) and slope g (J, k) once
     the subset is eliminated, and what the subset leaves, `left` (J,)."""
     s = equations(moments, members)

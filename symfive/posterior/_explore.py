@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.posterior._evidence import Blocks, Member, discrepancies, equations, evidence_of, log_evidence
 from symfive.posterior._moments import Moments
 from symfive.posterior._sweep import WIDTHS, Sweep, nearest_width, widths_of
@@ -16,7 +16,6 @@ from symfive.posterior._terms import Name, complete
 
 __all__ = ["Posterior", "Subset", "explore", "held_by", "log_prior", "weighed"]
 
-Array = NDArray[np.float64]
 Subset = tuple[Member, ...]
 MOST = 5
 """Effects at once; how they vary does not count."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.effects import Effect, Form
 from symfive.identify import Identification, summarise
@@ -23,7 +23,6 @@ __all__ = [
     "WHITE", "Expansion", "baseline", "expansion", "fitted", "linear_estimate", "over_all", "refitted", "settled",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 STEPS, TOLERANCE = 15, 1e-2
 """Of Gauss-Newton, and the share of its posterior 1σ by which no parameter moves any more: a hundredth changes no evidence."""
 WHITE = Node(0.0, 0.0, 0.0)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Run
 from symfive.effects import Form
 from symfive.identify import Identification
@@ -23,8 +23,6 @@ from symfive.posterior._terms import Term, terms_of
 
 __all__ = ["Alike", "Columns", "Moments", "moments_of"]
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Columns:
@@ -32,8 +30,8 @@ class Columns:
     `departure` (n,) of its shape parameters from their prior means in 1σ; `exact` the column of its exact contribution less its
     tangent, -1 where it is not in the fit."""
 
-    where: NDArray[np.int64]
-    amplitude: NDArray[np.bool_]
+    where: Indices
+    amplitude: Flags
     departure: Array
     exact: int = -1
 
@@ -47,10 +45,10 @@ class Alike:
     """Terms of as many columns, `numbers` (T,): the fields of each one's `Columns`, (T, n) and (T,), and `gram` (J, T, n, n)."""
 
     numbers: tuple[int, ...]
-    where: NDArray[np.int64]
-    amplitude: NDArray[np.bool_]
+    where: Indices
+    amplitude: Flags
     departure: Array
-    exact: NDArray[np.int64]
+    exact: Indices
     gram: Array
 
     def some(self, rows: Sequence[int]) -> Alike:

@@ -15,14 +15,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct
 
+from symfive.arrays import Array, Indices
 from symfive.inference import Noise, whiten
 
 __all__ = ["Node", "grams", "nodes_of"]
 
-Array = NDArray[np.float64]
 SIZES, SHARES = (0.3, 1.0, 3.0), (0.003, 0.03, 0.3)
 """Coloured noise: 1σ in units of the declared noise, correlation time as a share of the longest run; half a decade and a decade
 apart, so that no noise is further from a node than what its size and time are known to from one campaign."""
@@ -85,7 +84,7 @@ def grams(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, 
     return np.einsum("jb,bkl->jkl", weights, bands, optimize=True), columns * np.log(spectra).sum(axis=1)
 
 
-def _edges(rows: int) -> NDArray[np.int64]:
+def _edges(rows: int) -> Indices:
     """Where the bands begin, and the end of the last one."""
     edges = list(range(SINGLE + 1))
     while edges[-1] < rows:

@@ -15,8 +15,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import Run
 from symfive.effects import BALL, Effect, Form, Scan, Tone
 from symfive.errors import InputError
@@ -29,7 +29,6 @@ from symfive.posterior._tangents import Channel, probes, tangent
 
 __all__ = ["placed"]
 
-Array = NDArray[np.float64]
 USUAL = 10.0
 """1σ of a channel's answer in a scan, µm or µrad: of usual size, which the widths multiply."""
 FINE = 8
@@ -107,7 +106,7 @@ class _Seen:
     def _drops(self, scan: Scan) -> Array:
         """Δ of every place (count,)."""
         cross, own, slope = list[Array](), np.zeros(()), np.zeros(())
-        rows = list[NDArray[np.int64]]()
+        rows = list[Indices]()
         for run in self.campaign.runs:
             if scan.run not in (None, run.id):
                 continue

@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.posterior._evidence import STEPS, Blocks, Equations, Member, Turned, equations
 from symfive.posterior._moments import Alike, Moments
 
 __all__ = ["WIDTHS", "Sweep", "nearest_width", "widths_of"]
 
-Array = NDArray[np.float64]
 WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
 """A scale-free prior of amplitudes as a mixture, half a decade apart: nothing is capped by what machine tools usually have."""
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Run
 from symfive.effects import Effect, Form, Varying
 from symfive.identify import Identification
@@ -16,8 +16,6 @@ from symfive.posterior._tangents import Compressed, channel_of, compressed, prob
 from symfive.posterior._terms import own_parameters, starts_of
 
 __all__ = ["Placed", "Table", "Tables"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class Table:
     rows: Array
     interval: float
     setup: int
-    where: NDArray[np.int64]
+    where: Indices
     departure: Array
     count: int
 
@@ -37,8 +35,8 @@ class Table:
 class Placed:
     """Where a term's columns stand; the fields of `Columns` before the geometry is eliminated."""
 
-    where: NDArray[np.int64]
-    amplitude: NDArray[np.bool_]
+    where: Indices
+    amplitude: Flags
     departure: Array
     exact: int = -1
 
@@ -216,7 +214,7 @@ class Tables:
         (line, *others), (setup, _) = self._lines[run.id], self._known(run)
         own = [self.fit.parameters[line.columns[k]] for k in setup]
         sigma = [p.sigma for p in own]
-        parts, where = [line.jacobian[:, :, setup] * np.array(sigma)], list[NDArray[np.int64]]()
+        parts, where = [line.jacobian[:, :, setup] * np.array(sigma)], list[Indices]()
         for model, table in zip(self._models, (line, *others), strict=True):
             names = [(k, model.parameters[n].name) for k, n in enumerate(table.columns)]
             chosen = [(k, *self._place[name]) for k, name in names if name in self._place and self._taken(model, name)]

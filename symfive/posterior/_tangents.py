@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
 from symfive.effects import AXIS, BALL, CARRIED, FORCE, Effect, Form
 from symfive.instruments.drive_force import DriveForce, driven_axis
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Channel", "Compressed", "channel_of", "compressed", "probes", "tangent"]
 
-Array = NDArray[np.float64]
 SEEN = 1e-2
 """Information in units of the prior below which a direction changes no evidence: log(1 + λ)/2 = 0.005 nats."""
 MOST = 10
@@ -125,7 +124,7 @@ class Compressed:
 
     form: Form
     turn: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    where: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    where: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def raw(self, model: Model, run: Run, line: Linearisation) -> Array:
         """All products (N, ny, raw), in units of the prior."""

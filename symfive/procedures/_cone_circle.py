@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Machine
@@ -17,7 +17,6 @@ from symfive.procedures._setting import BALL_SETUP, circle_radius, one_after_ano
 
 __all__ = ["cone_circle"]
 
-Array = NDArray[np.float64]
 SENSITIVE = ("base", "surface")
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Axis, Machine
@@ -16,7 +16,6 @@ from symfive.procedures._setting import heights, one_after_another, tool_ball_of
 
 __all__ = ["grid_encoder_lines"]
 
-Array = NDArray[np.float64]
 HALF_LINE = 200.0
 """Half the usual length of a line, mm."""
 

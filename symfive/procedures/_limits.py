@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Axis, Machine
 
 __all__ = ["checked"]
 
-Array = NDArray[np.float64]
 TOLERANCE = 1e-6
 
 

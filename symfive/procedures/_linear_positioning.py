@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Machine
@@ -16,7 +16,6 @@ from symfive.procedures._setting import BALL_SETUP, pose_times, tool_ball_of
 
 __all__ = ["linear_positioning"]
 
-Array = NDArray[np.float64]
 GOLDEN = 0.6180339887498949
 SHARE = 0.3
 """Targets are moved by up to ± this share of their interval, so that a periodic error is met at every phase."""

@@ -9,8 +9,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.compiled import Mapped
 from symfive.errors import InputError
 from symfive.kinematics import Pose, axis_pose, chain_poses
@@ -18,7 +18,6 @@ from symfive.machine import Axis, Machine
 
 __all__ = ["Commands", "Fixed", "Nominal", "home"]
 
-Array = NDArray[np.float64]
 Commands = dict[str, Array]
 Fixed = Mapping[str, float | Array]
 REACHED_MM = 1e-7

@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 from casadi import fmin
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.machine import Machine
 
 __all__ = ["DIRECTIONS", "along", "check_spacing", "ramp_of", "senses"]
 
-Array = NDArray[np.float64]
 DWELL_S = 0.3
 """Rest at the end of a recording, in which the drives come to their command."""
 

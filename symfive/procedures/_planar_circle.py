@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Machine
@@ -28,7 +28,6 @@ from symfive.procedures._setting import (
 
 __all__ = ["FEED_IN_MM", "PLANES", "planar_circle"]
 
-Array = NDArray[np.float64]
 PLANES = {"XY": (0, 1), "YZ": (1, 2), "ZX": (2, 0)}
 FEED_IN_MM = 1.5
 """How far a bar is pulled out when it is put on: its software sees the way into the circle and out of it."""

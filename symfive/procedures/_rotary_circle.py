@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Axis, Machine
@@ -29,7 +29,6 @@ from symfive.procedures._setting import (
 
 __all__ = ["rotary_circle"]
 
-Array = NDArray[np.float64]
 ARRANGEMENTS = ("radial", "tangential", "axial")
 ON_AXIS_MM = 1e-6
 

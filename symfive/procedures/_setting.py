@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Axis, Machine
@@ -18,7 +18,6 @@ __all__ = [
     "rotary_axes", "serpentine", "table_ball_of", "tool_ball_of", "turning_axis", "whole_turn",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 BALL_SETUP = SetupSigma()
 """Set-up of balls by hand: 20 µm each, 0.5 µm of bar length."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Machine
@@ -31,7 +31,7 @@ __all__ = ["static_ball_bar"]
 def static_ball_bar(
     machine: Machine,
     *,
-    poses: Mapping[str, Sequence[float] | NDArray[np.float64]] | None = None,
+    poses: Mapping[str, Sequence[float] | Array] | None = None,
     direction: Sequence[float] | Sequence[Sequence[float]] | None = None,
     table_balls: Sequence[Sequence[float]] | None = None,
     length: float | None = None,

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Machine
@@ -27,7 +27,6 @@ from symfive.procedures._setting import (
 
 __all__ = ["CircleFrame", "circle_frame", "polar_angle", "synchronous_circle"]
 
-Array = NDArray[np.float64]
 SAME_MM = 1e-9
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.diagnose import Finding
 from symfive.identify import Identification
@@ -17,7 +17,6 @@ from symfive.report._traces import folded
 
 __all__ = ["Coordinate", "coordinates_of"]
 
-Array = NDArray[np.float64]
 MOST = 2
 MINUTES_FROM_S = 600.0
 

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.drawing import FAINT, INK
 from symfive.errors import InputError
 from symfive.identify import Identification
@@ -17,7 +17,6 @@ from symfive.report._style import blank, footnote, short, styled
 
 __all__ = ["correlation_matrix"]
 
-Array = NDArray[np.float64]
 Group = tuple[str, list[tuple[str, int]]]
 MOST_SINGLE = 70
 NUMBERED = 26

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of
 from symfive.drawing import poses_figure
 from symfive.effects import form_words
@@ -36,7 +36,6 @@ __all__ = ["diagnosis_report"]
 NAME = "report.html"
 IN_SHORT = ("where", "how large", "how sure", "costs")
 """What the verdict says of each finding, before what to do; its card has the rest."""
-Array = NDArray[np.float64]
 Drawn = Callable[[], tuple[Figure, Tips]]
 _READING = (
     "Residual over the coordinate named below. Left, before: the line is this effect, and the coloured dots should follow it "

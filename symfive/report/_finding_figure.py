@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.diagnose import Diagnosis, Finding
 from symfive.drawing import BLUE, FAINT, INK, ORANGE
 from symfive.identify import Identification
@@ -19,7 +19,7 @@ from symfive.numbers import plain_number, unit_words
 from symfive.report._coordinate import Coordinate, coordinates_of
 from symfive.report._over_coordinates import means_along
 from symfive.report._style import Tips, blank, footnote, robust_limit, short, styled
-from symfive.report._traces import Array, Trace, direction_of, running_mean, spread, traces_of
+from symfive.report._traces import Trace, direction_of, running_mean, spread, traces_of
 
 __all__ = ["finding_figure"]
 
@@ -41,7 +41,7 @@ class _Part:
     run: str
     dynamic: bool
     at: Array
-    sense: NDArray[np.int64]
+    sense: Indices
     before: Array
     alone: Array
     after: Array
@@ -200,7 +200,7 @@ def _effect(axes: Axes, parts: list[_Part], coordinate: Coordinate, *, few: bool
                 axes.plot(places, means, color=INK, linewidth=1.5)
 
 
-def _said(parts: list[_Part], dots: NDArray[np.int64], coordinate: Coordinate, unit: str) -> list[str]:
+def _said(parts: list[_Part], dots: Indices, coordinate: Coordinate, unit: str) -> list[str]:
     run = np.concatenate([np.full(len(p.at), i) for i, p in enumerate(parts)])
     first = np.cumsum([0, *(len(p.at) for p in parts)])
     words, _, over = coordinate.label.partition(" / ")

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE
 from symfive.drawing import BLUE, INK, ORANGE
 from symfive.errors import InputError
@@ -18,7 +18,7 @@ from symfive.machine import Axis
 from symfive.numbers import unit_words, with_unit
 from symfive.report._over_time import FEW_ROWS
 from symfive.report._style import blank, footnote, robust_limit, short, styled
-from symfive.report._traces import Array, Trace, direction_of, folded, moving_axes, spread, traces_of
+from symfive.report._traces import Trace, direction_of, folded, moving_axes, spread, traces_of
 
 __all__ = ["coordinates_with_tips", "means_along", "residuals_over_coordinates"]
 
@@ -108,7 +108,7 @@ def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace], tips: dict[str, list[
     return step * max(trace.step for trace in parts)
 
 
-def _said(parts: Sequence[Trace], dots: NDArray[np.int64], place: Array, axis: Axis) -> list[str]:
+def _said(parts: Sequence[Trace], dots: Indices, place: Array, axis: Axis) -> list[str]:
     """Run, pose, coordinate and residual of each of the `dots`, rows of all parts one after the other."""
     owners = [(trace, row) for trace in parts for row in range(trace.run.rows)]
     found = []

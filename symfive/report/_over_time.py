@@ -10,14 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.campaign import FIRST_LINE
 from symfive.drawing import FAINT, INK, SERIES
 from symfive.identify import Identification
 from symfive.numbers import plain_number, unit_words, with_unit
 from symfive.report._style import blank, footnote, robust_limit, short, styled
-from symfive.report._traces import Array, Trace, by_panel, running_mean, spread, traces_of
+from symfive.report._traces import Trace, by_panel, running_mean, spread, traces_of
 
 __all__ = ["FEW_ROWS", "residuals_over_time", "residuals_with_tips"]
 
@@ -133,7 +133,7 @@ def _across(traces: Sequence[Trace], k: int) -> Array:
     return np.arange(1.0, run.rows + 1.0) + beside
 
 
-def _shown(values: Array, limit: float) -> NDArray[np.bool_]:
+def _shown(values: Array, limit: float) -> Flags:
     return np.isfinite(values) & (np.abs(values) <= limit)
 
 

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.circles import Circle, CircleFinder, grouped
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE
@@ -18,7 +19,7 @@ from symfive.identify import Identification
 from symfive.model import Model
 from symfive.numbers import plain_number
 from symfive.report._style import blank, footnote, short, styled
-from symfive.report._traces import Array, Condensed, chosen_runs, condensed, condensed_of, running_mean, spread
+from symfive.report._traces import Condensed, chosen_runs, condensed, condensed_of, running_mean, spread
 
 __all__ = ["polar_trace"]
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from symfive.arrays import Array
 from symfive.drawing import FAINT, INK, SERIES
 from symfive.errors import InputError
 from symfive.numbers import plain_number, unit_words
@@ -84,6 +85,6 @@ def prediction_chart(
     return figure
 
 
-def _table(values: ArrayLike) -> NDArray[np.float64]:
+def _table(values: ArrayLike) -> Array:
     array = np.asarray(values, dtype=float)
     return array[:, None] if array.ndim == 1 else array.reshape(len(array), -1) if array.ndim else array.reshape(1, 1)

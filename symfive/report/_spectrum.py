@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.fft import next_fast_len
 from scipy.special import gammainccinv
 
+from symfive.arrays import Array
 from symfive.circles import CircleFinder
 from symfive.disk import release
 from symfive.drawing import INK, SERIES
@@ -18,7 +19,7 @@ from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.numbers import unit_words
 from symfive.report._style import blank, footnote, plain_log, short, styled
-from symfive.report._traces import Array, Trace, by_panel, traces_of
+from symfive.report._traces import Trace, by_panel, traces_of
 
 __all__ = ["residual_spectrum"]
 

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.drawing import FAINT, GRID, INK, PAPER, render
 from symfive.numbers import unit_words
 
@@ -98,7 +98,7 @@ def footnote(figure: Figure, *sentences: str) -> None:
         figure.supxlabel("\n".join(said), x=0.01, ha="left", fontsize=7.5, color=FAINT)
 
 
-def robust_limit(values: NDArray[np.float64], least: float, quantile: float = 0.999) -> float:
+def robust_limit(values: Array, least: float, quantile: float = 0.999) -> float:
     """Half height of an axis about zero that shows all but the wildest values and at least ±`least`."""
     finite = np.abs(values[np.isfinite(values)])
     reach = float(np.quantile(finite, quantile)) if finite.size else 0.0

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Campaign, Run
 from symfive.disk import release
 from symfive.errors import InputError
@@ -26,8 +26,6 @@ __all__ = [
     "running_mean", "spread", "traces_of",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 BLOCKS = 1 << 14
 """A recording of more than twice as many rows is drawn by this many blocks: ten to a pixel of a wide figure."""
 READ_ROWS = 1 << 16
@@ -46,7 +44,7 @@ class Condensed:
     low: Array
     high: Array
     sample: Array
-    outlier: Mask
+    outlier: Flags
     step: int
 
 
@@ -62,7 +60,7 @@ class Trace:
     column: str
     unit: str
     residual: Array
-    outlier: Mask
+    outlier: Flags
     noise: Noise
     low: Array
     high: Array
@@ -79,7 +77,7 @@ class Trace:
         far = np.where(-self.low > self.high, self.low, self.high)
         return np.asarray(np.where(np.isfinite(far), far, self.residual))
 
-    def envelope(self, most: int) -> tuple[NDArray[np.int64], Array]:
+    def envelope(self, most: int) -> tuple[Indices, Array]:
         """Rows and residuals of a line that shows the lowest and the highest of about `most` pieces; all rows where there are no
         more."""
         count, size = len(self.residual), self.piece(most)
@@ -154,7 +152,7 @@ def condensed(
         release(values)
         return single
 
-    def drawn(values: Array, left_out: NDArray[np.int64]) -> list[Array]:
+    def drawn(values: Array, left_out: Indices) -> list[Array]:
         """Lowest, highest and mean value (n, k) of the blocks, amid them the rows of outliers, and all single values (n, k)."""
         single = chosen(values)
         found = []
@@ -179,7 +177,7 @@ def condensed(
     return Condensed(replace(run, time=time, commands=commands, readings=readings), mean, low, high, sample, mask, step)
 
 
-def _blocks(values: Array, left_out: NDArray[np.int64], step: int) -> tuple[Array, Array, Array]:
+def _blocks(values: Array, left_out: Indices, step: int) -> tuple[Array, Array, Array]:
     """Lowest, highest and mean value (n, k) of blocks of `step` rows, without the (row, column) that are left out."""
     count, columns = values.shape
     n = -(-count // step)
@@ -240,7 +238,7 @@ def moving_axes(runs: Sequence[Run], machine: Machine) -> tuple[str, ...]:
     return tuple(name for name in machine.axis_names if any(np.ptp(run.commands[name]) > 1e-9 for run in runs))
 
 
-def direction_of(command: Array) -> NDArray[np.int64]:
+def direction_of(command: Array) -> Indices:
     """+1 or -1 per row: whence the axis came or goes; at rest the last direction holds, the first row counts as the
     second."""
     step = np.sign(np.diff(command, prepend=command[:1]))
@@ -262,7 +260,7 @@ def running_mean(values: Array, window: int) -> Array:
     return np.asarray(np.where(count > 0, (sums[high] - sums[low]) / np.maximum(count, 1), np.nan))
 
 
-def spread(rows: int, most: int) -> tuple[NDArray[np.int64], int]:
+def spread(rows: int, most: int) -> tuple[Indices, int]:
     """Indices of at most about `most` evenly spread rows, and the step between them (1: all of them)."""
     step = max(1, -(-rows // most))
     return np.arange(0, rows, step), step

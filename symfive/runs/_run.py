@@ -10,8 +10,8 @@ from pathlib import PureWindowsPath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Indices
 from symfive.disk import release
 from symfive.errors import InputError
 from symfive.files import shown
@@ -24,7 +24,6 @@ from symfive.validation import finite, freeze, is_number, numbers, one_of
 __all__ = ["FIRST_LINE", "Run", "SetupSigma", "file_identity"]
 
 Vector = tuple[float, float, float]
-Array = NDArray[np.float64]
 FIRST_LINE = 2
 """The line of a run's file in which its row 0 stands, as an editor counts: the header is line 1."""
 _RESERVED = ("campaign.toml", "machine.toml")
@@ -229,7 +228,7 @@ class Run(OnScreen):
         return float(self.noise_um.get(instrument, 1.0))
 
     @cached_property
-    def steps(self) -> NDArray[np.int64]:
+    def steps(self) -> Indices:
         """The number of the interval at which each row was recorded (N,): a missing row leaves a gap."""
         return _steps(self.time)
 
@@ -301,7 +300,7 @@ class Run(OnScreen):
         return replace(self, readings=readings)
 
 
-def _steps(time: Array) -> NDArray[np.int64]:
+def _steps(time: Array) -> Indices:
     """Every change of the time in whole intervals, at least one: of the usual length, and then of the mean one that follows."""
     changes = np.diff(time)
     usual = float(np.median(changes)) if changes.size else 0.0

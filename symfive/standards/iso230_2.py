@@ -20,15 +20,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.standards._place import place_of
 from symfive.standards._value import COVERAGE, StandardValue
 
 __all__ = ["STANDARD", "Approaches", "approaches_of", "positioning_values"]
 
-Array = NDArray[np.float64]
 STANDARD = "ISO 230-2"
 SAME_MM = 1e-3
 """Commands so near each other are one target."""

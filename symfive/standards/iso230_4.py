@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags
 from symfive.campaign import Campaign, Run
 from symfive.circles import Circle, CircleFinder, grouped
 from symfive.instruments import columns_of
@@ -31,7 +31,6 @@ from symfive.standards._value import COVERAGE, StandardValue
 
 __all__ = ["STANDARD", "circular_values"]
 
-Array = NDArray[np.float64]
 STANDARD = "ISO 230-4"
 KNOWN_LENGTH_UM = 50.0
 """From this prior 1σ of the bar's length on it was not calibrated: F and D are not stated."""
@@ -158,7 +157,7 @@ def _data(circle: Circle, campaign: Campaign) -> tuple[Array, Array]:
     return circle.angle[rows], deviation[rows]
 
 
-def _evaluated(circle: Circle) -> NDArray[np.bool_]:
+def _evaluated(circle: Circle) -> Flags:
     middle = 0.5 * (circle.angle.min() + circle.angle.max())
     return np.asarray(np.abs(circle.angle - middle) <= 0.5 * FULL + 1e-9)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symfive.identify import Identification
 from symfive.machine import Machine
@@ -18,7 +17,6 @@ from symfive.standards._value import COVERAGE, StandardValue
 
 __all__ = ["STANDARD", "squareness_values"]
 
-Array = NDArray[np.float64]
 STANDARD = "ISO 230-1"
 ACROSS = 1e-6
 """Nominal directions whose cosine is larger are not perpendicular."""

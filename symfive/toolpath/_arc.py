@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 
 __all__ = ["PLANES", "arc"]
 
-Array = NDArray[np.float64]
 PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
 CENTRE = {"X": "I", "Y": "J", "Z": "K"}
 OFF_MM, OFF_SHARE = 0.01, 1e-3

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array, Flags, Indices
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.screen import OnScreen
@@ -17,7 +17,6 @@ from symfive.validation import finite, positive
 
 __all__ = ["PROGRAM_LINEAR", "STEP_DEG", "STEP_MM", "ToolPath"]
 
-Array = NDArray[np.float64]
 PROGRAM_LINEAR = ("X", "Y", "Z")
 STEP_MM, STEP_DEG = 2.0, 2.0
 """Between two places: a second harmonic of a turn, sampled every 2°, has its maximum within (2°)²/2 = 0.06 % of a place's."""
@@ -36,9 +35,9 @@ class ToolPath(OnScreen):
     """
 
     path: Path
-    line: NDArray[np.int64]
+    line: Indices
     position: Mapping[str, Array]
-    tip: NDArray[np.bool_]
+    tip: Flags
     tool_length: float
     step: float = 1.0
     datum: tuple[float, float, float] | None = None

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import read_text
 from symfive.machine import Machine
@@ -18,7 +18,6 @@ from symfive.toolpath._words import AXES, Block, block_of
 
 __all__ = ["read_program"]
 
-Array = NDArray[np.float64]
 MOTIONS = ("G0", "G1", "G2", "G3")
 OFFSETS = ("G54", "G55", "G56", "G57", "G58", "G59")
 HARMLESS = (

@@ -1,0 +1,12 @@
+"""The types of NumPy arrays: real numbers, indices, truth values."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Array", "Flags", "Indices"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
