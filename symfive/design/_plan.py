@@ -15,30 +15,25 @@ import numpy as np
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.design._anywhere import bound_anywhere
 from symfive.design._assess import Assessment, assess
-from symfive.design._budget import affordable, most_per_minute, shortened
-from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
+from symfive.design._budget import affordable
 from symfive.design._certificate import Certificate, certify
 from symfive.design._criteria import Criterion, name_of
-from symfive.design._dominance import what_dominates
-from symfive.design._exchange import Candidates
 from symfive.design._indexing import indexed, worth_indexing
 from symfive.design._information import Task
-from symfive.design._joint import chosen_with_moves
 from symfive.design._optimise import optimise, value_of
 from symfive.design._part import part_criterion
 from symfive.design._part_plan import PartPlan, compared, mountings_in, part_given
-from symfive.design._reach import Reach, with_ways_out
+from symfive.design._plan_notes import plan_notes
+from symfive.design._plan_search import PlanSearch
 from symfive.design._refine import Rows
 from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
-from symfive.design._robust import drawn_spaces, lost_pose, over_prior, robust_exchange, survive_a_lost_pose
-from symfive.design._rounding import not_rounded, on_grid, one_tool, rounded
-from symfive.design._schedule import Schedule, retimed, scheduled
+from symfive.design._robust import drawn_spaces, lost_pose, over_prior
+from symfive.design._schedule import Schedule
 from symfive.design._space import Space, make_space
-from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
-from symfive.nc import LETTERS, Post
+from symfive.nc import Post
 from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
@@ -51,8 +46,6 @@ ROBUST = ("nominal", "mean", "worst")
 INDEXED = (
     "the spindle is indexed in every run: for this part this gains more than one further pose (--no-index forbids it)"
 )
-MOST_SHARES = 3
-"""Numbers of runs that all get the full search."""
 REPORTED_DRAWS, DRAWS = 2, 6
 """Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
 
@@ -200,52 +193,19 @@ def plan(
     refuse_unseen(space, task, points, names)
     progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
 
-    reach = Reach(space)
-
-    def lay(design: Rows) -> Schedule:
-        return scheduled(space, design, returns=returns, repeats=repeats, noise_um=noise_um, index=index)
-
-    def best_of(count: int, at_most: int, begun: int = starts) -> tuple[Rows, tuple[float, ...]]:
-        design, psi = optimise(space, task, count, at_most, starts=begun, seed=seed, pool=pool, progress=progress)
-        return with_ways_out(reach, task, one_tool(space, task, rounded(space, design))), psi
-
-    def fitted(design: Rows) -> Rows:
-        if minutes is None:
-            return design
-        return shortened(space, task, design, lay(design), 60.0 * minutes, lay).rows
-
-    if len(shares) > MOST_SHARES:  # one start each finds the best number of runs
-        tried = [value_of(space, task, fitted(best_of(*share, 1)[0])) for share in shares]
-        shares = [shares[int(np.argmin(tried))]]
-    found = [(fitted(design), psi) for design, psi in (best_of(*share) for share in shares)]
-    rows, values = min(found, key=lambda design: value_of(space, task, design[0]))
+    search = PlanSearch(
+        space, task, minutes, returns=returns, repeats=repeats, noise_um=noise_um, index=index, starts=starts, seed=seed,
+        pool=pool, progress=progress,
+    )  # fmt: skip
+    rows, values = search.best(shares)
     drawn = drawn_spaces(machine, space, REPORTED_DRAWS if robust == "nominal" else DRAWS)
     if per_minute:
-        progress("selecting the poses with most information per minute")
-        fewer = most_per_minute(space, task, rows, lay).rows
-        again, psi = best_of(len(fewer.z), fewer.groups)
-        before = task.value_of_marginal(task.prior)
-        rates = [(before - value_of(space, task, d)) / lay(d).seconds for d in (again, fewer)]
-        better = rates[0] > rates[1]
-        rows, values = (again, psi) if better else (fewer, values)
+        rows, values = search.most_per_minute(rows, values)
     if robust != "nominal":
-        progress("improving the plan for machines drawn from the priors")
-        rows = rounded(space, robust_exchange(drawn, task, rows, _grid_in(space, rows), robust))
+        rows = search.robust(rows, drawn, robust)
     if survive:
-        progress("improving the plan for the loss of one pose")
-        rows = rounded(space, survive_a_lost_pose(space, task, rows, _grid_in(space, rows)))
-    progress("planning the moves between the poses")
-
-    def laid(design: Rows) -> tuple[Schedule, Post]:
-        return _with_ways(lay, with_ways_out(reach, task, design))
-
-    first = _with_ways(lay, fitted(with_ways_out(reach, task, rows)))
-    schedule, post = chosen_with_moves(space, task, first, lambda: _grid_on_steps(space, first[0].rows), laid)
-    while minutes is not None and schedule.seconds > 60.0 * minutes:
-        over = schedule.seconds - 60.0 * minutes
-        estimate = lay(schedule.rows)
-        fewer = shortened(space, task, schedule.rows, estimate, estimate.seconds - over, lay).rows
-        schedule, post = _with_ways(lay, fewer)
+        rows = search.surviving(rows)
+    schedule, post = search.driven(rows)
     progress("computing the certificate")
     certificate = _certified(space, task, schedule.rows, runs, anywhere, prove)
     made = _finished(
@@ -277,39 +237,12 @@ def _options_of(instrument: str, frame: str) -> dict[str, str]:
     return {"frame": frame}
 
 
-def _with_ways(lay: Callable[[Rows], Schedule], design: Rows) -> tuple[Schedule, Post]:
-    """The order of the poses, the ways of its programs, and its times on these."""
-    schedule = lay(design)
-    machine = schedule.campaign.machine
-    if any(name not in LETTERS for name in machine.axis_names):
-        return schedule, Post(unsafe=schedule.unsafe, via=schedule.via)
-    detours = {name: moves.via for name, moves in schedule.moves.items()}
-    post = cleared(machine, schedule.campaign.runs, schedule.unsafe, Post(via=schedule.via), detours)
-    return retimed(schedule, post), post
-
-
 def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool, prove: bool) -> Certificate:
     certificate = certify(space, task, rows, prove=prove)
     if not anywhere:
         return certificate
     bound = min(certificate.bound, bound_anywhere(space, task, rows, runs))
     return replace(certificate, anywhere=min(1.0, math.exp(bound - certificate.value)))
-
-
-def _grid_on_steps(space: Space, rows: Rows) -> Candidates:
-    """Poses of a grid in the set-ups of a design, as a person can set them."""
-    grid = _grid_in(space, rows)
-    z = grid.z.copy()
-    z[:, : rows.poses] = on_grid(space, z[:, : rows.poses])
-    fits = space.feasible(z, grid.k)
-    return Candidates(z[fits], grid.k[fits], grid.group[fits], space.kernel.rows(z[fits], grid.k[fits]))
-
-
-def _grid_in(space: Space, rows: Rows) -> Candidates:
-    """Poses of a grid in the set-ups of a design."""
-    setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
-    lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
-    return candidates_in(space, setups, lengths, pose_grid(space, PER_SETUP))
 
 
 def _finished(
@@ -327,63 +260,5 @@ def _finished(
         minutes=schedule.seconds / 60.0, unsafe=schedule.unsafe, lost=math.exp(value - left),
         over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
-        notes=(
-            *_why_low(certificate, space.instrument, expected), *what_dominates(space, task, rows),
-            *_rounding_notes(space, schedule), *_notes(schedule),
-        ),
+        notes=plan_notes(space, task, schedule, certificate, expected),
     )  # fmt: skip
-
-
-def _why_low(certificate: Certificate, instrument: str, assessment: Assessment) -> list[str]:
-    """Why a plan stays far from its bound, where it does: fewer readings than unknowns, or whole poses."""
-    if not certificate.why_low:
-        return []
-    points = certificate.points
-    readings, unknowns = points * (1 if instrument == "ball_bar" else 3), len(assessment.parameters)
-    if readings >= unknowns:
-        return [certificate.why_low]
-    return [
-        f"{readings} readings for {unknowns} unknowns of machine and set-up: they determine {assessment.rank} combinations, the "
-        f"priors the others; the bound allows more than {points} poses, so the certificate is low; more poses raise it"
-    ]
-
-
-def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:
-    """What of the plan is not on the grid of 0.01° and 1 mm."""
-    setups, poses = not_rounded(space, schedule.rows)
-    notes = [
-        f"run {schedule.campaign.runs[g - 1].id}: ball and tool length could not be rounded to 1 mm within the limits"
-        for g in setups
-    ]
-    if poses:
-        notes.append(f"{poses} poses could not be rounded to 0.01° within the limits")
-    return notes
-
-
-def _removals(schedule: Schedule, name: str, count: int) -> str:
-    """How often the instrument comes off within a run, and why."""
-    run = next(run for run in schedule.campaign.runs if run.id == name)
-    bar = run.length is not None
-    what = "remove the bar" if bar else "leave the nest"
-    stops = " (program stops there)" if bar else ""
-    seated = "bar on" if bar else "ball in the nest"
-    return (
-        f"run {name}: {what} before {count} of the poses{stops}; no clear move with the {seated} was found, and another pose "
-        "would cost more information than time"
-    )
-
-
-def _notes(schedule: Schedule) -> tuple[str, ...]:
-    notes = [
-        _removals(schedule, run, len(rows))
-        for run, rows in schedule.unsafe.items()
-        if schedule.moves[run].seated.follows
-    ]
-    if schedule.campaign.machine.workspace.spindle_nose is None:
-        notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
-    axes = schedule.campaign.machine.axes.items()
-    if silent := [name for name, axis in axes if axis.max_feed is None or axis.max_acceleration is None]:
-        notes.append(
-            f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs move as on a slow machine"
-        )
-    return tuple(notes)

@@ -1,0 +1,146 @@
+"""The search for a plan: its poses and set-ups, what they are exchanged for, and the ways between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
+
+import numpy as np
+
+from symfive.design._budget import most_per_minute, shortened
+from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
+from symfive.design._exchange import Candidates
+from symfive.design._information import Task
+from symfive.design._joint import chosen_with_moves
+from symfive.design._optimise import optimise, value_of
+from symfive.design._reach import Reach, with_ways_out
+from symfive.design._refine import Rows
+from symfive.design._robust import robust_exchange, survive_a_lost_pose
+from symfive.design._rounding import on_grid, one_tool, rounded
+from symfive.design._schedule import Schedule, retimed, scheduled
+from symfive.design._space import Space
+from symfive.design._ways import cleared
+from symfive.nc import LETTERS, Post
+
+__all__ = ["PlanSearch"]
+
+MOST_SHARES = 3
+"""Numbers of runs that all get the full search."""
+Found = tuple[Rows, tuple[float, ...]]
+"""A design, and ψ of every design that its search began with."""
+
+
+@dataclass(frozen=True)
+class PlanSearch:
+    """The search for one plan, whose readings take at most `minutes`; the other settings are those of `plan`."""
+
+    space: Space
+    task: Task
+    minutes: float | None
+    _: KW_ONLY
+    returns: int
+    repeats: int
+    noise_um: float
+    index: bool
+    starts: int
+    seed: int
+    pool: Executor | None
+    progress: Callable[[str], None]
+
+    def best(self, shares: Sequence[tuple[int, int]]) -> Found:
+        """The best design of so many poses and at most so many runs, of several such pairs."""
+        if len(shares) > MOST_SHARES:  # one start each finds the best number of runs
+            tried = [self._value(self._fitted(self._optimised(*share, starts=1)[0])) for share in shares]
+            shares = [shares[int(np.argmin(tried))]]
+        found = [self._optimised(*share) for share in shares]
+        return min(((self._fitted(rows), psi) for rows, psi in found), key=lambda pair: self._value(pair[0]))
+
+    def most_per_minute(self, rows: Rows, values: tuple[float, ...]) -> Found:
+        """As many poses and runs of a design as are most informative per minute, or as many others that are better."""
+        self.progress("selecting the poses with most information per minute")
+        fewer = most_per_minute(self.space, self.task, rows, self._lay).rows
+        again, psi = self._optimised(len(fewer.z), fewer.groups)
+        before = self.task.value_of_marginal(self.task.prior)
+        rates = [(before - self._value(d)) / self._lay(d).seconds for d in (again, fewer)]
+        return (again, psi) if rates[0] > rates[1] else (fewer, values)
+
+    def robust(self, rows: Rows, drawn: Sequence[Space], how: str) -> Rows:
+        """The design for the `mean` or `worst` of some machines."""
+        self.progress("improving the plan for machines drawn from the priors")
+        return rounded(self.space, robust_exchange(drawn, self.task, rows, self._grid_in(rows), how))
+
+    def surviving(self, rows: Rows) -> Rows:
+        """The design for the loss of any one pose."""
+        self.progress("improving the plan for the loss of one pose")
+        return rounded(self.space, survive_a_lost_pose(self.space, self.task, rows, self._grid_in(rows)))
+
+    def driven(self, rows: Rows) -> tuple[Schedule, Post]:
+        """The order of the poses and the clear ways between them, within the time; poses may be exchanged for it."""
+        self.progress("planning the moves between the poses")
+        first = self._with_ways(self._fitted(self._with_ways_out(rows)))
+
+        def again(design: Rows) -> tuple[Schedule, Post]:
+            return self._with_ways(self._with_ways_out(design))
+
+        schedule, post = chosen_with_moves(
+            self.space, self.task, first, lambda: self._grid_on_steps(first[0].rows), again
+        )
+        while self.minutes is not None and schedule.seconds > 60.0 * self.minutes:
+            estimate = self._lay(schedule.rows).seconds
+            fewer = self._shortened(schedule.rows, estimate - (schedule.seconds - 60.0 * self.minutes))
+            schedule, post = self._with_ways(fewer)
+        return schedule, post
+
+    def _value(self, rows: Rows) -> float:
+        return value_of(self.space, self.task, rows)
+
+    def _optimised(self, points: int, runs: int, starts: int | None = None) -> Found:
+        design, psi = optimise(
+            self.space, self.task, points, runs, starts=starts or self.starts, seed=self.seed, pool=self.pool,
+            progress=self.progress,
+        )  # fmt: skip
+        return self._with_ways_out(one_tool(self.space, self.task, rounded(self.space, design))), psi
+
+    @cached_property
+    def _reach(self) -> Reach:
+        return Reach(self.space)
+
+    def _with_ways_out(self, rows: Rows) -> Rows:
+        return with_ways_out(self._reach, self.task, rows)
+
+    def _lay(self, rows: Rows) -> Schedule:
+        settings = {"returns": self.returns, "repeats": self.repeats}
+        return scheduled(self.space, rows, **settings, noise_um=self.noise_um, index=self.index)
+
+    def _fitted(self, rows: Rows) -> Rows:
+        """As much of a design as fits into the time."""
+        return rows if self.minutes is None else self._shortened(rows, 60.0 * self.minutes)
+
+    def _shortened(self, rows: Rows, seconds: float) -> Rows:
+        return shortened(self.space, self.task, rows, self._lay(rows), seconds, self._lay).rows
+
+    def _with_ways(self, rows: Rows) -> tuple[Schedule, Post]:
+        """The order of the poses, the ways of its programs, and its times on these."""
+        schedule = self._lay(rows)
+        machine = schedule.campaign.machine
+        if any(name not in LETTERS for name in machine.axis_names):
+            return schedule, Post(unsafe=schedule.unsafe, via=schedule.via)
+        detours = {name: moves.via for name, moves in schedule.moves.items()}
+        post = cleared(machine, schedule.campaign.runs, schedule.unsafe, Post(via=schedule.via), detours)
+        return retimed(schedule, post), post
+
+    def _grid_in(self, rows: Rows) -> Candidates:
+        """Poses of a grid in the set-ups of a design."""
+        setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
+        lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
+        return candidates_in(self.space, setups, lengths, pose_grid(self.space, PER_SETUP))
+
+    def _grid_on_steps(self, rows: Rows) -> Candidates:
+        """The same as a person can set them."""
+        grid = self._grid_in(rows)
+        z = grid.z.copy()
+        z[:, : rows.poses] = on_grid(self.space, z[:, : rows.poses])
+        fits = self.space.feasible(z, grid.k)
+        return Candidates(z[fits], grid.k[fits], grid.group[fits], self.space.kernel.rows(z[fits], grid.k[fits]))
