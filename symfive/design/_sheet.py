@@ -87,7 +87,7 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
     stands = next((i.stands for i in instruments_of(run) if i.stands), "")
     return {
         "id": run.id, "rows": run.rows, "minutes": f"{_minutes(sheet, run):.0f}", "steps": _steps(sheet, run, stands),
-        "places": _places(nominal, run, stands) if stands and not _stays(sheet, run) else None,
+        "places": _ball_positions(nominal, run, stands) if stands and not _stays(sheet, run) else None,
         "recording": _recording(nominal, run) if run.dynamic else None,
         "poses": None if run.dynamic else pose_table(sheet.campaign, run, sheet.post),
     }  # fmt: skip
@@ -151,7 +151,7 @@ def _moves(machine: Machine, post: Post) -> list[str]:
     ]
 
 
-def _places(nominal: Nominal, run: Run, stands: str) -> dict[str, Any]:
+def _ball_positions(nominal: Nominal, run: Run, stands: str) -> dict[str, Any]:
     """Where it stands: in the workpiece frame, by the positions of the linear axes, and seen from each rotary axis."""
     axes = nominal.machine.axes
     rows = [("workpiece frame", [*map(digits, run.table_ball), ""])]

@@ -11,9 +11,9 @@ from symfive.diagnose._diagnose import diagnose
 from symfive.diagnose._findings import amend, findings_of, model_averaged, moved
 from symfive.diagnose._groups import partitions
 from symfive.diagnose._hold_out import WORSE, HoldOut, Withdrawn, held_out, held_out_square, over_whole, root, withdraw
+from symfive.diagnose._intervals import Interval, direction_of, intervals_of
 from symfive.diagnose._locate import Location, Observability, Suspect, locate, located
 from symfive.diagnose._next_test import next_test, possible_tests
-from symfive.diagnose._places import Interval, direction_of, intervals_of
 from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, Fit, RivalName
 from symfive.diagnose._split import Split, first_half, parted, runs_of
 from symfive.diagnose._stretches import stretches_of

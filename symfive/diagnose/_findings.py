@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 
 from symfive.arrays import Array
 from symfive.diagnose._ask import asked, folder_of
+from symfive.diagnose._intervals import direction_of, intervals_of
 from symfive.diagnose._locate import Location
-from symfive.diagnose._places import direction_of, intervals_of
 from symfive.diagnose._result import Finding, RivalName, mean_square
 from symfive.diagnose._words import sentence_of
 from symfive.effects import Effect

@@ -15,7 +15,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection, detect
-from symfive.diagnose._places import Interval, direction_of, intervals_of
+from symfive.diagnose._intervals import Interval, direction_of, intervals_of
 from symfive.effects import Effect, Form, coordinate_words, form_words
 from symfive.identify import Identification
 from symfive.machine import Machine

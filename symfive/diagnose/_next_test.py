@@ -119,7 +119,7 @@ def _dynamic(campaign: Campaign, run: Run) -> Iterator[Run]:
         yield _named(run, name, replace(run, time=run.time * factor))
     yield _reversed(run)
     if _planar(campaign, run):
-        yield from _places(campaign, run)
+        yield from _centres(campaign, run)
     if _planar(campaign, run) or _synchronous(campaign, run):
         yield from _planes(campaign, run)
 
@@ -127,7 +127,7 @@ def _dynamic(campaign: Campaign, run: Run) -> Iterator[Run]:
 def _static(campaign: Campaign, run: Run) -> Iterator[Run]:
     yield _reversed(run)
     if _planar(campaign, run):
-        yield from _places(campaign, run)
+        yield from _centres(campaign, run)
     elif run.instrument == ("ball_bar",):
         yield from _mounted_elsewhere(campaign, run)
     elif run.instrument == ("r_test",) and sum(a.rotary for a in campaign.machine.axes.values()) <= MOST_ROTARY:
@@ -214,7 +214,7 @@ def _planar(campaign: Campaign, run: Run) -> bool:
     )
 
 
-def _places(campaign: Campaign, run: Run) -> Iterator[Run]:
+def _centres(campaign: Campaign, run: Run) -> Iterator[Run]:
     axes = {
         c: name
         for name, a in campaign.machine.axes.items()

@@ -12,8 +12,8 @@ from symfive.arrays import Array
 from symfive.design import Discrimination
 from symfive.diagnose._detect import Detection
 from symfive.diagnose._hold_out import WORSE, HoldOut
+from symfive.diagnose._intervals import Interval
 from symfive.diagnose._locate import Location, Observability
-from symfive.diagnose._places import Interval
 from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity, coordinate_words, effect_words
 from symfive.identify import UNCONVERGED, Identification

@@ -22,11 +22,11 @@ from symfive.arrays import Array, Indices
 from symfive.posterior._moments import Moments
 
 __all__ = [
-    "SHARE", "STEPS", "Blocks", "Equations", "LogEvidence", "Member", "Turned", "beside", "discrepancies", "equations",
+    "SHARE", "STEPS", "Blocks", "Equations", "LogEvidence", "Selected", "Turned", "beside", "discrepancies", "equations",
     "evidence_of", "explained", "log_evidence", "solution",
 ]  # fmt: skip
 
-Member = tuple[int, float]
+Selected = tuple[int, float]
 """A term of a subset: its number, and the width of its amplitudes' prior in units of its usual one."""
 Blocks = tuple[tuple[int, float], ...]
 """Discrepancies: unidentified terms, each with the 1σ of its coefficients in units of its usual one."""
@@ -91,7 +91,7 @@ class Equations:
         return np.asarray(self.h / kappa2[:, None, None] + np.eye(len(self.d)))
 
 
-def equations(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> Equations:
+def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()) -> Equations:
     """Of one subset, with the discrepancies `blocks` of its terms."""
     target = np.zeros(moments.size)
     target[-1] = 1.0
@@ -116,7 +116,9 @@ def equations(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) 
     return Equations(where, w, d, h, g, q, aim, target[aim])
 
 
-def beside(moments: Moments, members: Sequence[Member], columns: Indices, kappa2: float) -> tuple[Array, Array, Array]:
+def beside(
+    moments: Moments, members: Sequence[Selected], columns: Indices, kappa2: float
+) -> tuple[Array, Array, Array]:
     """What further `columns` (k,) find beside a subset under a noise scale: their information h (J, k, k) and slope g (J, k) once
     the subset is eliminated, and what the subset leaves, `left` (J,)."""
     s = equations(moments, members)
@@ -132,7 +134,7 @@ def beside(moments: Moments, members: Sequence[Member], columns: Indices, kappa2
     return h - turned @ solved[:, :, :-1], g - (turned @ solved[:, :, -1:])[:, :, 0], left
 
 
-def log_evidence(moments: Moments, members: Iterable[Member], blocks: Blocks = ()) -> LogEvidence:
+def log_evidence(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()) -> LogEvidence:
     """The evidence of one subset, with the discrepancies `blocks` of its terms."""
     return evidence_of(moments, equations(moments, members, blocks))
 
@@ -187,7 +189,7 @@ class Turned:
         return np.asarray(np.log(self.power / kappa2[:, None] + 1.0).sum(axis=1))
 
 
-def discrepancies(moments: Moments, members: Sequence[Member], x: Array) -> Blocks:
+def discrepancies(moments: Moments, members: Sequence[Selected], x: Array) -> Blocks:
     """What the members of a subset whose solution is `x` may be off by: of each named one that does not vary a term over its own
     coordinate, in its own channel, whose prior rms in the readings is `SHARE` of what the member came out as (M. Kennedy & A.
     O'Hagan 2001; one per channel and coordinate, of the largest)."""
@@ -203,19 +205,19 @@ def discrepancies(moments: Moments, members: Sequence[Member], x: Array) -> Bloc
     return tuple((number, size) for number, size in sizes.items() if size > 0.0)
 
 
-def solution(moments: Moments, members: Sequence[Member], evidence: LogEvidence) -> list[Array]:
+def solution(moments: Moments, members: Sequence[Selected], evidence: LogEvidence) -> list[Array]:
     """x of each member under the noise that fits best, in units of its usual prior, amplitudes counted from nothing."""
     return (
         _by_member(moments, members, equations(moments, members).at(evidence.node, evidence.kappa2)) if members else []
     )
 
 
-def _by_member(moments: Moments, members: Sequence[Member], x: Array) -> list[Array]:
+def _by_member(moments: Moments, members: Sequence[Selected], x: Array) -> list[Array]:
     ends = np.cumsum([len(moments.columns[t].where) for t, _ in members])
     return np.split(x, ends[:-1])
 
 
-def explained(moments: Moments, members: Sequence[Member], evidence: LogEvidence) -> list[float]:
+def explained(moments: Moments, members: Sequence[Selected], evidence: LogEvidence) -> list[float]:
     """The energy of what each member adds to the readings behind set-up and geometry, in units of the noise that fits best."""
     gram, found = moments.gram[evidence.node], list[float]()
     for (number, _), x in zip(members, solution(moments, members, evidence), strict=True):

@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.posterior._evidence import Blocks, Member, discrepancies, equations, evidence_of, log_evidence
+from symfive.posterior._evidence import Blocks, Selected, discrepancies, equations, evidence_of, log_evidence
 from symfive.posterior._moments import Moments
 from symfive.posterior._sweep import WIDTHS, Sweep, nearest_width, widths_of
 from symfive.posterior._terms import Name, complete
 
-__all__ = ["Posterior", "Subset", "explore", "held_by", "log_prior", "weighed"]
+__all__ = ["Posterior", "Subset", "explore", "held_by", "log_prior", "marginal_evidence"]
 
-Subset = tuple[Member, ...]
+Subset = tuple[Selected, ...]
 MOST = 5
 """Effects at once; how they vary does not count."""
 BEAM = 6
@@ -102,11 +102,11 @@ class _Search:
     blocks: dict[Subset, Blocks] = field(default_factory=dict)
     swept: dict[Subset, tuple[list[int], list[float], Array]] = field(default_factory=dict)
 
-    def see(self, members: Iterable[Member]) -> None:
+    def see(self, members: Iterable[Selected]) -> None:
         """Weigh a subset, unless it was."""
         subset = tuple(sorted(members))
         if subset not in self.mass:
-            evidence, self.blocks[subset] = weighed(self.moments, subset)
+            evidence, self.blocks[subset] = marginal_evidence(self.moments, subset)
             self.mass[subset] = evidence + log_prior(self.moments, subset)
 
     def sweep(self, subset: Subset) -> tuple[list[int], list[float], Array]:
@@ -160,12 +160,12 @@ def held_by(moments: Moments) -> Subset:
     return tuple((t, nearest_width(moments.terms[t].effect.spread)) for t in range(moments.held))
 
 
-def log_prior(moments: Moments, subset: Iterable[Member]) -> float:
+def log_prior(moments: Moments, subset: Iterable[Selected]) -> float:
     """Of a subset, each width of a term as probable as any other."""
     return sum(moments.terms[t].log_prior - float(np.log(len(widths_of(moments, t)))) for t, _ in subset)
 
 
-def weighed(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
+def marginal_evidence(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     """Log evidence of a subset whose forms may or may not be a little off, the mean of both; the discrepancies, if they help."""
     s = equations(moments, subset)
     plain = evidence_of(moments, s)

@@ -13,8 +13,8 @@ from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.model import Model
 from symfive.posterior._about import moments_about
-from symfive.posterior._evidence import SHARE, Member, log_evidence
-from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, weighed
+from symfive.posterior._evidence import SHARE, Selected, log_evidence
+from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, marginal_evidence
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance
 from symfive.posterior._moments import moments_of
@@ -43,7 +43,7 @@ def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) 
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
     moments = moments_of(fit, held, blocks)
     members = held_by(moments)
-    evidence, blocks_used = weighed(moments, members)
+    evidence, blocks_used = marginal_evidence(moments, members)
     best = log_evidence(moments, members, blocks_used)
     return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2), evidence
 
@@ -237,9 +237,9 @@ def _rivals(posterior: Posterior) -> list[Subset]:
 def _clear(posterior: Posterior, best: Subset) -> Subset:
     """The members of a subset that stand out, of several new ones over one coordinate the clearest; what the linear model needs
     beside it, relinearising or another shape may explain."""
-    mass, _ = weighed(posterior.moments, best)
-    gains = {m: mass - weighed(posterior.moments, tuple(o for o in best if o != m))[0] for m in best}
-    terms, kept = posterior.moments.terms, list[Member]()
+    mass, _ = marginal_evidence(posterior.moments, best)
+    gains = {m: mass - marginal_evidence(posterior.moments, tuple(o for o in best if o != m))[0] for m in best}
+    terms, kept = posterior.moments.terms, list[Selected]()
     for member in sorted(best, key=lambda m: (m[0] >= posterior.moments.held, -gains[m])):
         covered = {terms[t].covers for t, _ in kept if t >= posterior.moments.held} - {("", "")}
         if (
@@ -258,7 +258,7 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
     if all(t < moments.held or linear(moments.terms[t].form) for t, _ in subset):
         return False
     common = tuple(m for m in subset if m[0] in best)
-    mine, theirs, both = (weighed(moments, s)[0] for s in (subset, posterior.best, common))
+    mine, theirs, both = (marginal_evidence(moments, s)[0] for s in (subset, posterior.best, common))
     return mine - both > max(DECISIVE, 0.5 * (theirs - both))
 
 

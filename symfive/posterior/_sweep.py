@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.posterior._evidence import STEPS, Blocks, Equations, Member, Turned, equations
+from symfive.posterior._evidence import STEPS, Blocks, Equations, Selected, Turned, equations
 from symfive.posterior._moments import Alike, Moments
 
 __all__ = ["WIDTHS", "Sweep", "nearest_width", "widths_of"]
@@ -43,7 +43,7 @@ class Sweep:
     slope: Array
 
     @classmethod
-    def of(cls, moments: Moments, members: Sequence[Member], blocks: Blocks = ()) -> Sweep:
+    def of(cls, moments: Moments, members: Sequence[Selected], blocks: Blocks = ()) -> Sweep:
         """Of a subset and its discrepancies."""
         s = equations(moments, members, blocks)
         turned = Turned.of(s)
