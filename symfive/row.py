@@ -21,6 +21,7 @@ Symbol = Any
 class Row:
     """The symbols of one row, all in mm, rad, s.
 
+    `clock` is the campaign's, `time` the run's own (`Run.course`: of a run without a clock the row's number).
     `axis` coordinate of each axis; axis effects (play, worm error) change it in place. `location` and `motion` errors
     by ISO 230-1 name; structural effects add to them with `add_motion`. `shift` displacement of the tool in the
     machine frame; `table_ball` (workpiece frame) and `tool_ball` (tool frame) with their set-up errors. `ball` is the

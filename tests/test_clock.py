@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import plant
 import pytest
 from test_outliers import NOISE_UM, campaign, positioning
 from test_real_recordings import recordings
@@ -86,7 +87,8 @@ def test_nothing_that_acts_over_time_is_looked_for_where_there_is_none() -> None
         return {e.id for e in effects} & timed, {name for e in effects if e.unidentified for name in e.over}
 
     assert {"thermal_drift", "setup_shift"} <= looked_for(plan)[0] and "t" in looked_for(plan)[1]
-    assert looked_for(unclocked(plan)) == (set(), looked_for(plan)[1] - {"t"})
+    # a slip of the ball shows between two rows, and a drift over the rows of its run: their order was recorded
+    assert looked_for(unclocked(plan)) == ({"setup_shift"}, looked_for(plan)[1] - {"t"} | {"row"})
     assert "time" not in " ".join(partitions(unclocked(plan)))
 
 
@@ -114,6 +116,19 @@ def test_numbers_that_only_order_the_rows_change_nothing() -> None:
     np.testing.assert_allclose(first.std, second.std, rtol=1e-12)
 
 
+def test_rows_count_and_not_the_numbers_that_order_them() -> None:
+    plan, rng = unclocked(tour()), np.random.default_rng(3)
+    other = [replace(run, time=np.cumsum(rng.uniform(0.1, 90.0, run.rows))) for run in plan.runs]
+    renumbered, run = replace(plan, runs=tuple(other)), plan.runs[0]
+    shift, drift = make_effect("setup_shift", run=run.id, row=8), make_effect("unknown", over=("row",), run=run.id)
+    for effect in (shift, drift):
+        models = [Model(each, [effect]) for each in (plan, renumbered)]
+        size = {p.name: 9.0 for p in models[0].effects[0].parameters(plan)}
+        one, two = (m.contribution(m.effects[0], m.vector(size)) for m in models)
+        assert np.ptp(one[run.id]) > 1.0 and not any(one[each.id].any() for each in plan.runs[1:])
+        np.testing.assert_allclose(one[run.id], two[run.id], atol=1e-12)
+
+
 def test_slow_noise_without_a_clock_lasts_rows() -> None:
     found = identify(unclocked(campaign(positioning())))
     slow = Noise(NOISE_UM, 0.5, 7.0, NOISE_UM)
@@ -134,6 +149,78 @@ def test_a_diagnosis_without_a_clock_finds_nothing_over_time() -> None:
     assert not {"time", "t"} & {f.coordinate for f in found.findings}
     assert not {"thermal_drift", "setup_shift", "vibration"} & {f.name for f in found.findings}
     assert " s " not in " ".join(f.says for f in found.findings)
+
+
+def two_nests(folder: Path, effects: list[dict]) -> tuple[Campaign, Campaign]:
+    """Two R-tests of the independent plant, and the same without their clocks."""
+    machine = plant.static_table()
+    poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, 45.0))
+    runs = [
+        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
+        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
+    ]
+    plant.write_campaign(folder / "c", machine, runs, {"EX0B": 30.0, "EA0C": -40.0}, None, effects, seed=3)
+    recorded = read_campaign(folder / "c")
+    return recorded, unclocked(recorded)
+
+
+def test_a_slip_without_a_clock_is_found_at_its_row(tmp_path: Path) -> None:
+    """The table ball of the second run slips by 5.4 µm between two readings of 0.4 µm."""
+    shift = [4.0, -3.0, 2.0]
+    recorded, plan = two_nests(tmp_path, [{"effect": "setup_shift", "run": "nest2", "t_s": 400.0, "shift": shift}])
+    found = diagnose(plan)
+    (finding,) = found.findings
+    assert finding.name == "setup_shift" and finding.confidence > 0.95 and finding.runs == ("nest2",)
+    first = int(np.flatnonzero(recorded.runs[1].time >= 400.0)[0])
+    assert finding.coordinate == "row in nest2"
+    assert finding.parameters["row"].value == first + 1 and "t_s" not in finding.parameters
+    assert f"row {first + 1}" in finding.says and " s " not in finding.says
+    said = finding.parameters["shift"]
+    away = np.subtract(said.value, shift) / said.std
+    assert np.abs(away).max() < 3.0 and max(said.std) < 0.2
+    assert found.fit.chi2_dof_before > 4.0 and found.fit.chi2_dof_after < 1.1
+
+
+def test_nothing_slips_in_a_clean_campaign_without_a_clock(tmp_path: Path) -> None:
+    _, plan = two_nests(tmp_path, [])
+    found = diagnose(plan)
+    assert not found.mismatch and found.findings == ()
+
+
+@pytest.mark.slow
+def test_a_slow_drift_without_a_clock_is_no_slip(tmp_path: Path) -> None:
+    drift = {"effect": "thermal_drift", "amplitude": 12.0, "direction": [0.0, 0.6, 0.8], "time_constant_s": 900.0}
+    _, plan = two_nests(tmp_path, [drift])
+    found = diagnose(plan)
+    assert {f.name for f in found.findings} == {"unknown"}
+    assert {f.coordinate for f in found.findings} <= {"row in nest1", "row in nest2"}
+    rows = next(f for f in found.findings if f.runs == ("nest1",))
+    assert np.abs(rows.parameters["direction"].value) == pytest.approx([0.0, 0.6, 0.8], abs=0.15)
+    assert "setup_shift" not in {r.effect for f in found.findings for r in f.rivals if r.confidence > 0.05}
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("setup_shift", {"row": 1}, "row = 1 lies outside the run"),
+        ("setup_shift", {"row": 5, "t_s": 9.0}, "a row has no clock"),
+        ("setup_shift", {"row": 5, "shape": "creep"}, "a row has no clock"),
+        ("unknown", {"over": ("row",), "run": None}, "within one run"),
+        ("unknown", {"over": ("t",)}, "within one run"),
+    ],
+)
+def test_rows_are_of_a_run_without_a_clock(name: str, options: dict, said: str) -> None:
+    plan = unclocked(tour())
+    with pytest.raises(InputError, match=said):
+        Model(plan, [make_effect(name, **{"run": plan.runs[0].id, **options})])
+
+
+def test_rows_do_not_replace_a_clock_that_was_recorded() -> None:
+    plan = tour()
+    run = plan.runs[0].id
+    assert not any(make_effect("setup_shift", run=run, row=5).applies(each) for each in plan.runs)
+    with pytest.raises(InputError, match="no run has these coordinates"):
+        Model(plan, [make_effect("unknown", over=("row",), run=run)])
 
 
 @pytest.mark.parametrize("name", ["ecmc-iso230", "irb120-tracker", "mukca/panda_1"])

@@ -1,4 +1,4 @@
-"""Coordinates of a nonparametric term, by name: an axis, what its motion does, or time."""
+"""Coordinates of a nonparametric term, by name: an axis, what its motion does, time, or the row."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     from symfive.row import Row
 
 __all__ = [
-    "ACCELERATION", "SIGN", "SINCE", "VELOCITY", "coordinate_in", "coordinate_values", "owner", "signals_of", "steps",
+    "ACCELERATION", "ROW", "SIGN", "SINCE", "VELOCITY", "coordinate_in", "coordinate_values", "owner", "signals_of", "steps",
     "usual_span",
 ]  # fmt: skip
 
 VELOCITY, ACCELERATION = " velocity", " acceleration"
 SINCE = " since reversal"
 SIGN = " velocity sign"
+ROW = "row"
+"""The number of a row, which replaces time in a run whose clock was not recorded."""
 RARE = 0.01
 """The share of a run that starts and stops, and above that of its ends, take at most."""
 FINEST = 1e-3
@@ -41,9 +43,11 @@ def steps(share: Any, library: Any, finest: float = FINEST) -> Any:
 
 
 def coordinate_values(name: str, run: Run, machine: Machine) -> Array:
-    """A coordinate along the commands of a run, in file units (mm, degree, s)."""
+    """A coordinate along the commands of a run, in file units (mm, degree, s; rows from 1)."""
     if name == "t":
         return run.start_s + np.asarray(run.time)
+    if name == ROW:
+        return run.course
     if run.pieces:
         return np.concatenate([coordinate_values(name, piece.run, machine)[piece.own] for piece in run.pieces])
     command = np.asarray(run.commands[owner(name)])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._coordinates import ACCELERATION, SIGN, SINCE, VELOCITY
+from symfive.effects._coordinates import ACCELERATION, ROW, SIGN, SINCE, VELOCITY
 from symfive.effects._force import driven_axes
 from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing, revisited
 from symfive.effects._series import share_of
@@ -32,11 +32,12 @@ def unidentified_forms(kind: type[Unknown], campaign: Campaign) -> Iterable[Form
 
     Coordinates: each axis that moves, its velocity and acceleration (dynamic runs only), its distance since reversal, its
     position by direction of approach (a table of values where positions repeat, as in a test by ISO 230-2), each pair of rotary
-    axes, and time, also as a cycle. Drive forces: over velocity and position. Coordinates that the campaign does not
-    move are omitted.
+    axes, and time, also as a cycle; the row of each run without a clock. Drive forces: over velocity and position. Coordinates
+    that the campaign does not move are omitted.
     """
     machine, axes = campaign.machine, moving(campaign)
-    drafts = [kind(over=("t",))]
+    unclocked = [run.id for run in campaign.runs if not run.has_clock]
+    drafts = [kind(over=("t",)), *(kind(over=(ROW,), run=run) for run in unclocked)]
     for axis in axes:
         words = [axis, f"{axis}{SINCE}"]
         if any(run.dynamic for run in campaign.runs):
@@ -65,7 +66,7 @@ def unidentified_forms(kind: type[Unknown], campaign: Campaign) -> Iterable[Form
             effect = draft.prepare(campaign)
         except InputError:
             continue  # the campaign does not move there
-        yield _form(effect, campaign)
+        yield replace(_form(effect, campaign), places=len(unclocked) if effect.run else 1.0)
     yield from _cycles(kind, campaign)
 
 

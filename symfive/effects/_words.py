@@ -12,7 +12,7 @@ _QUANTITIES = {
     "velocity sign": "the direction of {}", "velocity": "the velocity of {}", "acceleration": "the acceleration of {}",
     "since reversal": "the path of {} since its reversal", "": "the position of {}",
 }  # fmt: skip
-_PLAIN = {"t": "time", "time": "time", "pose": "the pose", "reading": "the reading"}
+_PLAIN = {"t": "time", "time": "time", "row": "the row number", "pose": "the pose", "reading": "the reading"}
 _COMPONENT = re.compile(r"E[A-CX-Z]0?(.+)")
 _REPEATED = re.compile(r"1?(\++)")
 
@@ -43,5 +43,6 @@ def coordinate_words(coordinate: str) -> str:
     said = []
     for words in coordinate.split(", "):
         name, _, quantity = words.partition(" ")
-        said.append(_PLAIN.get(words) or (_QUANTITIES[quantity].format(name) if quantity in _QUANTITIES else words))
+        plain = f"{_PLAIN.get(name, name)} {quantity}"
+        said.append(_PLAIN.get(words) or (_QUANTITIES[quantity].format(name) if quantity in _QUANTITIES else plain))
     return " and ".join(said)

@@ -1,4 +1,4 @@
-"""Set-up shift: a ball or nest slips at one instant within a run."""
+"""Set-up shift: a ball or nest slips at one instant (without a clock: at one row) within a run."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import INSTRUMENT, Effect
+from symfive.effects._coordinates import ROW
 from symfive.effects._form import BALL, Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
@@ -23,27 +24,27 @@ if TYPE_CHECKING:
 ARTEFACTS = ("table", "tool")
 SHAPES = ("step", "creep")
 MOST_PLACES = 150
-"""Instants of a run that are scanned, evenly spread."""
+"""Rows of a run that are scanned, evenly spread."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SetupShift(Effect):
-    """From `t_s` of the run on the ball is displaced by shift (3, µm): the table's in the workpiece frame,
+    """From `t_s` or `row` of the run on the ball is displaced by shift (3, µm): the table's in the workpiece frame,
     the tool's in its.
 
-    `run` its id, `t_s` on the run's own clock, `artefact` which ball, `shape`: `step` at once (`t_s` from a scan: readings
-    jump between two rows, so it has no derivative), or `creep`, shift·(1 - exp(-(t - t_s)/creep_s)) with the
-    instant a parameter about `t_s`. Typical 1–20 µm.
+    `run` its id, `t_s` on the run's own clock, or `row`, the first displaced one (from 1), of a run whose clock was not recorded;
+    `artefact` which ball, `shape`: `step` at once (its place from a scan: readings jump between two rows, so it has no
+    derivative), or, with a clock, `creep`, shift·(1 - exp(-(t - t_s)/creep_s)) with the instant a parameter about `t_s`.
+    Typical 1–20 µm.
     """
 
     id = "setup_shift"
-    over_time = True
     says = "the artefact moved within the run"
     hidden_by = "the run's set-up errors where it happened near its start or end"
     action = "clamp the artefact again and repeat the run; the machine needs no repair"
-    coordinate = "time"
     run: str
-    t_s: float
+    t_s: float = 0.0
+    row: int = 0
     artefact: str = "table"
     shape: str = "step"
 
@@ -53,6 +54,21 @@ class SetupShift(Effect):
         return self._key(self.run)
 
     @property
+    def over_time(self) -> bool:  # type: ignore[override]
+        """Whether its place is an instant, and not a row."""
+        return not self.row
+
+    @property
+    def coordinate(self) -> str:  # type: ignore[override]
+        """Time, or the row of its run."""
+        return "time" if self.over_time else f"{ROW} in {self.run}"
+
+    @property
+    def _begin(self) -> float:
+        """Where it begins along `Run.course`; a row, halfway from the one before."""
+        return self.t_s if self.over_time else self.row - 0.5
+
+    @property
     def link(self) -> str:
         """The instrument is to blame."""
         return INSTRUMENT
@@ -60,26 +76,31 @@ class SetupShift(Effect):
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("artefact", ARTEFACTS)
         self.choose("shape", SHAPES)
+        if self.row and (self.t_s or self.shape != "step"):
+            raise InputError(f"{self.key}: a row has no clock", remedy='write row = … alone, with shape = "step"')
         for run in filter(self.applies, campaign.runs):
-            if not float(run.time[0]) < self.t_s <= float(run.time[-1]):
+            if not run.course[0] < self._begin <= run.course[-1]:
+                name, given = ("t_s", self.t_s) if self.over_time else ("row", self.row)
                 raise InputError(
-                    f"{self.key}: t_s = {self.t_s} lies outside the run",
-                    remedy=f"{run.time[0]} < t_s <= {run.time[-1]}",
+                    f"{self.key}: {name} = {given} lies outside the run",
+                    remedy=f"{run.course[0]:g} < {name} <= {run.course[-1]:g}",
                 )
         return super().prepare(campaign)
 
     def applies(self, run: Run) -> bool:
-        return super().applies(run) and run.id == self.run
+        return run.id == self.run and run.has_clock == self.over_time
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
         for run in campaign.runs:
             margin = max(3, run.rows // 50)  # nearer to an end it could not be separated from the set-up
             rows = np.arange(margin, run.rows - margin, max(1, run.rows // MOST_PLACES))
-            if run.rows < 4 * margin or not (run.measured and run.has_clock):
+            if run.rows < 4 * margin or not run.measured:
                 continue
 
             def form(k: int, run: Run = run, rows: Any = rows) -> Form:
+                if not run.has_clock:
+                    return Form(effect=cls(run=run.id, row=int(rows[k]) + 1), places=campaign.rows)
                 instant = 0.5 * float(run.time[rows[k] - 1] + run.time[rows[k]])
                 plain = cls(run=run.id, t_s=instant)
                 return Form(effect=plain, shapes=(replace(plain, shape="creep"),), places=campaign.rows)
@@ -104,7 +125,7 @@ class SetupShift(Effect):
             late = ca.fmax(row.time - self.parameter(row, "t_s"), 0.0)
             share = 1.0 - ca.exp(-late / self.parameter(row, "creep_s"))
         else:
-            share = ca.if_else(row.time >= self.t_s, 1.0, 0.0)
+            share = ca.if_else(row.time >= self._begin, 1.0, 0.0)
         shift = share * ca.vertcat(*(self.parameter(row, f"shift.{c}") for c in "xyz"))
         if self.artefact == "table":
             row.table_ball += shift
@@ -117,7 +138,7 @@ class SetupShift(Effect):
         step = campaign.run(self.run).interval
         found = {
             "run": Quantity(self.run),
-            "t_s": Quantity(self.t_s, step / math.sqrt(12.0), "s"),
+            **({"row": Quantity(self.row)} if self.row else {"t_s": Quantity(self.t_s, step / math.sqrt(12.0), "s")}),
             "shift": Quantity(tuple(p.value for p in parts), tuple(p.std for p in parts), "um"),
         }
         if self.shape == "creep":

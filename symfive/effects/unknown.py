@@ -16,6 +16,7 @@ from symfive.effects._base import DRIVE, Effect
 from symfive.effects._coordinates import (
     ACCELERATION,
     FINEST,
+    ROW,
     SIGN,
     SINCE,
     VELOCITY,
@@ -51,7 +52,8 @@ class Unknown(Effect):
 
     A coordinate is an axis (`B`), its velocity (`B velocity`) or acceleration (`B acceleration`), the side from which it came
     (`B velocity sign`), its way since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
-    logarithm down to `finest` of the longest) or `t` (the campaign's clock, s).
+    logarithm down to `finest` of the longest), `t` (the campaign's clock, s) or `row` (the number of a row in the `run`, whose
+    clock was not recorded).
     With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known and fixed) it is the phase in a cycle that
     counts, and `basis` is fourier. Functions as in the machine file: `basis` and `order` one per coordinate (a single one holds
     for all), products for several; `bspline` of order n has n intervals. They have no constant part: zeros and set-ups hold it.
@@ -84,11 +86,12 @@ class Unknown(Effect):
     sigma_force: float = 0.0
     finest: float = FINEST
     knots: tuple[float, ...] = ()
+    run: str | None = None
 
     @property
     def key(self) -> str:
-        """`unknown.B`, `unknown.B,C`."""
-        return self._key(",".join(self.over))
+        """`unknown.B`, `unknown.B,C`, `unknown.row.RUN`."""
+        return self._key(",".join(self.over), self.run)
 
     @property
     def owners(self) -> frozenset[str]:
@@ -108,7 +111,7 @@ class Unknown(Effect):
     @property
     def coordinate(self) -> str:  # type: ignore[override]
         """Its coordinates, separated by commas."""
-        return ", ".join(self.over)
+        return ", ".join(f"{name} in {self.run}" if name == ROW else name for name in self.over)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
@@ -124,10 +127,10 @@ class Unknown(Effect):
         self.choose("place", PLACES)
         machine = campaign.machine
         for name in self.over:
-            if name != "t" and owner(name) not in machine.axes:
+            if name not in ("t", ROW) and owner(name) not in machine.axes:
                 raise InputError(
                     f'{self.key}: coordinate "{name}" is unknown',
-                    remedy=f'use "t", an axis ({", ".join(machine.axis_names)}) or one of them with {_QUANTITIES}',
+                    remedy=f'use "t", "{ROW}", an axis ({", ".join(machine.axis_names)}) or one of them with {_QUANTITIES}',
                 )
         if self.place in ("axis", "force") and owner(self.over[0]) not in machine.axes:
             raise InputError(f"{self.key}: time moves no axis", remedy='write place = "structure"')
@@ -149,11 +152,14 @@ class Unknown(Effect):
             raise InputError(
                 f"{self.key}: only an axis or time has a cycle", remedy='write over = ["t"], basis = "fourier"'
             )
-        spans, runs = self.span, [run for run in campaign.runs if run.has_clock or not self.over_time]
+        if (ROW in self.over) != (self.run is not None):
+            raise InputError(f"{self.key}: rows count within one run", remedy=f'write over = ["{ROW}"], run = …')
+        spans, runs = self.span, [run for run in campaign.runs if self._counts(run)]
         if not spans:
             if not runs:
                 raise InputError(
-                    f"{self.key}: no run's clock was recorded", remedy="choose another coordinate than time"
+                    f"{self.key}: no run has these coordinates",
+                    remedy=f'use "t" where the clock was recorded, "{ROW}" where it was not',
                 )
             values = [np.concatenate([coordinate_values(name, run, machine) for run in runs]) for name in self.over]
             spans = tuple(usual_span(name, v) for name, v in zip(self.over, values, strict=True))
@@ -192,7 +198,11 @@ class Unknown(Effect):
         if self.place == "force":
             return driven_axis(run) == owner(self.over[0])
         rates = any(name.endswith((VELOCITY, ACCELERATION)) for name in self.over)
-        return super().applies(run) and (run.dynamic or not rates)
+        return self._counts(run) and (run.dynamic or not rates)
+
+    def _counts(self, run: Run) -> bool:
+        """Whether a run has the time or the rows over which it acts."""
+        return super().applies(run) and (self.run is None or (run.id == self.run and not run.has_clock))
 
     def functions(self, machine: Machine) -> Basis:
         """The functions of its coordinates, without a constant one."""
@@ -281,8 +291,8 @@ class Unknown(Effect):
             if name != "t":
                 unit, along = row.machine.axes[name].to_internal, row.signal(Position(name))
             return 2.0 * np.pi * along / (self.parameter(row, "period") if self.period_sigma else self.period * unit)
-        if name == "t":
-            return row.clock
+        if name in ("t", ROW):
+            return row.clock if name == "t" else row.time
         if name.endswith(SINCE):
             axis = owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal

@@ -303,7 +303,7 @@ class _Clock(NamedTuple):
 
     @classmethod
     def of(cls, motion: RunMotion, columns: slice | tuple[int, ...], series: list[Series]) -> _Clock:
-        inputs = np.stack([motion.clock, motion.run.time, *(s.value for s in series)], axis=1)
+        inputs = np.stack([motion.clock, motion.run.course, *(s.value for s in series)], axis=1)
         return cls(columns, inputs, series)
 
 

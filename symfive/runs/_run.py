@@ -247,6 +247,11 @@ class Run(OnScreen):
         return (float(time[-1]) - float(time[0])) / int(_steps(time)[-1]) if self.dynamic and usual > 0.0 else usual
 
     @property
+    def course(self) -> Array:
+        """Time of the rows on the run's own clock, s (N,); without a clock, their numbers from 1."""
+        return self.time if self.has_clock else np.arange(1.0, self.rows + 1.0)
+
+    @property
     def duration(self) -> float:
         """Time from the first row to the last, s; without a clock, in rows."""
         return float(self.time[-1] - self.time[0]) if self.has_clock else self.rows - 1.0
