@@ -127,7 +127,7 @@ def test_a_pose_gives_way_where_its_removal_costs_more_than_it_tells() -> None:
 
     prices: list[float] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("symfive.design._plan.chosen_with_moves", noted)
+        patch.setattr("symfive.design._plan_search.chosen_with_moves", noted)
         plan(preset("tsutsumi-2007"), instrument="ball_bar", points=32, starts=2, anywhere=False)
     removals = [sum(map(len, schedule.unsafe.values())) for schedule in laid]
     assert removals[0] >= removals[1] and prices[1] <= prices[0]
