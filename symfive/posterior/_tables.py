@@ -95,7 +95,7 @@ class Tables:
         # what is fitted is linearised alone, and what changes the motion apart from what acts behind it: a candidate begins where
         # it has a slope, and that must not move the slopes of others
         # runs share the function of the same effects: what acts in one run alone is linearised apart
-        lone = [effect for effect in others if sum(map(effect.applies, campaign.runs)) < min(2, len(campaign.runs))]
+        lone = [e for e in others if len(campaign.runs) > 1 and sum(map(e.applies, campaign.runs)) == 1]
         common = [effect for effect in others if effect not in lone]
         groups = [group for group in ([*common, *probes(channels)], freeing, lone) if group]
         self._models = [fit.model, *(Model(campaign, (*fit.model.added, *group)) for group in groups)]
