@@ -94,7 +94,10 @@ class Tables:
         channels = [channel_of(form) for form in fresh if form.basis is not None]
         # what is fitted is linearised alone, and what changes the motion apart from what acts behind it: a candidate begins where
         # it has a slope, and that must not move the slopes of others
-        groups = [group for group in ([*others, *probes(channels)], freeing) if group]
+        # runs share the function of the same effects: what acts in one run alone is linearised apart
+        lone = [e for e in others if len(campaign.runs) > 1 and sum(map(e.applies, campaign.runs)) == 1]
+        common = [effect for effect in others if effect not in lone]
+        groups = [group for group in ([*common, *probes(channels)], freeing, lone) if group]
         self._models = [fit.model, *(Model(campaign, (*fit.model.added, *group)) for group in groups)]
         values = [fit.named] * len(self._models)
         # where a recording begins has a slope only in an effect that acts: of usual size
