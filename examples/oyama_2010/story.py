@@ -2,7 +2,7 @@
 
 An R-test calibrates itself, maps the six errors of a tilting table B at seven angles and those of the turning table C on it
 at 7 × 12 poses, and the map compensates the machine. Beside every step stands what the printed equations do not say. Then
-the same readings go to symfive, whose diagnosis names what a map swallows without a word.
+the same readings go to symfive, whose diagnosis names what a map absorbs unnoticed.
 """
 
 from __future__ import annotations
@@ -173,11 +173,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     plain = still.before
     print(f"  a plain fit believes EZ0B = {plain['EZ0B']:.2f} ± {plain.uncertainty('EZ0B'):.2f} µm; true is 0")
     for where, share in absorbed().items():
-        print(f"  {where}: the baseline swallows {100.0 * share:.1f} % of it")
+        print(f"  {where}: the baseline absorbs {100.0 * share:.1f} % of it")
     print(f"  {still.summary}")
     figures.save(figures.gravity(still, SAG_UM), pictures, "gravity")
     drifting = map_a_drifting_machine(folder / "recordings" / "drift-once")
-    print("7 The same while the spindle grows: what the map swallows")
+    print("7 The same while the spindle grows: what the map absorbs")
     print(f"  the map is off by up to {drifting.error_um:.1f} µm, and (15) leaves {drifting.residual_um:.2f} µm rms")
     _, warm = look_again(folder / "recordings" / "drift-and-back", drift=True)
     print(f"  {warm.summary}")

@@ -34,7 +34,7 @@ Found = tuple[Rows, tuple[float, ...]]
 
 @dataclass(frozen=True)
 class PlanSearch:
-    """The search for one plan, whose readings take at most `minutes`; the other settings are those of `plan`."""
+    """The search for one plan of at most `minutes`; the other settings are those of `plan`."""
 
     space: Space
     task: Task
@@ -111,8 +111,9 @@ class PlanSearch:
         return with_ways_out(self._reach, self.task, rows)
 
     def _lay(self, rows: Rows) -> Schedule:
-        settings = {"returns": self.returns, "repeats": self.repeats}
-        return scheduled(self.space, rows, **settings, noise_um=self.noise_um, index=self.index)
+        return scheduled(
+            self.space, rows, returns=self.returns, repeats=self.repeats, noise_um=self.noise_um, index=self.index
+        )
 
     def _fitted(self, rows: Rows) -> Rows:
         """As much of a design as fits into the time."""

@@ -64,6 +64,11 @@ class SetupShift(Effect):
         return "time" if self.over_time else f"{ROW} in {self.run}"
 
     @property
+    def _place(self) -> tuple[str, float]:
+        """Name and value of where it happened."""
+        return ("t_s", self.t_s) if self.over_time else ("row", self.row)
+
+    @property
     def _begin(self) -> float:
         """Where it begins along `Run.course`; a row, halfway from the one before."""
         return self.t_s if self.over_time else self.row - 0.5
@@ -80,7 +85,7 @@ class SetupShift(Effect):
             raise InputError(f"{self.key}: a row has no clock", remedy='write row = … alone, with shape = "step"')
         for run in filter(self.applies, campaign.runs):
             if not run.course[0] < self._begin <= run.course[-1]:
-                name, given = ("t_s", self.t_s) if self.over_time else ("row", self.row)
+                name, given = self._place
                 raise InputError(
                     f"{self.key}: {name} = {given} lies outside the run",
                     remedy=f"{run.course[0]:g} < {name} <= {run.course[-1]:g}",
@@ -135,10 +140,11 @@ class SetupShift(Effect):
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         parameters = self.parameters(campaign)
         parts = [own_quantity(p, values, covariance) for p in parameters[:3]]
-        step = campaign.run(self.run).interval
+        name, place = self._place
+        between = campaign.run(self.run).interval / math.sqrt(12.0)
         found = {
             "run": Quantity(self.run),
-            **({"row": Quantity(self.row)} if self.row else {"t_s": Quantity(self.t_s, step / math.sqrt(12.0), "s")}),
+            name: Quantity(place, between, "s") if self.over_time else Quantity(place),
             "shift": Quantity(tuple(p.value for p in parts), tuple(p.std for p in parts), "um"),
         }
         if self.shape == "creep":

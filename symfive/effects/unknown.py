@@ -291,8 +291,10 @@ class Unknown(Effect):
             if name != "t":
                 unit, along = row.machine.axes[name].to_internal, row.signal(Position(name))
             return 2.0 * np.pi * along / (self.parameter(row, "period") if self.period_sigma else self.period * unit)
-        if name in ("t", ROW):
-            return row.clock if name == "t" else row.time
+        if name == "t":
+            return row.clock
+        if name == ROW:
+            return row.time
         if name.endswith(SINCE):
             axis = owner(name)
             reach = self.span[self.over.index(name)][1] * row.machine.axes[axis].to_internal
