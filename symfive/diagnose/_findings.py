@@ -229,7 +229,8 @@ def _log_nothing(posterior: Posterior, term: int) -> float:
 
 
 def _other_forms(posterior: Posterior, term: int) -> list[int]:
-    """Forms of the same name, as other components, that give what the readings see of a term but for χ² of 4."""
+    """Forms of the same name, as other components, that give what the readings see of a term but for χ² of 4. Other places of a
+    scan are none: how well a place is known is another question."""
     moments, terms = posterior.moments, posterior.moments.terms
     held = _most_probable(posterior, frozenset(range(moments.held)))
     evidence = log_evidence(moments, held)
@@ -237,7 +238,7 @@ def _other_forms(posterior: Posterior, term: int) -> list[int]:
     at, x = own.where[own.amplitude], solution(moments, held, evidence)[term][own.amplitude]
     found = []
     for number, (other, columns) in enumerate(zip(terms, moments.columns, strict=True)):
-        if other.name == terms[term].name and other.slot != terms[term].slot:
+        if other.name == terms[term].name and other.slot != terms[term].slot and not other.form.placed:
             there = columns.where[columns.amplitude]
             seen = gram[np.ix_(there, at)] @ x
             given = seen @ np.linalg.lstsq(gram[np.ix_(there, there)], seen, rcond=None)[0]
