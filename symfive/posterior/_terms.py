@@ -24,7 +24,7 @@ Name = tuple[str, str | None]
 EXPECTED = 0.3
 """Effects that a campaign is expected to lack, all names together: one in three machines that are examined."""
 UNIDENTIFIED = float(np.exp(-5.0))
-"""Prior odds of an unidentified effect: decisive evidence has to speak for it (H. Jeffreys 1961, appendix B)."""
+"""Prior odds of an unidentified effect, all together: decisive evidence has to speak for it (H. Jeffreys 1961, appendix B)."""
 
 
 @dataclass(frozen=True)
@@ -130,15 +130,18 @@ def name_of(effect: Effect) -> Name:
 
 
 def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
-    """The forms as terms. A name has a share of the prior by how common it is, which its forms and places share."""
+    """The forms as terms. A name has a share of the prior by how common it is, which its forms and places share; all unidentified
+    effects but variations, which have their own, have the same share of theirs."""
     ways = Counter(name_of(form.effect) for form in forms if not form.at)
+    open_ = sum(form.effect.unidentified and not isinstance(form.effect, Varying) for form in forms)
     total = sum({name_of(form.effect): form.effect.rate for form in forms}.values())
     found, there = [], set[str]()
     for form in forms:
         slot: tuple[object, ...]
         effect, name = form.effect, name_of(form.effect)
         if effect.unidentified:
-            prior, slot, covers = UNIDENTIFIED, ("", effect.coordinate), (form.channel, effect.coordinate)
+            prior = UNIDENTIFIED / (1 if isinstance(effect, Varying) else open_)
+            slot, covers = ("", effect.coordinate), (form.channel, effect.coordinate)
         else:
             covers = effect.answers or ("", "")
             prior = EXPECTED * effect.rate / (total * max(1, ways[name]))
