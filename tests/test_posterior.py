@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 import symfive
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import diagnose
-from symfive.effects import EFFECTS, Form, Scan, Tone
+from symfive.effects import EFFECTS, Form, Scan, Tone, make_effect
 from symfive.importers import polar_run
 from symfive.inference import whiten
 from symfive.machine import preset
@@ -27,10 +27,12 @@ from symfive.posterior import (
     candidates,
     explore,
     grams,
+    linear_estimate,
     log_evidence,
     moments_of,
     nodes_of,
 )
+from symfive.simulate import simulate
 
 NOISE = 0.3
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -229,6 +231,40 @@ def test_friction_is_looked_at_where_it_is_of_some_size() -> None:
     square = sum(float(np.sum(((added[r.id] / model.noise(r))[~left_out[r.id]]) ** 2)) for r in campaign.runs)
     weights = np.append(amount, 1.0)
     assert weights @ gram @ weights == pytest.approx(square, rel=1e-6)
+
+
+@pytest.mark.parametrize(("effect", "parameter"), [("latency", "delay_ms"), ("sensor_low_pass", "time_constant_ms")])
+def test_what_is_late_is_looked_at_about_several_times(effect: str, parameter: str) -> None:
+    """While an axis accelerates the slope at nothing says nothing of 150 ms."""
+    plan, name = read_campaign(CAMPAIGNS / "planar-none" / "fit"), f"{effect}.{parameter}"
+    late = simulate(plan, truth={name: 150.0}, effects=[make_effect(effect)], seed=1).campaign
+    found = moments_of(baseline(late), (), candidates(late).forms)
+    best = explore(found, named=True).best
+    assert [found.terms[t].effect.key for t, _ in best] == [effect]
+    assert linear_estimate(found, best, log_evidence(found, best))[1][name] == pytest.approx(150.0, abs=20.0)
+
+
+def test_all_unidentified_effects_share_one_prior(moments: Moments) -> None:
+    """Else it grows with the coordinates of a campaign, and an exact tie goes to what has no name."""
+    priors = [t.log_prior + np.log(t.form.places) for t in moments.terms if t.effect.unidentified]
+    assert len(priors) > 10 and np.logaddexp.reduce(priors) == pytest.approx(-5.0)
+
+
+def test_a_slope_in_a_delay_is_taken_over_a_row() -> None:
+    """Between two rows a command is a chord: what a shorter delay does says little of a longer one."""
+    plan = read_campaign(CAMPAIGNS / "planar-none" / "fit")
+    fit, latency = baseline(plan), make_effect("latency").prepare(plan)
+    found = moments_of(fit, (), [Form(effect=latency)])
+    model, square = Model(plan, [*fit.model.added, latency]), 0.0
+    left_out = fit.problem().left_out
+    for run in plan.runs:
+        ahead, behind = (
+            model.predict_run(run, {**fit.named, "latency.delay_ms": s * 1e3 * run.interval}) for s in (1, -1)
+        )
+        slope = (ahead - behind) / (2e3 * run.interval) * latency.parameters(plan)[0].sigma
+        square += float(np.sum((slope / model.noise(run))[~left_out[run.id]] ** 2))
+    (number,) = found.columns[0].where
+    assert found.raw[number, number] == pytest.approx(square, rel=1e-9)
 
 
 def test_search_finds_what_all_pairs_hold(moments: Moments) -> None:

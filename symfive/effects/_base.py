@@ -139,6 +139,10 @@ class Effect:
         """Parameters at which it is of usual size: 1σ of the prior of each amplitude, the prior mean of each shape."""
         return {p.name: p.sigma if p.mean == 0.0 else p.mean for p in self.parameters(campaign)}
 
+    def steps(self, campaign: Campaign) -> Mapping[str, float]:
+        """Parameters in which the readings are rough, by name, and the change from which on they are smooth (file units)."""
+        return {}
+
     def starts(self, run: Run) -> tuple[Parameter, ...]:
         """Unknown initial states of a run, as parameters of its set-up."""
         return ()

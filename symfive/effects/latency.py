@@ -7,11 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from symfive.effects._base import INSTRUMENT, Effect
+from symfive.effects._form import Form, Forms
 from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.runs import Campaign, Run
+
+SIZES = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+"""In units of the usual one, up to a second, at which the readings are looked at."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +42,23 @@ class Latency(Effect):
     def applies(self, run: Run) -> bool:
         return super().applies(run) and has_clock_of_its_own(run)
 
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Forms:
+        """While an axis accelerates the readings are far from linear in the delay: they are looked at about several delays, up to
+        a quarter of the shortest run."""
+        yield Form(effect=cls())
+        longest = min((run.duration for run in campaign.runs if run.dynamic and has_clock_of_its_own(run)), default=0.0)
+        (delay,) = cls().parameters(campaign)
+        for size in (sign * times * delay.sigma for times in SIZES for sign in (1.0, -1.0)):
+            if abs(size) <= 250.0 * longest:
+                yield Form(effect=cls(), at={delay.name: size})
+
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("delay_ms", "ms", 10.0),)
+
+    def steps(self, campaign: Campaign) -> Mapping[str, float]:
+        """A command is a chord between two rows: over one row and more the readings are smooth in the delay."""
+        return {f"{self.key}.delay_ms": 1e3 * max(run.interval for run in campaign.runs if self.applies(run))}
 
     def frees(self) -> Mapping[tuple[str, str], str]:
         return {("", "delay"): f"{self.key}.delay_ms"}

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from symfive.runs import Campaign
 
 SHAPES = ("lag", "pulse")
+TIMES_MS = (20.0, 60.0, 180.0)
+"""Usual times, half a decade apart."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +50,15 @@ class ReversalSpike(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
+        """Looked at about several times after the reversal: readings are linear in the height only."""
         for axis in reversing(campaign):
-            yield Form(effect=cls(axis=axis), shapes=tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:]))
+            lag, pulse = (cls(axis=axis, shape=shape) for shape in SHAPES)
+            yield Form(effect=lag, shapes=(pulse,))
+            for time in TIMES_MS:
+                yield Form(effect=lag, shapes=(pulse,), at={f"{lag.key}.duration_ms": time})
+                yield Form(
+                    effect=pulse, shapes=(lag,), at={f"{pulse.key}.delay_ms": time, f"{pulse.key}.width_ms": time}
+                )
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         axis = self.its_axis(campaign)

@@ -10,6 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Forms
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
 from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from symfive.runs import Campaign, Run
 
 NEGLIGIBLE = 1e-18
+SIZES = (4.0, 16.0, 64.0)
+"""In units of the usual one, up to a third of a second, at which the readings are looked at."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +42,14 @@ class SensorLowPass(Effect):
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and has_clock_of_its_own(run)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Forms:
+        """Far from linear in a long time constant, the readings are looked at about several."""
+        yield Form(effect=cls())
+        (tau,) = cls().parameters(campaign)
+        for size in SIZES:
+            yield Form(effect=cls(), at={tau.name: size * tau.sigma})
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("time_constant_ms", "ms", 5.0, lower=0.0, start=0.5),)

@@ -179,16 +179,19 @@ class _Round:
 
 
 def _ahead(posterior: Posterior) -> Iterator[Subset]:
-    """The most probable subsets of the most probable names that the fit should hold instead of what it holds, cut to what is
-    clear."""
+    """The most probable subsets of the most probable names that the fit should hold instead of what it holds: of each first what
+    it holds with the clearest new member, then all that is clear."""
     held, tried = set(range(posterior.moments.held)), set[frozenset[int]]()
     for subset in sorted(posterior.mass, key=lambda s: (-posterior.worth(s), -posterior.mass[s])):
-        terms = frozenset(t for t, _ in subset)
-        if terms == held or len(tried) == TRIES:
+        if {t for t, _ in subset} == held:
             return
-        if terms not in tried:
-            tried.add(terms)
-            yield _clear(posterior, subset)
+        for clear in _clear(posterior, subset):
+            terms = frozenset(t for t, _ in clear)
+            if len(tried) == TRIES:
+                return
+            if terms not in tried:
+                tried.add(terms)
+                yield clear
 
 
 def _shaped(
@@ -199,7 +202,7 @@ def _shaped(
     machine = here.fit.model.machine
     for number in (k for k, form in enumerate(here.held) if form.effect.key not in known):
         for shape in here.held[number].shapes:
-            trial = _reshaped(here, number, shape)
+            trial = _reshaped(here, number, shape, candidates)
             if trial is None:
                 continue
             other, evidence = expanded(trial.fit, trial.held, candidates)
@@ -209,14 +212,17 @@ def _shaped(
     return here, mass
 
 
-def _reshaped(here: Expansion, number: int, shape: Effect) -> Expansion | None:
-    """The fit with one of its effects in another shape; None where the shape cannot be."""
+def _reshaped(here: Expansion, number: int, shape: Effect, candidates: Candidates) -> Expansion | None:
+    """The fit with one of its effects in another shape, from the best of the places where this is looked at; None where the shape
+    cannot be."""
     form = here.held[number]
     try:
         effect = replace(shape, spread=form.effect.spread, tag=form.effect.tag).prepare(here.fit.model.campaign)
         forms = [*here.held[:number], replace(form, effect=effect), *here.held[number + 1 :]]
         model = Model(here.fit.model.campaign, [f.effect for f in forms])
-        trial = fitted(model, [here.fit.named], here.node, here.kappa2, here.fit)
+        places = [form.at for form in candidates.forms if form.at and form.effect == effect]
+        starts = [here.fit.named, *({**here.fit.named, **at} for at in places)]
+        trial = fitted(model, starts, here.node, here.kappa2, here.fit)
         return expansion(trial, forms, here.node, here.kappa2) if _sane(trial) else None
     except (InputError, np.linalg.LinAlgError):
         return None
@@ -234,21 +240,18 @@ def _rivals(posterior: Posterior) -> list[Subset]:
     return found
 
 
-def _clear(posterior: Posterior, best: Subset) -> Subset:
-    """The members of a subset that stand out, of several new ones over one coordinate the clearest; what the linear model needs
-    beside it, relinearising or another shape may explain."""
+def _clear(posterior: Posterior, best: Subset) -> tuple[Subset, Subset]:
+    """The members of a subset that the fit holds, with the clearest new one, and with all that stand out, of several over one
+    coordinate the clearest; what the linear model needs beside one, relinearising or another shape may explain."""
     mass, _ = marginal_evidence(posterior.moments, best)
     gains = {m: mass - marginal_evidence(posterior.moments, tuple(o for o in best if o != m))[0] for m in best}
-    terms, kept = posterior.moments.terms, list[Selected]()
-    for member in sorted(best, key=lambda m: (m[0] >= posterior.moments.held, -gains[m])):
-        covered = {terms[t].covers for t, _ in kept if t >= posterior.moments.held} - {("", "")}
-        if (
-            not kept
-            or member[0] < posterior.moments.held
-            or (gains[member] > CLEAR and terms[member[0]].covers not in covered)
-        ):
-            kept.append(member)
-    return tuple(sorted(kept))
+    terms, held = posterior.moments.terms, posterior.moments.held
+    kept, fresh = [m for m in best if m[0] < held], list[Selected]()
+    for member in sorted((m for m in best if m[0] >= held), key=lambda m: -gains[m]):
+        covered = {terms[t].covers for t, _ in fresh} - {("", "")}
+        if not (kept or fresh) or (gains[member] > CLEAR and terms[member[0]].covers not in covered):
+            fresh.append(member)
+    return tuple(sorted((*kept, *fresh[:1]))), tuple(sorted((*kept, *fresh)))
 
 
 def _promising(posterior: Posterior, subset: Subset) -> bool:

@@ -21,9 +21,10 @@ WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
 
 
 def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
-    """Prior widths to try for a term: only the usual one if it frees a drive quantity, since its slope is not valid beyond, or
-    if it is a variation of another effect and has no size of its own."""
-    return WIDTHS[:1] if moments.terms[number].frees or moments.terms[number].needs else WIDTHS
+    """Prior widths to try for a term: only the usual one if it departs from a value that the machine file states, or varies
+    another effect: neither has a size of its own."""
+    term = moments.terms[number]
+    return WIDTHS[:1] if term.effect.departs or term.needs else WIDTHS
 
 
 def nearest_width(size: float, widths: Sequence[float] = WIDTHS) -> float:

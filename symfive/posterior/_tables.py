@@ -41,6 +41,22 @@ class Placed:
     exact: int = -1
 
 
+def smoothed(model: Model, run: Run, values: Array) -> Linearisation:
+    """A run at parameter values (k,); slopes in parameters in which the readings are rough are taken over the effect's step."""
+    line = model.linearise(run, values)
+    steps = {n: s for e in model.effects if e.applies(run) for n, s in e.steps(model.campaign).items()}
+    if not steps:
+        return line
+    jacobian = line.jacobian.copy()
+    for name, step in steps.items():
+        number = model.index[name]
+        ahead, behind = values.copy(), values.copy()
+        ahead[number], behind[number] = values[number] + step, values[number] - step
+        change = model.predict_run(run, ahead) - model.predict_run(run, behind)
+        jacobian[:, :, list(line.columns).index(number)] = change / (2.0 * step)
+    return replace(line, jacobian=jacobian)
+
+
 class Distant:
     """An effect that may join a fit, looked at where it is of some size: its slopes there, and the rest of what it adds."""
 
@@ -64,7 +80,7 @@ class Distant:
     def columns(self, run: Run, without: Array) -> Array:
         """Slopes times prior 1σ, and last what it adds to the prediction `without` it less the slopes' share of that:
         (N, ny, parameters + 1)."""
-        line = self._model.linearise(run, self._at)
+        line = smoothed(self._model, run, self._at)
         place = {self._model.parameters[n].name: k for k, n in enumerate(line.columns)}
         found = np.zeros((*line.prediction.shape, len(self._own) + 1))
         found[:, :, -1] = line.prediction - without
@@ -118,7 +134,7 @@ class Tables:
         self._left_out = problem.left_out
         self._fitted = {run.id: np.concatenate([np.arange(part.start, part.stop) for _, part in problem.parts(run)])
                         for run in campaign.runs}  # fmt: skip
-        self._lines = {run.id: [model.linearise(run, model.vector(at)) for model, at in zip(self._models, values, strict=True)]
+        self._lines = {run.id: [smoothed(model, run, model.vector(at)) for model, at in zip(self._models, values, strict=True)]
                        for run in campaign.runs}  # fmt: skip
         self._distant = {id(form): Distant(fit, form) for form in fresh if form.at}
         self._tangents = self._compressed([form for form in fresh if form.basis is not None])
