@@ -136,6 +136,7 @@ def test_a_sag_that_comes_back_by_another_way_is_one_effect(tmp_path):
     assert found["amplitude_branch"].value == pytest.approx(0.2 * 9.0, rel=0.1)
 
 
+@pytest.mark.xfail(strict=False, reason="issue 30: an unidentified effect beside it")
 @pytest.mark.slow
 def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path):
     """A sag whose way back takes over bit by bit over 60° and more."""

@@ -66,8 +66,7 @@ def test_emps_without_its_friction_gets_a_friction_and_the_instant_of_its_force(
     bare = [replace(run, options={**run.options, "force_terms": ("mass", "viscous")}) for run in full.runs]
     found = diagnose(replace(full, runs=tuple(bare)), exclude=("varying",))
     first, second = found.findings[:2]
-    # the second one is placed and measured, but its name (latency, 0.97 until 2026-11-26) is open: issue 30
-    assert (first.name, first.axis, second.effect.id) == ("friction", "X", "force_delay") and first.confidence > 0.8
+    assert (first.name, first.axis, second.name) == ("friction", "X", "latency") and first.confidence > 0.99
     assert second.parameters["delay_ms"].value == pytest.approx(-0.87, abs=0.05)
     assert abs(found.after["drive_force.X.mass"] - 95.11) < 0.5
     assert found.after.rms["N"] < 1.3 and found.fit.heldout_rms_after_um < 0.2 * found.fit.heldout_rms_before_um

@@ -179,19 +179,16 @@ class _Round:
 
 
 def _ahead(posterior: Posterior) -> Iterator[Subset]:
-    """The most probable subsets of the most probable names that the fit should hold instead of what it holds: of each first what
-    it holds with the clearest new member, then all that is clear."""
+    """The most probable subsets of the most probable names that the fit should hold instead of what it holds, cut to what is
+    clear."""
     held, tried = set(range(posterior.moments.held)), set[frozenset[int]]()
     for subset in sorted(posterior.mass, key=lambda s: (-posterior.worth(s), -posterior.mass[s])):
-        if {t for t, _ in subset} == held:
+        terms = frozenset(t for t, _ in subset)
+        if terms == held or len(tried) == TRIES:
             return
-        for clear in _clear(posterior, subset):
-            terms = frozenset(t for t, _ in clear)
-            if len(tried) == TRIES:
-                return
-            if terms not in tried:
-                tried.add(terms)
-                yield clear
+        if terms not in tried:
+            tried.add(terms)
+            yield _clear(posterior, subset)
 
 
 def _shaped(
@@ -240,18 +237,21 @@ def _rivals(posterior: Posterior) -> list[Subset]:
     return found
 
 
-def _clear(posterior: Posterior, best: Subset) -> tuple[Subset, Subset]:
-    """The members of a subset that the fit holds, with the clearest new one, and with all that stand out, of several over one
-    coordinate the clearest; what the linear model needs beside one, relinearising or another shape may explain."""
+def _clear(posterior: Posterior, best: Subset) -> Subset:
+    """The members of a subset that stand out, of several new ones over one coordinate the clearest; what the linear model needs
+    beside it, relinearising or another shape may explain."""
     mass, _ = marginal_evidence(posterior.moments, best)
     gains = {m: mass - marginal_evidence(posterior.moments, tuple(o for o in best if o != m))[0] for m in best}
-    terms, held = posterior.moments.terms, posterior.moments.held
-    kept, fresh = [m for m in best if m[0] < held], list[Selected]()
-    for member in sorted((m for m in best if m[0] >= held), key=lambda m: -gains[m]):
-        covered = {terms[t].covers for t, _ in fresh} - {("", "")}
-        if not (kept or fresh) or (gains[member] > CLEAR and terms[member[0]].covers not in covered):
-            fresh.append(member)
-    return tuple(sorted((*kept, *fresh[:1]))), tuple(sorted((*kept, *fresh)))
+    terms, kept = posterior.moments.terms, list[Selected]()
+    for member in sorted(best, key=lambda m: (m[0] >= posterior.moments.held, -gains[m])):
+        covered = {terms[t].covers for t, _ in kept if t >= posterior.moments.held} - {("", "")}
+        if (
+            not kept
+            or member[0] < posterior.moments.held
+            or (gains[member] > CLEAR and terms[member[0]].covers not in covered)
+        ):
+            kept.append(member)
+    return tuple(sorted(kept))
 
 
 def _promising(posterior: Posterior, subset: Subset) -> bool:
