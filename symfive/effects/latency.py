@@ -47,10 +47,12 @@ class Latency(Effect):
         """While an axis accelerates the readings are far from linear in the delay: they are looked at about several delays, up to
         a quarter of the shortest run."""
         yield Form(effect=cls())
-        longest = min((run.duration for run in campaign.runs if run.dynamic and has_clock_of_its_own(run)), default=0.0)
+        shortest = min(
+            (run.duration for run in campaign.runs if run.dynamic and has_clock_of_its_own(run)), default=0.0
+        )
         (delay,) = cls().parameters(campaign)
         for size in (sign * times * delay.sigma for times in SIZES for sign in (1.0, -1.0)):
-            if abs(size) <= 250.0 * longest:
+            if abs(size) <= 250.0 * shortest:
                 yield Form(effect=cls(), at={delay.name: size})
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
