@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from symfive.posterior import (
     grams,
     linear_estimate,
     log_evidence,
+    misfit,
     moments_of,
     nodes_of,
 )
@@ -71,11 +73,16 @@ def bars(plays: Mapping[str, float], soft: float = 0.0, machine: str = "three-ax
     return Campaign(machine=found, runs=tuple(runs))
 
 
+def moments_with(angles: int) -> Moments:
+    """Of the baseline of circles of so many angles with a play."""
+    campaign = bars({"X": 5.0}, angles=angles)
+    return moments_of(baseline(campaign), (), candidates(campaign).forms)
+
+
 @pytest.fixture(scope="module")
 def moments() -> Moments:
-    """Of the baseline of short circles with a play."""
-    campaign = bars({"X": 5.0}, angles=200)
-    return moments_of(baseline(campaign), (), candidates(campaign).forms)
+    """Of short circles."""
+    return moments_with(200)
 
 
 @pytest.mark.slow
@@ -160,8 +167,12 @@ def test_bands_agree_with_exact_whitening_within_two_nats(rows: int) -> None:
         assert log == pytest.approx(exact_log, abs=4.0)  # of -2 log evidence
 
 
-def test_evidence_is_the_dense_marginal_likelihood(moments: Moments) -> None:
-    """Of white noise and one term, from the model's own derivatives and all priors at once."""
+@pytest.mark.parametrize(("angles", "few"), [(200, False), (60, True)])
+def test_evidence_is_the_dense_marginal_likelihood(angles: int, few: bool) -> None:
+    """Of white noise and one term, from the model's own derivatives and all priors at once; of more readings than columns, and of
+    fewer, which are eliminated as rows."""
+    moments = moments_with(angles)
+    assert (moments.rows is not None) == few
     fit = moments.fit
     number = next(k for k, t in enumerate(moments.terms) if t.effect.key == "lateral_play.EYX")
     model = Model(fit.model.campaign, [moments.terms[number].effect])
@@ -192,6 +203,15 @@ def log_evidence_at_unit_scale(moments: Moments, number: int) -> float:
     gram = moments.gram[0]
     a = gram[at, at] + 1.0
     return float(-0.5 * (gram[-1, -1] - gram[at, -1] ** 2 / a + np.log(a) + moments.const[0]))
+
+
+@pytest.mark.parametrize("members", [(), ((3, 1.0),), ((3, 3.0), (7, 1.0))])
+def test_what_stays_is_the_same_by_rows_and_by_products(members: tuple[tuple[int, float], ...]) -> None:
+    moments = moments_with(60)
+    assert moments.rows is not None
+    expected = misfit(replace(moments, rows=None), members)
+    assert expected > 1.0
+    assert misfit(moments, members) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("members", [(), ((3, 1.0),), ((3, 3.0), (7, 1.0), (12, 30.0))])

@@ -56,7 +56,9 @@ def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) 
     moments, power = posterior.moments, 1.0 / (1.0 + 0.5 * energy)
     if energy < NEGLIGIBLE:
         return posterior
-    coarse = replace(moments, gram=moments.gram * (power / kappa2), const=np.zeros_like(moments.const), log_prior=nodes)
+    coarse = replace(
+        moments, gram=moments.gram * (power / kappa2), rows=None, const=np.zeros_like(moments.const), log_prior=nodes
+    )
     found = explore(coarse, range(moments.held))
     held = held_by(moments)
 
@@ -105,9 +107,8 @@ def left_over(moments: Moments, subset: Subset, plain: LogEvidence) -> float:
     columns = np.array(sorted({int(column) for where in free for column in where} - taken), dtype=np.int64)
     if not len(columns):
         return 0.0
-    h, g, left = beside(moments, subset, columns, plain.kappa2)
-    power, axes = np.linalg.eigh(h)
-    power, slope = np.maximum(power, 0.0)[:, None], np.einsum("jki,jk->ji", axes, g)[:, None]
+    power, slope, left = beside(moments, subset, columns, plain.kappa2)
+    power, slope = power[:, None], slope[:, None]
     square, scale = np.square(SIZES)[None, :, None], np.maximum(1.0, left / moments.count)
     kappa2 = np.repeat(scale[:, None, None], len(SIZES), axis=1)
     for step in range(STEPS):

@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from symfive.arrays import Array, Indices
+from symfive.posterior._eliminate import eliminated_rows
 from symfive.posterior._moments import Moments
 
 __all__ = [
@@ -119,19 +120,25 @@ def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()
 def beside(
     moments: Moments, members: Sequence[Selected], columns: Indices, kappa2: float
 ) -> tuple[Array, Array, Array]:
-    """What further `columns` (k,) find beside a subset under a noise scale: their information h (J, k, k) and slope g (J, k) once
-    the subset is eliminated, and what the subset leaves, `left` (J,)."""
+    """What further `columns` (k,) find beside a subset under a noise scale: the eigenvalues of their information once the subset
+    is eliminated, `power` (J, r), their slope (J, r) along its eigenvectors, and what the subset leaves, `left` (J,)."""
     s = equations(moments, members)
+    solved = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), s.g[:, :, None])[:, :, 0]
+    left = s.q + np.einsum("ji,jik,jk->j", solved, s.h, solved) - 2.0 * np.sum(solved * s.g, axis=1)
+    if moments.rows is not None:  # there are fewer of them than columns
+        own, others = moments.rows[:, :, s.columns] * (s.scale / kappa2**0.5), moments.rows[:, :, columns]
+        rows = np.concatenate([own, others, (moments.rows[:, :, s.aim] @ s.weights)[:, :, None]], axis=2)
+        rows, _ = eliminated_rows(rows, len(s.columns), np.zeros(len(s.columns)))
+        power, axes = np.linalg.eigh(rows[:, :, :-1] @ np.swapaxes(rows[:, :, :-1], 1, 2))
+        power = np.maximum(power, 0.0)
+        return power, np.sqrt(power) * np.einsum("jni,jn->ji", axes, rows[:, :, -1]), left
     h = moments.gram[:, columns[:, None], columns]
     g = moments.gram[:, columns[:, None], s.aim] @ s.weights
-    if not len(s.d):
-        return h, g, s.q
     cross = moments.gram[:, s.columns[:, None], columns] * s.scale[:, None]
-    solved = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), np.concatenate([cross, s.g[:, :, None]], axis=2))
-    x = solved[:, :, -1]
-    left = s.q + np.einsum("ji,jik,jk->j", x, s.h, x) - 2.0 * np.sum(x * s.g, axis=1)
-    turned = np.swapaxes(cross, 1, 2)
-    return h - turned @ solved[:, :, :-1], g - (turned @ solved[:, :, -1:])[:, :, 0], left
+    taken = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), cross)
+    power, axes = np.linalg.eigh(h - np.swapaxes(cross, 1, 2) @ taken)
+    slope = np.einsum("jki,jk->ji", axes, g - np.einsum("jik,ji->jk", cross, solved))
+    return np.maximum(power, 0.0), slope, left
 
 
 def log_evidence(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()) -> LogEvidence:

@@ -2,7 +2,7 @@
 
 Whitened Gram matrices of [set-up | geometry | terms | exact contributions | residual] per noise node, columns times their prior
 1σ, rows over the declared noise. Each run's set-up is eliminated in its own matrix, the runs are added up, and the geometry is
-eliminated from the sum (Schur complements, priors included): M_tt - M_ts (M_ss + I)⁻¹ M_st, with log|M_ss + I| to the constant.
+eliminated from the sum (priors included).
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Run
 from symfive.effects import Form
 from symfive.identify import Identification
-from symfive.posterior._noise import Node, grams, nodes_of
+from symfive.posterior._eliminate import Total, eliminated, eliminated_rows
+from symfive.posterior._noise import EXACT_ROWS, Node, grams, nodes_of, whitened
 from symfive.posterior._tables import Tables
 from symfive.posterior._terms import Term, terms_of
 
@@ -66,7 +67,8 @@ class Moments:
     node; `const` (J,) what every subset has in -2·log evidence, `log_prior` (J,) of the nodes, `count` of readings.
 
     `terms`: those that are held by the fit come first (`held` of them). `blocks`: the number of the unidentified term that is a
-    named one's discrepancy, -1 where there is none; `raw` (m, m) the Gram matrix under white noise before anything is eliminated.
+    named one's discrepancy, -1 where there is none; `raw` (m, m) the Gram matrix under white noise before anything is eliminated;
+    `rows` (J, r, m), of which `gram` is the product, where they are fewer than the columns.
     """
 
     fit: Identification
@@ -80,6 +82,7 @@ class Moments:
     count: int
     blocks: tuple[int, ...]
     raw: Array
+    rows: Array | None = None
 
     @cached_property
     def alike(self) -> tuple[Alike, ...]:
@@ -107,18 +110,23 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     campaign = fit.model.campaign
     nodes = nodes_of(max(_recorded(run) for run in campaign.runs))
     tables = Tables(fit, [form.effect for form in held], fresh)
-    total = np.zeros((len(nodes), tables.size, tables.size))
-    raw = np.zeros((tables.size, tables.size))
+    total, raw = Total(len(nodes), tables.size), Total(1, tables.size)
     const, count = np.zeros(len(nodes)), 0
     for table in tables:
-        whitened, logs = grams(table.rows, table.interval, nodes)
-        const += logs
+        rows, columns, size = table.rows.shape
         count += table.count
-        reduced, logs = eliminated(whitened, table.setup, table.departure)
-        const += logs
-        total[:, table.where[:, None], table.where] += reduced
-        raw[table.where[:, None], table.where] += whitened[0, table.setup :, table.setup :]
-    reduced, logs = eliminated(total, tables.geometry, tables.departure)
+        if rows < EXACT_ROWS and rows * columns < size:
+            white, logs = whitened(table.rows, table.interval, nodes)
+            raw.add_rows(white[:1, :, table.setup :], table.where)
+            white, more = eliminated_rows(white, table.setup, table.departure)
+            total.add_rows(white, table.where)
+        else:
+            white, logs = grams(table.rows, table.interval, nodes)
+            raw.add(white[:1, table.setup :, table.setup :], table.where)
+            white, more = eliminated(white, table.setup, table.departure)
+            total.add(white, table.where)
+        const += logs + more
+    gram, few, logs = total.without(tables.geometry, tables.departure)
     first = tables.geometry
     columns = tuple(
         Columns(c.where - first, c.amplitude, c.departure, c.exact - first if c.exact >= 0 else -1)
@@ -126,9 +134,11 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     )
     prior = np.array([node.log_prior for node in nodes])
     terms = terms_of([*held, *fresh])
-    raw = raw[first:, first:]
+    whole, _, _ = raw.without(0, np.zeros(0))
     blocks = _blocks(terms, columns)
-    return Moments(fit, terms, columns, len(held), nodes, reduced, const + logs, prior, count, blocks, raw)
+    return Moments(
+        fit, terms, columns, len(held), nodes, gram, const + logs, prior, count, blocks, whole[0, first:, first:], few
+    )
 
 
 def _recorded(run: Run) -> float:
@@ -141,20 +151,3 @@ def _blocks(terms: Sequence[Term], columns: Sequence[Columns]) -> tuple[int, ...
     free = [k for k, (t, c) in enumerate(zip(terms, columns, strict=True)) if t.form.basis is not None and len(c.where)]
     places = {(terms[k].form.channel, terms[k].effect.coordinate): k for k in free}
     return tuple(places.get(t.covers, -1) for t in terms)
-
-
-def eliminated(gram: Array, first: int, departure: Array) -> tuple[Array, Array]:
-    """Gram matrices (J, m, m) without their `first` columns, whose prior is N(0, 1) about -departure, and log|A| (J,).
-
-    The last column is the residual: the prior reads as further rows, 1·x = -departure.
-    """
-    if first == 0:
-        return gram, np.zeros(len(gram))
-    a = gram[:, :first, :first] + np.eye(first)
-    cross = gram[:, :first, first:].copy()
-    cross[:, :, -1] -= departure
-    factor = np.linalg.cholesky(a)
-    solved = np.linalg.solve(factor, cross)
-    rest = gram[:, first:, first:] - np.swapaxes(solved, 1, 2) @ solved
-    rest[:, -1, -1] += departure @ departure
-    return rest, 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)

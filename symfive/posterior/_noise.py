@@ -20,7 +20,7 @@ from scipy.fft import dct
 from symfive.arrays import Array, Indices
 from symfive.inference import Noise, whiten
 
-__all__ = ["Node", "grams", "nodes_of"]
+__all__ = ["EXACT_ROWS", "Node", "grams", "nodes_of", "whitened"]
 
 SIZES, SHARES = (0.3, 1.0, 3.0), (0.003, 0.03, 0.3)
 """Coloured noise: 1σ in units of the declared noise, correlation time as a share of the longest run; half a decade and a decade
@@ -70,9 +70,8 @@ def grams(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, 
     """Whitened Gram matrices (J, k, k) of a table (N, ny, k) in declared noise, and Σ log of the noise's variances (J,)."""
     rows, columns, size = table.shape
     if rows < EXACT_ROWS:
-        found = [whiten(table, node.noise(1.0), interval) for node in nodes]
-        flat = [white.reshape(-1, size) for white, _ in found]
-        return np.stack([f.T @ f for f in flat]), columns * np.array([logs for _, logs in found])
+        white, logs = whitened(table, interval, nodes)
+        return np.swapaxes(white, 1, 2) @ white, logs
     cosines = dct(table, axis=0, norm="ortho")
     edges = _edges(rows)
     bands = np.empty((len(edges) - 1, size, size))
@@ -82,6 +81,16 @@ def grams(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, 
     spectra = np.stack([node.spectrum(rows, interval) for node in nodes])
     weights = np.add.reduceat(1.0 / spectra, edges[:-1], axis=1) / np.diff(edges)
     return np.einsum("jb,bkl->jkl", weights, bands, optimize=True), columns * np.log(spectra).sum(axis=1)
+
+
+def whitened(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, Array]:
+    """A table (N, ny, k) in declared noise, whitened under each node (J, N·ny, k), and Σ log of the noise's variances (J,)."""
+    rows, columns, size = table.shape
+    white, logs = np.empty((len(nodes), rows * columns, size)), np.empty(len(nodes))
+    for number, node in enumerate(nodes):
+        found, each = whiten(table, node.noise(1.0), interval)
+        white[number], logs[number] = found.reshape(-1, size), columns * each
+    return white, logs
 
 
 def _edges(rows: int) -> Indices:

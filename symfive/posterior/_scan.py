@@ -144,12 +144,12 @@ class _Seen:
         count = int(2 ** np.ceil(np.log2(2.0 * reach / step + 2.0)))
         score = np.zeros(count // 2 + 1)
         for part in range(self._tangent(runs[0], (tone.channel, tone.axis)).shape[2]):
-            total, power = np.zeros(count // 2 + 1, dtype=complex), 1.0
+            grid, power = np.zeros(count), 1.0
             for run in runs:
                 answer = self._tangent(run, (tone.channel, tone.axis))[:, :, part]
-                total += _spectrum(at[run.id] - low, np.sum(answer * self._twice[run.id], axis=1), step, count)
+                grid += _spread(at[run.id] - low, np.sum(answer * self._twice[run.id], axis=1), step, count)
                 power += 0.5 * float(np.sum(self._white(run, answer[:, :, None]) ** 2))
-            score += np.abs(total) ** 2 / power
+            score += np.abs(_spectrum(grid)) ** 2 / power
         cycles = np.arange(len(score)) / (count * step)
         seen = (cycles >= tone.lowest) & (cycles <= tone.highest)
         if seen.any():
@@ -164,12 +164,17 @@ def _gain(h: Array, s: Array, width: float) -> Array:
     return np.asarray(drop - np.linalg.slogdet(scaled)[1])
 
 
-def _spectrum(at: Array, answer: Array, step: float, count: int) -> Array:
-    """Σ answer·exp(-2πi·f·q) (count // 2 + 1,) at f = k/(count·step), q `at` ≥ 0: shared linearly between neighbours on a grid,
-    then one FFT; the loss of that, sinc², is undone."""
+def _spread(at: Array, answer: Array, step: float, count: int) -> Array:
+    """An answer at the places q `at` ≥ 0 on a grid (count,), shared linearly between neighbours."""
     left = np.floor(at / step).astype(int)
     share = at / step - left
     grid = np.bincount(left, answer * (1.0 - share), count)[:count]
     grid += np.bincount(left + 1, answer * share, count)[:count]
+    return np.asarray(grid, dtype=float)
+
+
+def _spectrum(grid: Array) -> Array:
+    """Σ answer·exp(-2πi·f·q) (count // 2 + 1,) at f = k/(count·step), of an answer on a grid (count,): the loss of its being
+    shared there, sinc², is undone."""
     spectrum = np.fft.rfft(grid)
-    return np.asarray(spectrum / np.sinc(np.arange(len(spectrum)) / count) ** 2)
+    return np.asarray(spectrum / np.sinc(np.arange(len(spectrum)) / len(grid)) ** 2)
