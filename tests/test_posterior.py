@@ -26,7 +26,9 @@ from symfive.posterior import (
     Sweep,
     baseline,
     candidates,
+    contradicted,
     explore,
+    fitted,
     grams,
     linear_estimate,
     log_evidence,
@@ -203,6 +205,17 @@ def log_evidence_at_unit_scale(moments: Moments, number: int) -> float:
     gram = moments.gram[0]
     a = gram[at, at] + 1.0
     return float(-0.5 * (gram[-1, -1] - gram[at, -1] ** 2 / a + np.log(a) + moments.const[0]))
+
+
+@pytest.mark.parametrize(("others", "least", "most"), [(5.0, 0.0, 1.0), (0.0, 100.0, np.inf)])
+def test_a_play_is_contradicted_by_circles_without_it(others: float, least: float, most: float) -> None:
+    """Fitted to all circles it makes those without it worse."""
+    campaign, without = bars({"X": 5.0}), bars({"X": others})
+    more = [replace(run, id=f"{run.id}-{k}", file=f"{run.id}-{k}.csv") for k in (1, 2) for run in without.runs]
+    campaign = replace(campaign, runs=(*campaign.runs, *more))
+    plain, white = baseline(campaign), nodes_of(1.0)[0]
+    after = fitted(Model(campaign, [make_effect("backlash", axis="X")]), [plain.named], white, 1.0, plain)
+    assert least <= contradicted(after, white, 1.0) <= most
 
 
 @pytest.mark.parametrize("members", [(), ((3, 1.0),), ((3, 3.0), (7, 1.0))])

@@ -4,12 +4,12 @@ terms     = candidates(campaign)          every effect states its own forms, pla
 moments   = moments_of(fit, held, fresh)  whitened Gram matrices, the search's only data
 posterior = explore(moments)              subsets of terms: birth, death, swap, width
 posterior = polish(before, candidates)    exact refits of the best few, relinearised, until converged
-coarse    = coarsened(posterior)          tempered by the misfit that no named effect explains
+coarse    = coarsened(posterior)          tempered by the misfit that no named effect explains, and by what they make worse
 verdicts  = decide(posterior, coarse)     one rule from stated losses: name, class, unknown, nothing
 """
 
 from symfive.posterior._about import moments_about
-from symfive.posterior._coarse import coarsened, misfit
+from symfive.posterior._coarse import coarsened, contradicted, misfit
 from symfive.posterior._decide import SAME, Verdict, decide
 from symfive.posterior._evidence import log_evidence, solution
 from symfive.posterior._explore import Posterior, Subset, explore
@@ -21,8 +21,8 @@ from symfive.posterior._sweep import WIDTHS, Sweep, nearest_width, widths_of
 from symfive.posterior._terms import EXPECTED, Candidates, Name, Term, candidates, name_of
 
 __all__ = [
-    "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term", "Verdict",
-    "baseline", "candidates", "coarsened", "decide", "expanded", "explore", "fitted", "grams", "linear_estimate", "log_evidence",
-    "misfit", "moments_about", "moments_of", "name_of", "nearest_width", "nodes_of", "over_all", "polish", "refitted", "solution",
-    "widths_of",
+    "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term",
+    "Verdict", "baseline", "candidates", "coarsened", "contradicted", "decide", "expanded", "explore", "fitted", "grams",
+    "linear_estimate", "log_evidence", "misfit", "moments_about", "moments_of", "name_of", "nearest_width", "nodes_of",
+    "over_all", "polish", "refitted", "solution", "widths_of",
 ]  # fmt: skip

@@ -5,8 +5,8 @@ is exponentially distributed with mean R a reading, the likelihood counts to the
 
     ζ = 1/(1 + n·R),   n·R = M/2,
 
-M the energy, in units of the noise, of what stays behind the best fit though it is no noise. So a name is believed only if what
-it explains is large beside what nothing explains.
+M the energy, in units of the noise, of what is wrong about the best fit though it is no noise: what stays behind it, and what it
+adds to runs that are explained better without it. So a name is believed only if what it explains is large beside that.
 """
 
 from __future__ import annotations
@@ -15,15 +15,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from symfive.arrays import Array
+from symfive.identify import Identification
+from symfive.inference import whiten
+from symfive.model import Model
 from symfive.posterior._evidence import SHARE, STEPS, LogEvidence, beside, explained, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior
+from symfive.posterior._fit import fitted
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
 from symfive.posterior._terms import UNIDENTIFIED
 
-__all__ = ["coarsened", "misfit"]
+__all__ = ["coarsened", "contradicted", "misfit"]
 
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """1σ of the coefficients of what stays, in units of the unidentified terms' usual one, half a decade apart."""
@@ -39,7 +44,8 @@ def coarsened(posterior: Posterior) -> Posterior:
     moments = posterior.moments
     held = held_by(moments)
     evidence = log_evidence(moments, held)
-    energy, node = misfit(moments, held), moments.nodes[evidence.node]
+    node = moments.nodes[evidence.node]
+    energy = misfit(moments, held) + contradicted(moments.fit, node, evidence.kappa2)
     nodes = evidence.by_node - np.logaddexp.reduce(evidence.by_node)
     usual = _tempered(posterior, energy, nodes, evidence.kappa2)
     doubt = _no_noise(moments, node)
@@ -87,6 +93,30 @@ def _mixed(parts: Sequence[tuple[Posterior, float]]) -> dict[Subset, float]:
         for subset, mass in part.mass.items():
             found[subset] = float(np.logaddexp(found.get(subset, -np.inf), mass - total + np.log(share)))
     return found
+
+
+def contradicted(after: Identification, node: Node, kappa2: float) -> float:
+    """The energy that a fit leaves in runs beyond what the model without its effects, under the same noise, leaves in them: these
+    are not what acts there. What chance makes of it is taken off.
+
+    Where the effects are the truth, a run gains N(-d², 4d²) by them, d² the energy of what they change in it; the positive part
+    of that is 2d·φ(d/2) - d²·Φ(-d/2) on average.
+    """
+    if not after.model.added:
+        return 0.0
+    plain = fitted(Model(after.model.campaign), [after.named], node, kappa2, after)
+    problem, found = plain.problem(), 0.0
+    for run in after.model.campaign.runs:
+        for name, part in problem.parts(run):
+            kept = ~problem.left_out[run.id][:, part]
+            before, behind = (
+                whiten(fit.residuals[run.id][:, part] * kept, plain.noises[run.id, name], run.interval)[0]
+                for fit in (plain, after)
+            )
+            d = float(np.linalg.norm(behind - before))
+            chance = d * np.sqrt(2.0 / np.pi) * np.exp(-(d**2) / 8.0) - d**2 * ndtr(-0.5 * d)
+            found += max(float(np.sum(behind**2) - np.sum(before**2)), 0.0) - float(chance)
+    return max(found, 0.0)
 
 
 def misfit(moments: Moments, subset: Subset) -> float:
