@@ -101,7 +101,7 @@ def rivals(root: Path, peers: str | None, id: str) -> None:
 
 
 ROUNDS = 10
-"""A name, and those that stand in for it, are taken out one after the other so many times at most."""
+"""A name, and those that replace it, are excluded one after the other so many times at most."""
 
 
 def sisters(name: str) -> frozenset[str]:

@@ -124,7 +124,7 @@ def _held_out(ax: Axes, study: Study) -> None:
     ax.set_ylim(-0.5, len(rows) - 0.3)
     ax.set_xlim(0.0, 1.15 * highest)
     ax.set_xlabel(f"rms of the readings in {unit}, fitted and held out", fontsize=8)
-    ax.set_title("learnt from → predicted", loc="left", fontsize=9)
+    ax.set_title("fitted → predicted", loc="left", fontsize=9)
 
 
 def save(figure: Figure, folder: Path, name: str) -> str:

@@ -1,4 +1,4 @@
-"""The recordings: how each is handed to the diagnosis, which part is learnt from and which is held out, what is drawn.
+"""The recordings: how each is handed to the diagnosis, which part is fitted and which is held out, what is drawn.
 
 Nothing here knows an answer. `prepare` only takes physics out of the baseline, thins rows, or says which rows are one test.
 """

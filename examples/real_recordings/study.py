@@ -37,7 +37,7 @@ TOO_SMALL = 2.0
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What was learnt from one part of a recording alone, and rms of the readings of the other part, in the recording's unit.
+    """What was fitted on one part of a recording alone, and rms of the readings of the other part, in the recording's unit.
 
     `before` by the plain model, `after` with the `findings` that stood it, `rival` by the regression `rival_name` on top of the
     plain model. `withdrawn` are the findings of the fitted part that made the held-out part worse; `seconds` it took to find
@@ -103,7 +103,7 @@ class Study:
         if finding.sigmas < TOO_SMALL:
             return f"its size is {finding.sigmas:.1f} σ from nothing"
         if finding.alias:
-            return f"these readings do not tell it from {', '.join(finding.alias[:2])}"
+            return f"these readings do not separate it from {', '.join(finding.alias[:2])}"
         if finding.confidence < 0.9:
             other = next((r.words for r in finding.rivals), "another cause")
             return f"it is {100.0 * finding.confidence:.0f} % probable only, beside {other}"

@@ -3,7 +3,7 @@
     reading = level + (T - 20 °C)·slope_T + noise,   level grows by rate·dt,   noise ~ N(0, s²·v),
 
 v the variance that the identification states. s² is learnt from the model's own one-step errors, so that a forecast is
-Student's t with as many degrees of freedom as visits were learnt from. The past is discounted by exp(-dt/M); of a table of
+Student's t with as many degrees of freedom as visits were used. The past is discounted by exp(-dt/M); of a table of
 memories M each direction uses the one whose forecasts were the most probable so far (A. P. Dawid 1984, prequential).
 M. West & J. Harrison 1997, Bayesian Forecasting and Dynamic Models, sections 4.5, 6.3, 10.8 (discount, variance learning) and
 11.2 (intervention). The same with M fixed, without rate, is the EWMA of the level.
@@ -30,7 +30,7 @@ ROW, COLUMN = np.triu_indices(3)
 @dataclass(frozen=True)
 class State:
     """The state along r directions after a visit, for M memories: `mean` (3, M, r) of level, rate and slope, `covariance` (6, M,
-    r) of them over s², the upper triangle row by row, `scale` s² and `evidence` (M, r); `count` (r,) visits learnt from;
+    r) of them over s², the upper triangle row by row, `scale` s² and `evidence` (M, r); `count` (r,) visits used;
     `begun` (r,); `gain` (3, M, r) used at the visit."""
 
     mean: Array
@@ -99,7 +99,7 @@ def follow(
 ) -> Course:
     """Follow n visits from a state: `years` since the visit before each and `warmth` (n,), readings `value` with `variance`
     (n, r), NaN where there are none. `renewed`: the level may have changed by as much as the priors allow; the visits are not
-    learnt from. Every memory is followed; which one is used is looked up afterwards."""
+    used. Every memory is followed; which one is used is looked up afterwards."""
     seen = np.isfinite(value)
     variance, value = np.where(seen, variance, np.inf), np.where(seen, value, 0.0)
     discount = np.exp(np.minimum(years[:, None] / np.array(MEMORIES), 50.0))[..., None]

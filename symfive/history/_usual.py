@@ -111,7 +111,7 @@ class Predictive:
 class Usual:
     """What a machine usually does from visit to visit, along r directions `basis` (k, r); `angular` (k,) which errors are angles.
 
-    `sum` (r, r) and `count` (r,) of the visits learnt from; `squares` (c, kinds) a² and b² of the scatters that are probable yet,
+    `sum` (r, r) and `count` (r,) of the visits used; `squares` (c, kinds) a² and b² of the scatters that are probable yet,
     points of a lattice that is laid finer as they become known; `evidence` (d + 1,) of the degrees.
     """
 
@@ -127,7 +127,7 @@ class Usual:
 
     @property
     def visits(self) -> float:
-        """As many visits as were learnt from, of the direction that was read least."""
+        """As many visits as were used, of the direction that was read least."""
         return float(self.count.min()) if self.count.size else 0.0
 
     def excess(self, variance: Array) -> Array:
@@ -200,7 +200,7 @@ class Updates:
         return np.asarray(softmax(self._scatters(np.array([state]), np.array([len(self._x) - 1]))[0]))
 
     def predictive(self, states: Indices, visits: Indices) -> Predictive:
-        """What is expected of `visits` (n,) from what is known at `states` (n,): the number of visits learnt from before."""
+        """What is expected of `visits` (n,) from what is known at `states` (n,): the number of visits used before."""
         grid = softmax(self._scatters(states, visits), axis=1)
         likely, kinds = self._likely(grid, visits), self._kinds[self._alike[visits]]
         degrees, scales = self._finite(states, visits, likely)
