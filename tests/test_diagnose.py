@@ -46,7 +46,7 @@ def test_a_pair_that_the_geometry_conceals_is_named_with_its_magnitudes(sag_and_
     assert found["gravity_sag"].axis == "B"
     assert found["gravity_sag"].parameters["amplitude"].value == pytest.approx(7.0, rel=0.1)
     assert found["thermal_drift"].parameters["amplitude"].value == pytest.approx(10.8, rel=0.1)
-    assert found["thermal_drift"].coordinate == "time"
+    assert found["thermal_drift"].coordinate == "t"
     truth = json.loads((CAMPAIGNS / "static-sag-and-drift" / "truth.json").read_text())["location_errors_um_urad"]
     for name, value in truth.items():
         assert abs(sag_and_drift.after[name] - value) < 3.0 * sag_and_drift.after.uncertainty(name), name

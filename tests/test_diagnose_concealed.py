@@ -565,3 +565,15 @@ def test_a_shift_has_no_alias_in_its_own_run(tmp_path: Path) -> None:
     """How well its instant is known is another question."""
     found = _diagnosed(make_case(20261128, "instrument-001"), tmp_path)
     assert _names(found) == [("setup_shift", None)] and not found.findings[0].alias
+
+
+@pytest.mark.slow
+def test_vibrations_that_beat_where_one_shock_was_are_not_named(tmp_path: Path) -> None:
+    """Five of nearly one frequency make up one decaying swing and run through five other circles, which are explained worse with
+    them than without: nothing that makes other runs worse has earned its name. One cause over time is what is known."""
+    case = make_case(20261130, "outside-001")
+    found = _diagnosed(case, tmp_path)
+    assert [e["effect"] for e in case.effects] == ["shock"]
+    (finding,) = found.findings
+    assert finding.unidentified and finding.confidence > 0.9
+    assert {effect.coordinate for effect in finding.effects} == {"t"}

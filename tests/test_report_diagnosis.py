@@ -45,7 +45,7 @@ def found() -> Diagnosis:
     campaign = read_campaign(CAMPAIGNS / "static-sag-and-drift" / "fit")
     effects = (make_effect("gravity_sag", "B", component="EZB"), make_effect("thermal_drift"))
     before, after = identify(campaign), identify(campaign, effects=effects)
-    findings = (_finding(after, "thermal_drift", "time", 0.215), _finding(after, "gravity_sag.B.EZB", "B", 0.627))
+    findings = (_finding(after, "thermal_drift", "t", 0.215), _finding(after, "gravity_sag.B.EZB", "B", 0.627))
     seen = (
         Observability("backlash", "Y", "backlash.Y", 0.98, 177.8),
         Observability("location_error", "Y", "location_error.EA0Y", 0.01, 3.2),
@@ -301,7 +301,7 @@ def test_the_visible_part_is_what_the_residual_shows(found):
 def test_the_affected_link_follows_the_stage(found, stage, axis, part):
     machine = found.after.model.machine
     options = {"component": "EZB"} if stage == "gravity_sag" else {}
-    finding = replace(found.findings[0], effect=make_effect(stage, axis, **options), axis=axis, coordinate="time")
+    finding = replace(found.findings[0], effect=make_effect(stage, axis, **options), axis=axis, coordinate="t")
     assert affected_link(finding, machine).part == part and affected_link(finding, machine).timed
     picture = chain_picture(machine, [(1, finding)], HOSTILE)
     assert "affected" in picture and 'class="badge"' in picture and "<script" not in picture
@@ -311,7 +311,7 @@ def test_the_affected_link_follows_the_stage(found, stage, axis, part):
 @pytest.mark.parametrize(
     ("coordinate", "labels"),
     [
-        ("B velocity sign", ["B / °"]), ("X velocity", ["velocity of X / (mm/s)"]), ("time", ["time of the campaign / min"]),
+        ("B velocity sign", ["B / °"]), ("X velocity", ["velocity of X / (mm/s)"]), ("t", ["time of the campaign / min"]),
         ("X acceleration", ["acceleration of X / (mm/s²)"]), ("pose", ["row of the campaign, in the order of the runs"]),
         ("B, C", ["B / °", "C over one revolution / °"]),
     ],

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, compress
+from operator import not_
 
 import numpy as np
 from scipy.special import logsumexp
@@ -91,7 +93,8 @@ def findings_of(
     """What was decided, in the order of the evidence that each adds to all others. `here`: the fit that the posterior is
     expanded at, `before` the baseline.
 
-    Of an unidentified cause only its coordinate and its runs are known: verdicts that agree in both are one finding.
+    Of an unidentified cause only its coordinates and its runs are known, and not of how many causes it is the sum: unidentified
+    verdicts that share a run are one finding.
     """
     causes = _causes(posterior, here, verdicts)
     shares = _shares(here, before, [cause.keys for cause in causes])
@@ -118,13 +121,16 @@ class _Cause:
         square = {run: _size(each) for run, each in self.contribution.items()}
         return tuple(run for run, s in square.items() if s > ACTS * max(square.values()))
 
+    def beside(self, other: _Cause) -> bool:
+        """Whether both are unidentified and share a run."""
+        both = self.verdicts[0].unidentified and other.verdicts[0].unidentified
+        return both and bool(set(self.runs) & set(other.runs))
+
     @property
-    def what(self) -> object:
-        """What is known of it: of an unidentified cause its coordinates and runs."""
-        if self.verdicts[0].names:
-            return self.keys
-        own = self.effects[0]
-        return frozenset(own.coordinate.format(axis=own.belongs_to).split(", ")), self.runs
+    def coordinates(self) -> tuple[str, ...]:
+        """Over which its effects act."""
+        said = [effect.coordinate.format(axis=effect.belongs_to).split(", ") for effect in self.effects]
+        return tuple(dict.fromkeys(word for words in said for word in words))
 
 
 def _size(contribution: Array) -> float:
@@ -133,18 +139,22 @@ def _size(contribution: Array) -> float:
 
 
 def _causes(posterior: Posterior, here: Expansion, verdicts: Sequence[Verdict]) -> list[_Cause]:
-    """The verdicts as causes, the unidentified ones of which the same is known together."""
-    after, problem, together = here.fit, here.fit.problem(), dict[object, list[_Cause]]()
+    """The verdicts as causes, the unidentified ones that share a run together."""
+    problem, groups = here.fit.problem(), list[list[_Cause]]()
     for verdict in verdicts:
         effect = posterior.moments.terms[verdict.term].effect
-        cause = _Cause((verdict,), (effect,), problem.contribution(effect, after.values))
-        together.setdefault(cause.what, []).append(cause)
-    found = []
-    for causes in together.values():
-        ranked = sorted(causes, key=lambda cause: -sum(map(_size, cause.contribution.values())))
-        total = {run: np.sum([c.contribution[run] for c in ranked], axis=0) for run in ranked[0].contribution}
-        found.append(_Cause(tuple(c.verdicts[0] for c in ranked), tuple(c.effects[0] for c in ranked), total))
-    return found
+        cause = _Cause((verdict,), (effect,), problem.contribution(effect, here.fit.values))
+        near = [any(map(cause.beside, group)) for group in groups]
+        joined = [cause, *chain.from_iterable(compress(groups, near))]
+        groups = [*compress(groups, map(not_, near)), joined]
+    return [_together(group) for group in groups]
+
+
+def _together(causes: Sequence[_Cause]) -> _Cause:
+    """Several causes as one."""
+    ranked = sorted(causes, key=lambda cause: -sum(map(_size, cause.contribution.values())))
+    total = {run: np.sum([c.contribution[run] for c in ranked], axis=0) for run in ranked[0].contribution}
+    return _Cause(tuple(c.verdicts[0] for c in ranked), tuple(c.effects[0] for c in ranked), total)
 
 
 def _shares(
@@ -183,7 +193,8 @@ def _finding(
     moments, after, campaign = posterior.moments, here.fit, here.fit.model.campaign
     verdict, effect, terms = cause.verdicts[0], cause.effects[0], moments.terms
     first = verdict.names[0] if verdict.names else ("unknown", None)
-    name, axis = first[0], effect.belongs_to if effect.unidentified else first[1]
+    axes = {each.belongs_to if each.unidentified else first[1] for each in cause.effects}
+    name, axis = first[0], axes.pop() if len(axes) == 1 else None
     rivals = [
         RivalName(*who, chance, _component(posterior, who))
         for who, chance in verdict.rivals.items()
@@ -195,7 +206,7 @@ def _finding(
         parameters=effect.describe(campaign, after.named, _covariance(after, effect)),
         rivals=tuple(sorted(rivals, key=lambda r: -r.confidence)),
         runs=cause.runs,
-        coordinate=effect.coordinate.format(axis=effect.belongs_to), intervals=intervals_of(campaign, cause.contribution),
+        coordinate=", ".join(cause.coordinates), intervals=intervals_of(campaign, cause.contribution),
         direction=None if cause.effects[1:] else direction_of(after.model.machine, effect, after.named), says="",
         log_p=min(_log_nothing(posterior, v.term) for v in cause.verdicts), share=share, moved=moved(without, after),
         contribution=cause.contribution,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symfive.effects import Unknown, coordinate_words, effect_words, form_words
+from symfive.effects import Unknown, Varying, coordinate_words, effect_words, form_words
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import in_words, name_words, percent, plain_number, rounded, unit_words, with_std
@@ -70,10 +70,13 @@ def sentence_of(finding: Finding, after: Identification) -> str:
 
 
 def _deed(finding: Finding) -> str:
-    """What its effect does; of an unidentified one, which effect it resembles."""
-    if finding.unidentified and not finding.effect.unidentified:
-        return f"no known effect fits alone; it resembles {effect_words(finding.effect.vocabulary, finding.effect.belongs_to)}"
-    return finding.effect.says
+    """What its effect does; of an unidentified one, which effects it resembles, and that it may be several."""
+    laws = [effect.of if isinstance(effect, Varying) else effect for effect in finding.effects]
+    known = dict.fromkeys(effect_words(e.vocabulary, e.belongs_to) for e in laws if not e.unidentified)
+    several = "one cause or several" if finding.further else ""
+    if finding.unidentified and known:
+        return "; ".join(filter(None, (several, f"no known effect fits alone; resembles {', '.join(known)}")))
+    return several or finding.effect.says
 
 
 def _to_do(finding: Finding) -> str:

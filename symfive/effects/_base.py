@@ -98,8 +98,7 @@ class Effect:
     def answers(self) -> tuple[str, str] | None:
         """The channel by which readings answer to it and the coordinate over which it acts, where a form that is a little off
         would show; None where neither is one of the machine's."""
-        kind = self.coordinate.format(axis=self.belongs_to)
-        words = kind.replace(" velocity sign", " since reversal") if kind != "time" else "t"
+        words = self.coordinate.format(axis=self.belongs_to).replace(" velocity sign", " since reversal")
         channels = {"drive": AXIS, "axis": AXIS, "structure": TOOL}
         return (channels[self.stage], words) if self.stage in channels and words not in ("pose", "reading") else None
 

@@ -12,7 +12,7 @@ _QUANTITIES = {
     "velocity sign": "the direction of {}", "velocity": "the velocity of {}", "acceleration": "the acceleration of {}",
     "since reversal": "the path of {} since its reversal", "": "the position of {}",
 }  # fmt: skip
-_PLAIN = {"t": "time", "time": "time", "row": "the row number", "pose": "the pose", "reading": "the reading"}
+_PLAIN = {"t": "time", "row": "the row number", "pose": "the pose", "reading": "the reading"}
 _COMPONENT = re.compile(r"E[A-CX-Z]0?(.+)")
 _REPEATED = re.compile(r"1?(\++)")
 
@@ -39,10 +39,11 @@ def form_words(key: str, machine: Machine) -> str:
 
 
 def coordinate_words(coordinate: str) -> str:
-    """A coordinate in words, as `the direction of B and time` for `B velocity sign, t`."""
+    """Coordinates in words, as `the direction of B, the position of C and time` for `B velocity sign, C, t`."""
     said = []
     for words in coordinate.split(", "):
         name, _, quantity = words.partition(" ")
         plain = f"{_PLAIN.get(name, name)} {quantity}"
         said.append(_PLAIN.get(words) or (_QUANTITIES[quantity].format(name) if quantity in _QUANTITIES else plain))
-    return " and ".join(said)
+    *first, last = said
+    return f"{', '.join(first)} and {last}" if first else last

@@ -31,7 +31,7 @@ class BarTemperature(Effect):
     says = "the bar grows or shrinks with its temperature"
     hidden_by = "the bar's length, thermal drift (|cos| 0.96), unequal backlash, which is the other cause of a spiral"
     action = "let the bar reach the machine's temperature, calibrate its length, repeat the test; the machine needs no repair"
-    coordinate = "time"
+    coordinate = "t"
     reported_as = "thermal_drift"
     clock: str = "run"
 

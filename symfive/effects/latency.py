@@ -31,7 +31,7 @@ class Latency(Effect):
     says = "delay of the instrument's clock"
     hidden_by = "a servo mismatch of all axes alike; the set-up where only one direction was run"
     action = "synchronise the instrument with the control, or correct its time stamps; the machine needs no repair"
-    coordinate = "time"
+    coordinate = "t"
     dynamic_only = True
 
     @property

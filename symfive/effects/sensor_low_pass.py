@@ -36,7 +36,7 @@ class SensorLowPass(Effect):
     says = "low-pass filter of the instrument"
     hidden_by = "latency and servo mismatch at slow motion"
     action = "switch the filter of the instrument off, or measure at a lower feed; the machine needs no repair"
-    coordinate = "time"
+    coordinate = "t"
     reported_as = "latency"
     dynamic_only = True
 

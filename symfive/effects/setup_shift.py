@@ -61,7 +61,7 @@ class SetupShift(Effect):
     @property
     def coordinate(self) -> str:  # type: ignore[override]
         """Time, or the row of its run."""
-        return "time" if self.over_time else f"{ROW} in {self.run}"
+        return "t" if self.over_time else f"{ROW} in {self.run}"
 
     @property
     def _place(self) -> tuple[str, float]:

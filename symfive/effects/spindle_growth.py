@@ -31,7 +31,7 @@ class SpindleGrowth(Effect):
     says = "the spindle grows along its axis as it warms"
     hidden_by = "the tool ball's height, a location error along the spindle, the bar's length"
     action = "warm the spindle up before you measure or machine; enter its thermal compensation in the control"
-    coordinate = "time"
+    coordinate = "t"
     reported_as = "thermal_drift"
 
     @classmethod

@@ -45,7 +45,7 @@ class ThermalDrift(Effect):
         "location errors (89 % of it) and the bar's own growth; the first pose repeated at the end separates them"
     )
     action = "warm the machine up or steady its temperature, then repeat the test"
-    coordinate = "time"
+    coordinate = "t"
     shape: str = "exponential"
     onset_s: float = 0.0
     onset_sigma_s: float = 0.0

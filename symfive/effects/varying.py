@@ -91,7 +91,7 @@ class Varying(Effect):
     def coordinate(self) -> str:  # type: ignore[override]
         """What its size is of, and what its course is of."""
         own = self.of.coordinate.format(axis=self.of.belongs_to).split(", ")
-        return ", ".join(dict.fromkeys((*own, "time" if self.over == "t" else self.over)))
+        return ", ".join(dict.fromkeys((*own, self.over)))
 
     @property
     def over_time(self) -> bool:  # type: ignore[override]

@@ -39,7 +39,7 @@ class Vibration(Effect):
     says = "a vibration of constant frequency"
     hidden_by = "a periodic error of a screw or gear where only one feed was run"
     action = "find the source by its frequency (fan, pump, spindle, floor) and isolate it"
-    coordinate = "time"
+    coordinate = "t"
     dynamic_only = True
     frequency_hz: float
     place: str = "structure"

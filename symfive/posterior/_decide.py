@@ -42,6 +42,12 @@ class Verdict:
     alias: tuple[int, ...]
     by_experience: bool
 
+    @property
+    def unidentified(self) -> bool:
+        """Whether nothing is known of its cause: no name is stated, and none is as probable as that it has none."""
+        rivals = self.rivals.values()
+        return not self.names and self.probability - sum(rivals) > max(rivals, default=0.0)
+
 
 def decide(posterior: Posterior, coarse: Posterior) -> tuple[Verdict, ...]:
     """The verdicts on what the fit holds, the most probable first: that something acts, by the posterior; what it is, by the

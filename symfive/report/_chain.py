@@ -44,7 +44,7 @@ def affected_link(finding: Finding, machine: Machine) -> _Place:
         part, axis = "instrument", None
     else:
         part = ("axis" if stage == "axis" else "structure") if axis else "loop"
-    timed = any(word in ("t", "time") for word in finding.coordinate.split(", "))
+    timed = "t" in finding.coordinate.split(", ")
     return _Place(part, axis, place_words(finding, machine), timed)
 
 

@@ -40,7 +40,7 @@ def coordinates_of(finding: Finding, identification: Identification) -> list[Coo
     found = []
     for words in finding.coordinate.split(", ")[:MOST]:
         name, _, quantity = words.partition(" ")
-        if words in ("t", "time"):
+        if words == "t":
             found.append(_clock(runs))
         elif name in machine.axes:
             found.append(_of_axis(machine, runs, name, quantity))
