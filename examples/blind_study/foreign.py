@@ -178,7 +178,7 @@ def probe_product(rng: Random, setting: Setting) -> Draft:
 
 
 def _time(spec: Spec) -> set[str]:
-    return {"t"}
+    return {"t", "time"}
 
 
 def _own(*more: str, time: bool = False) -> Callable[[Spec], set[str]]:

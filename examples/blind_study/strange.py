@@ -153,5 +153,5 @@ FORMS: Mapping[str, Form] = {
     "walking_coupling": Form(walking_coupling, (*STATIC, "xc"), _own("", time=True)),
     "oil_shot": Form(oil_shot, MOTION, _time),
     "cubic_sensor": Form(cubic_sensor, BAR, lambda spec: {"reading"}),
-    "clock_rate": Form(clock_rate, MOTION, lambda spec: {"t", "reading"}),
+    "clock_rate": Form(clock_rate, MOTION, lambda spec: {"t", "time", "reading"}),
 }
