@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, compress
-from operator import not_
+from itertools import chain
 
 import numpy as np
 from scipy.special import logsumexp
@@ -129,8 +128,7 @@ class _Cause:
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Over which its effects act."""
-        said = [effect.coordinate.format(axis=effect.belongs_to).split(", ") for effect in self.effects]
-        return tuple(dict.fromkeys(word for words in said for word in words))
+        return tuple(dict.fromkeys(chain.from_iterable(effect.coordinates for effect in self.effects)))
 
 
 def _size(contribution: Array) -> float:
@@ -144,9 +142,13 @@ def _causes(posterior: Posterior, here: Expansion, verdicts: Sequence[Verdict]) 
     for verdict in verdicts:
         effect = posterior.moments.terms[verdict.term].effect
         cause = _Cause((verdict,), (effect,), problem.contribution(effect, here.fit.values))
-        near = [any(map(cause.beside, group)) for group in groups]
-        joined = [cause, *chain.from_iterable(compress(groups, near))]
-        groups = [*compress(groups, map(not_, near)), joined]
+        joined, apart = [cause], list[list[_Cause]]()
+        for group in groups:
+            if any(map(cause.beside, group)):
+                joined += group
+            else:
+                apart.append(group)
+        groups = [*apart, joined]
     return [_together(group) for group in groups]
 
 

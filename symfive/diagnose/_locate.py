@@ -233,7 +233,7 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
         effects, values = linear_estimate(moments, together, log_evidence(moments, together))
         effect = effects[-1]
         log_p, direction = min(0.0, correction - nats), direction_of(moments.fit.model.machine, effect, values)
-        coordinate, campaign = effect.coordinate.format(axis=axis), moments.fit.model.campaign
+        coordinate, campaign = ", ".join(effect.coordinates), moments.fit.model.campaign
         found.append(Suspect(link, axis, coordinate, effect, nats, log_p, direction, campaign, values))
     return tuple(found)
 

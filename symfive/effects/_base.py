@@ -95,10 +95,15 @@ class Effect:
         return rate_of(self.vocabulary)
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The coordinates over which it acts, with its axis in the place of `{axis}`."""
+        return tuple(self.coordinate.format(axis=self.belongs_to).split(", "))
+
+    @property
     def answers(self) -> tuple[str, str] | None:
         """The channel by which readings answer to it and the coordinate over which it acts, where a form that is a little off
         would show; None where neither is one of the machine's."""
-        words = self.coordinate.format(axis=self.belongs_to).replace(" velocity sign", " since reversal")
+        words = ", ".join(self.coordinates).replace(" velocity sign", " since reversal")
         channels = {"drive": AXIS, "axis": AXIS, "structure": TOOL}
         return (channels[self.stage], words) if self.stage in channels and words not in ("pose", "reading") else None
 

@@ -90,8 +90,7 @@ class Varying(Effect):
     @property
     def coordinate(self) -> str:  # type: ignore[override]
         """What its size is of, and what its course is of."""
-        own = self.of.coordinate.format(axis=self.of.belongs_to).split(", ")
-        return ", ".join(dict.fromkeys((*own, self.over)))
+        return ", ".join(dict.fromkeys((*self.of.coordinates, self.over)))
 
     @property
     def over_time(self) -> bool:  # type: ignore[override]
@@ -207,4 +206,4 @@ class Varying(Effect):
             for name in self._varied
         }
         inner: Mapping[str, Quantity] = self._inner.describe(campaign, values, covariance)
-        return {**inner, "over": Quantity(tuple(self.coordinate.split(", "))), **own}
+        return {**inner, "over": Quantity(self.coordinates), **own}

@@ -79,7 +79,7 @@ class Watch:
         self._before: _Scores | None = None
 
     def first_alarm(self, steps: Steps, rate: float, years: Array, first: int) -> Alarm | None:
-        """The first alarm that the visits raise, if any; the scatter is learnt from those up to it.
+        """The first alarm that the visits raise, if any; the scatter is estimated from those up to it.
 
         n visits with their steps (n, r) and the `years` (n,) since the one before each, numbered from `first`. A visit is learnt
         from one visit late: a step is judged without itself.

@@ -2,7 +2,7 @@
 
     reading = level + (T - 20 °C)·slope_T + noise,   level grows by rate·dt,   noise ~ N(0, s²·v),
 
-v the variance that the identification states. s² is learnt from the model's own one-step errors, so that a forecast is
+v the variance that the identification states. s² is estimated from the model's own one-step errors, so that a forecast is
 Student's t with as many degrees of freedom as visits were used. The past is discounted by exp(-dt/M); of a table of
 memories M each direction uses the one whose forecasts were the most probable so far (A. P. Dawid 1984, prequential).
 M. West & J. Harrison 1997, Bayesian Forecasting and Dynamic Models, sections 4.5, 6.3, 10.8 (discount, variance learning) and
