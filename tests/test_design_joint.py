@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from symfive.campaign import Campaign
-from symfive.design import certify_joint, plan
+from symfive.campaign import Campaign, read_campaign
+from symfive.cli import main
+from symfive.design import assess, certify_joint, plan, plan_together
 from symfive.design._criteria import criterion_of
 from symfive.design._information import Task
 from symfive.design._minutes import GAP, Mixes
 from symfive.design._mountings import Mounting
+from symfive.design._together import merged
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.model import Model
+from tests.plan_checker import check
 
 POSES, SHARED, OWN, PACE, SETUP = 3, 3, 2, 25.0, 300.0
 MINUTES = 12.0
@@ -119,3 +124,63 @@ def test_the_certificate_of_two_instruments_holds() -> None:
         certify_joint([first, other])
     with pytest.raises(InputError, match="no plan"):
         certify_joint([])
+
+
+@pytest.mark.slow
+def test_two_instruments_share_the_minutes_where_the_better_one_does_not_as_well(tmp_path: Path) -> None:
+    made = plan_together("oyama-2010", ("r_test", "ball_bar"), minutes=20.0)
+    assert [part.instrument for part in made.parts] == ["ball_bar", "r_test"]
+    assert made.minutes <= 20.0
+    value = _mean_variance(made.campaign)
+    alone = plan_together("oyama-2010", ("ball_bar",), minutes=20.0, certify=False)
+    assert value < 0.98 * _mean_variance(alone.campaign)
+    assert made.certificate is not None and made.certificate.efficiency > 0.85
+    assert math.exp(made.certificate.value) == pytest.approx(value, rel=1e-6)
+
+    made.write(tmp_path / "plan", nc=("linuxcnc",))
+    campaign = read_campaign(tmp_path / "plan")
+    assert [run.instrument for run in campaign.runs] == [("ball_bar",), ("r_test",)]
+    first, second = campaign.runs
+    assert second.start_s > first.start_s + first.duration
+    assert not check(tmp_path / "plan")
+    data = json.loads((tmp_path / "plan" / "plan.json").read_text())
+    assert data["instruments"] == ["ball_bar", "r_test"]
+    assert sum(part["minutes"] for part in data["parts"]) == pytest.approx(data["minutes"], rel=1e-5)
+
+
+def test_an_instrument_that_gains_nothing_is_left_out() -> None:
+    oyama = preset("oyama-2010")
+    lean = replace(oyama, errors={n: e for n, e in oyama.errors.items() if "0" in n}, text="")
+    made = plan_together(lean, ("r_test", "ball_bar"), minutes=12.0, certify=False, starts=1)
+    assert [part.instrument for part in made.parts] == ["r_test"]
+    assert made.minutes <= 12.0
+    assert any(note.startswith("ball bar not used") for note in made.notes)
+
+
+def test_an_earlier_campaign_counts() -> None:
+    oyama = preset("oyama-2010")
+    lean = replace(oyama, errors={n: e for n, e in oyama.errors.items() if "0" in n}, text="")
+    options = {"minutes": 7.0, "certify": False, "starts": 1}
+    first = plan_together(lean, ("r_test",), **options)
+    second = plan_together(lean, ("r_test",), given=first.campaign, **options)
+    both = merged([first.campaign, second.campaign])
+    assert [run.id for run in both.runs] == ["nest-1", "2-nest-1"]
+    sigma, expected = second.assessment.sigma, assess(both).sigma
+    assert {name: sigma[name] for name in lean.errors} == pytest.approx({name: expected[name] for name in lean.errors})
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--instrument", "r_test,ball_bar"], "need minutes"),
+        (["--instrument", "r_test,ball_bar", "--minutes", "4"], "too short"),
+        (["--instrument", "r_test,ball_bar", "--minutes", "20", "--points", "30"], "--points is for one instrument"),
+        (["--instrument", "r_test,laser", "--minutes", "20"], 'no instrument "laser"'),
+    ],
+)
+def test_what_several_instruments_cannot_do_is_refused(
+    options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", "oyama-2010", "-o", str(tmp_path / "plan"), "-q", *options]) == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "plan").exists()

@@ -33,8 +33,10 @@ from symfive.cli._plan_words import (
     NO_SHIFT,
     bars_of,
     effects_of,
+    names_in,
     one_bar,
     part_of,
+    refuse_with_several,
     rotary_of,
     setup_sigma_of,
     until_of,
@@ -67,7 +69,9 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @app.command(epilog="Example: symfive plan table-bc -o plan/ --instrument r_test --points 40 --nc linuxcnc")
 @click.argument("machine", help="A machine file, or the name of a preset.")
 @output_path
-@click.option("--instrument", default="r_test", help="r_test, touch_probe or ball_bar.")
+@click.option(
+    "--instrument", default="r_test", help="r_test, touch_probe or ball_bar; several share --minutes: r_test,ball_bar."
+)
 @click.option("--criterion", help="D (default), A, E, G (with --part the default) or V.")
 @click.option("--points", type=COUNT, default=40, help="Number of poses.")
 @click.option(
@@ -242,7 +246,7 @@ def plan(
     quiet: bool,
 ) -> None:
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
-    from symfive.design import circular_test, plan_circles, plan_until
+    from symfive.design import circular_test, plan_circles, plan_together, plan_until
     from symfive.design import plan as make_plan
     from symfive.errors import InputError
     from symfive.executors import executor
@@ -254,9 +258,10 @@ def plan(
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
         post = Post(**{**programs, "reversed_axes": rotary_of(data, programs["reversed_axes"])})
-        for dialect in dialects if poses["instrument"] == "touch_probe" else ():
+        instruments = names_in(poses["instrument"])
+        for dialect in dialects if "touch_probe" in instruments else ():
             can_probe(dialect, post)
-        names = tuple(name.strip() for name in wanted.split(",") if name.strip())
+        names = names_in(wanted)
         wished = until_of(until)
         if wished and circles is not None:
             raise InputError("circles have no --until", remedy="leave out --circles, or --until")
@@ -273,6 +278,17 @@ def plan(
                 per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
                 feeds=feeds or None, certify=not no_proof,
             )  # fmt: skip
+        elif len(instruments) > 1:
+            refuse_with_several(
+                {**poses, "part": part, "until": until, "per_minute": per_minute, "bar": bars, "robust": robust}
+            )
+            with executor(workers, scheduler) as pool:
+                result = plan_together(
+                    data, instruments, minutes=poses["minutes"], criterion=criterion or "A", for_=names,
+                    given=None if given is None else read(given, quiet), noise_um=noise_um, setup_sigma=setup_sigma_of(sigmas),
+                    returns=poses["returns"], starts=poses["starts"], certify=not no_proof, seed=poses["seed"], pool=pool,
+                    progress=Progress(quiet),
+                )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:
                 result = (partial(plan_until, asked=wished) if wished else make_plan)(

@@ -14,9 +14,33 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
     from symfive.toolpath import ToolPath
 
-__all__ = ["NO_SHIFT", "bars_of", "effects_of", "one_bar", "part_of", "rotary_of", "setup_sigma_of", "until_of"]
+__all__ = [
+    "NO_SHIFT", "bars_of", "effects_of", "names_in", "one_bar", "part_of", "refuse_with_several", "rotary_of", "setup_sigma_of",
+    "until_of",
+]  # fmt: skip
 
 NO_SHIFT = "0,0,0"
+ALONE: dict[str, Any] = {
+    "part": None, "until": (), "per_minute": False, "bar": (), "points": 40, "setups": None, "repeats": 1, "frame": "workpiece",
+    "index": None, "survive": False, "robust": "nominal",
+}  # fmt: skip
+"""Options of a plan with one instrument, and their defaults."""
+
+
+def names_in(words: str) -> tuple[str, ...]:
+    """Names between commas."""
+    return tuple(name.strip() for name in words.split(",") if name.strip())
+
+
+def refuse_with_several(given: Mapping[str, Any]) -> None:
+    """Refuse options that a plan with several instruments has not, and one without minutes to share. Raises `InputError`."""
+    from symfive.errors import InputError
+
+    if other := next((name for name, default in ALONE.items() if given[name] != default), None):
+        option = f"--{other.replace('_', '-')}"
+        raise InputError(f"{option} is for one instrument", remedy=f"leave out {option}, or name one instrument")
+    if given["minutes"] is None:
+        raise InputError("several instruments need minutes to share", remedy="add --minutes, as --minutes 20")
 
 
 def part_of(
@@ -72,7 +96,7 @@ def setup_sigma_of(given: Mapping[str, float | None]) -> SetupSigma:
 def rotary_of(machine: Machine, names: str) -> tuple[str, ...]:
     from symfive.errors import InputError
 
-    found = tuple(name.strip() for name in names.split(",") if name.strip())
+    found = names_in(names)
     for name in found:
         if name not in machine.rotary_axes:
             there = ", ".join(machine.rotary_axes) or "none"

@@ -22,7 +22,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.threads import one_thread
 
-__all__ = ["JointCertificate", "Shared", "certify_joint", "shared_minutes"]
+__all__ = ["INSTRUMENTS", "WORDS", "JointCertificate", "Shared", "certify_joint", "shared_minutes"]
 
 INSTRUMENTS = ("r_test", "ball_bar", "touch_probe")
 RATE_HZ = 50.0
@@ -49,9 +49,9 @@ class JointCertificate:
         share, most = math.floor(self.efficiency * 1e3) / 1e3, math.ceil(self.gain * 1e3) / 1e3
         names = ", ".join(WORDS[name] for name in self.instruments)
         return (
-            f"efficiency ≥ {share:.3f} in {self.minutes:g} min over {self.candidates} candidate poses and circles with {names}, "
-            f"set-up included; together at most {most:.3f} × lower variance than the best one of them (searched over a dense "
-            "set, not proved)"
+            f"efficiency ≥ {share:.3f} in {self.minutes:.3g} min, set-up included, over {self.candidates} candidate poses and "
+            f"circles with {names}; together at most {most:.3f} × lower variance than the best one of them (searched over a "
+            "dense set, not proved)"
         )
 
     def to_data(self) -> dict[str, Any]:
@@ -66,12 +66,13 @@ class JointCertificate:
 @dataclass(frozen=True)
 class Shared:
     """What instruments have in common: `spaces` by instrument, the `task`, whose set-up errors are per prior 1σ, the `mountings`
-    of each and, where a ball bar is among them, of its `circles`."""
+    of each and, where a ball bar is among them, of its `circles`; `refused` why the machine cannot use others."""
 
     spaces: dict[str, Space]
     task: Task
     mountings: tuple[Mounting, ...]
     circles: tuple[Mounting, ...]
+    refused: dict[str, str]
 
     @property
     def pace(self) -> float:
@@ -81,6 +82,10 @@ class Shared:
     def alone(self, minutes: float) -> Mixes:
         """Mixes of poses at rest and, of their own, circles."""
         return Mixes(self.task, [*self.mountings, *self.circles], minutes, self.pace)
+
+    def poses(self, minutes: float) -> Mixes:
+        """Mixes of poses at rest."""
+        return Mixes(self.task, self.mountings, minutes, self.pace)
 
     def joint(self, minutes: float, more: Sequence[Mounting] = ()) -> Mixes:
         """Mixes in which a mounted bar reads poses and circles; `more` mountings, of a plan."""
@@ -96,30 +101,34 @@ def shared_minutes(
     """All mountings of these instruments on a machine; those that it cannot use are left out. Raises `InputError` where none is
     left."""
     spaces: dict[str, Space] = {}
-    refused: InputError | None = None
+    refused: dict[str, InputError] = {}
     for name in dict.fromkeys(instruments):
         try:
             spaces[name] = make_space(machine, name, noise_um=noise_um, setup_sigma=setup_sigma)
         except InputError as error:
-            refused = error
+            refused[name] = error
     if not spaces:
-        raise refused or InputError("no instrument is named", remedy=f"use {', '.join(INSTRUMENTS)}")
+        nothing = InputError("no instrument is named", remedy=f"use {', '.join(INSTRUMENTS)}")
+        raise next(iter(refused.values()), nothing)
     first = next(iter(spaces.values()))
     own = max(len(space.own) for space in spaces.values())
     asked = task_of(first, criterion, interest_of(tuple(p.name for p in first.shared), tuple(for_)), given)
     mountings = [m for space in spaces.values() for m in mountings_of(space, own)]
     circles = mountings_of(spaces[BAR], own, rate_hz=RATE_HZ) if BAR in spaces else []
-    return Shared(spaces, replace(asked, own_sigma=np.ones(own)), tuple(mountings), tuple(circles))
+    why = {name: error.problem for name, error in refused.items()}
+    return Shared(spaces, replace(asked, own_sigma=np.ones(own)), tuple(mountings), tuple(circles), why)
 
 
 @one_thread
 def certify_joint(
-    plans: Sequence[Plan], *, instruments: Sequence[str] = INSTRUMENTS, criterion: str = "A", for_: Iterable[str] = ()
-) -> JointCertificate:
+    plans: Sequence[Plan], *, instruments: Sequence[str] = INSTRUMENTS, criterion: str = "A", for_: Iterable[str] = (),
+    given: Campaign | None = None,
+) -> JointCertificate:  # fmt: skip
     """The certificate of plans that are measured one after the other, as of `first` and `plan(…, given=first.campaign)`.
 
     They are compared with every mix of `instruments`, and of their own, in the sum of their minutes; circles of a ball bar are
-    among the candidates. Raises `InputError` for plans of different machines, noise or set-up errors, or with options.
+    among the candidates; `given` was measured before all of them. Raises `InputError` for plans of different machines, noise or
+    set-up errors, or with options.
     """
     runs = tuple(run for made in plans for run in made.campaign.runs)
     if not runs:
@@ -139,16 +148,17 @@ def certify_joint(
         (*names, *instruments),
         criterion=criterion,
         for_=for_,
+        given=given,
         noise_um=noise,
         setup_sigma=first.setup_sigma_um,
     )
     renamed = tuple(replace(run, id=f"{i}-{run.id}") for i, run in enumerate(runs, start=1))
-    return _certified(shared, replace(plans[0].campaign, runs=renamed), sum(made.minutes for made in plans))
+    return _certified(shared, replace(plans[0].campaign, runs=renamed), given, sum(made.minutes for made in plans))
 
 
-def _certified(shared: Shared, campaign: Campaign, minutes: float) -> JointCertificate:
+def _certified(shared: Shared, campaign: Campaign, given: Campaign | None, minutes: float) -> JointCertificate:
     """The certificate of a campaign, its own mountings and poses among the candidates."""
-    expected, first = assess(campaign), next(iter(shared.spaces.values()))
+    expected, first = assess(campaign, given=given), next(iter(shared.spaces.values()))
     own = len(shared.task.own_sigma)
     index = {p.name: i for i, p in enumerate(expected.parameters)}
     place = [index[p.name] for p in first.shared]

@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from symfive.design._discriminate import Discrimination
     from symfive.design._dynamic import CirclePlan
     from symfive.design._plan import Plan
+    from symfive.design._together import JointPlan
 
 __all__ = [
-    "SCHEMA", "plan_data", "write_circles", "write_plan", "write_recordings", "write_sheet", "write_test",
+    "SCHEMA", "driven", "plan_data", "write_circles", "write_joint", "write_plan", "write_recordings", "write_sheet",
+    "write_test",
 ]  # fmt: skip
 
 SCHEMA = "symfive.plan/1"
@@ -73,7 +75,7 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
     """Everything into a folder that exists."""
     from symfive.design._figures import svg, uncertainty_figure, worth_figure
 
-    plan = plan if post is None else _driven(plan, post)
+    plan = plan if post is None else driven(plan, post)
     counts = f"{plan.certificate.points} poses, {plan.campaign.rows} readings with return poses"
     facts = f"{counts} · about {plan.minutes:.0f} min with set-up"
     ways = [note for note in plan.notes if note.startswith("run ")]
@@ -89,10 +91,10 @@ def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: P
     write_text(folder / "figures" / "worth.svg", svg(worth_figure(plan)))
 
 
-def _driven(plan: Plan, post: Post) -> Plan:
+def driven(plan: Plan, post: Post) -> Plan:
     """The plan with what the user decided about its programs: the same ways unless another retract is wished, its own times."""
-    driven = plan.post
-    own = replace(post, via=driven.via, unsafe=driven.unsafe, ways=driven.ways, tested=driven.tested)
+    ways = plan.post
+    own = replace(post, via=ways.via, unsafe=ways.unsafe, ways=ways.ways, tested=ways.tested)
     if post.retract_mm != plan.post.retract_mm:
         own = cleared(plan.machine, plan.campaign.runs, plan.unsafe, own)
     if not set(plan.machine.axis_names) <= set(LETTERS):
@@ -105,6 +107,19 @@ def _driven(plan: Plan, post: Post) -> Plan:
         campaign=campaign,
         minutes=seconds / 60.0,
     )
+
+
+def write_joint(plan: JointPlan, folder: Path, nc: tuple[str, ...] = ("iso",)) -> None:
+    """One campaign, plan.json, the programs of all runs and one set-up sheet into a folder that exists."""
+    ways = [note for note in plan.notes if ": run " in note]
+    certificate = [] if plan.certificate is None else [f"Certificate: {plan.certificate.says}"]
+    worth = ". ".join([*certificate, *(note for note in plan.notes if note not in ways)])
+    facts = f"{', then '.join(plan.steps)} with set-up"
+    sheet = Sheet(
+        campaign=plan.campaign, post=plan.post, facts=facts, worth=worth, assessment=plan.assessment, notes=ways
+    )
+    _write_files(sheet, folder, nc)
+    write_json(folder / "plan.json", plan.to_data())
 
 
 def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:

@@ -1,0 +1,232 @@
+"""Several instruments in one plan: how often each is mounted in the given minutes, and what each then reads.
+
+Relaxed designs (`_minutes`) divide the minutes; several instruments are used where that gains more than these are exact to. Each
+instrument's plan is made to complement those before it, and the first one once more when the others are known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.design._assess import Assessment, assess
+from symfive.design._assessment_data import assessment_data, six_digits
+from symfive.design._joint_certificate import (
+    INSTRUMENTS,
+    WORDS,
+    JointCertificate,
+    Shared,
+    certify_joint,
+    shared_minutes,
+)
+from symfive.design._minutes import GAP, Mix
+from symfive.design._plan import Plan, plan
+from symfive.design._schedule import SETUP_S
+from symfive.design._write import SCHEMA, driven, write_joint
+from symfive.errors import InputError
+from symfive.given import campaign_given, machine_given
+from symfive.machine import Machine
+from symfive.nc import Post
+from symfive.outputs import output_folder
+from symfive.screen import OnScreen, listed
+from symfive.threads import one_thread
+
+__all__ = ["JointPlan", "plan_together"]
+
+
+@dataclass(frozen=True, repr=False)
+class JointPlan(OnScreen):
+    """Plans of different instruments, `parts` in the order in which they are measured, for one machine; their `certificate`, None
+    where none was asked for, and the `assessment` of all of their runs, with the campaign given before; `left_out` why other
+    instruments are not used."""
+
+    parts: tuple[Plan, ...]
+    certificate: JointCertificate | None
+    assessment: Assessment
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def machine(self) -> Machine:
+        """The machine of all parts."""
+        return self.parts[0].machine
+
+    @cached_property
+    def campaign(self) -> Campaign:
+        """All runs, one after the other, without readings."""
+        return merged([part.campaign for part in self.parts])
+
+    @property
+    def minutes(self) -> float:
+        """Time of all parts, set-up included."""
+        return sum(part.minutes for part in self.parts)
+
+    @property
+    def steps(self) -> list[str]:
+        """What is measured with which instrument, in this order."""
+        return [_step(part) for part in self.parts]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Why instruments are not used, and what the parts say of themselves."""
+        own = (f"{_words(part.instrument)}: {note}" for part in self.parts for note in part.notes)
+        return (*self.left_out, *own)
+
+    def driven(self, post: Post | None) -> JointPlan:
+        """The plan with the user's choices for its programs, and its times on their ways."""
+        return self if post is None else replace(self, parts=tuple(driven(part, post) for part in self.parts))
+
+    @property
+    def post(self) -> Post:
+        """The ways of all programs."""
+        first, posts = self.parts[0].post, [part.post for part in self.parts]
+        return replace(
+            first, tested=all(p.tested for p in posts), retract_mm=max(p.retract_mm for p in posts),
+            via=_all(p.via for p in posts), unsafe=_all(p.unsafe for p in posts), ways=_all(p.ways for p in posts),
+        )  # fmt: skip
+
+    def write(
+        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
+    ) -> None:
+        """One campaign without readings, plan.json, NC programs of all runs and one set-up sheet, whole or not at all."""
+        with output_folder(Path(folder), overwrite=overwrite) as target:
+            own = self.driven(post)
+            write_joint(own, target, tuple(nc))
+
+    def to_data(self) -> dict[str, Any]:
+        """plan.json as nested mappings."""
+        return {
+            "schema": SCHEMA, "machine": self.machine.name, "structure": self.machine.structure.code,
+            "instruments": [part.instrument for part in self.parts],
+            "criterion": {"name": self.parts[0].criterion, "for": list(self.parts[0].interest)},
+            "certificate": None if self.certificate is None else self.certificate.to_data(), **assessment_data(self.assessment),
+            "minutes": six_digits(self.minutes),
+            "parts": [
+                {
+                    "instrument": part.instrument, "runs": [run.id for run in part.campaign.runs],
+                    "rows": part.campaign.rows, "minutes": six_digits(part.minutes),
+                }
+                for part in self.parts
+            ],
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        says = "" if self.certificate is None else f": {self.certificate.says}"
+        steps, notes = [f"  {step}" for step in self.steps], listed(self.notes, "plan.notes", 10)
+        return "\n".join([f"Plan of {self.minutes:.0f} min{says}", *steps, str(self.assessment), *notes])
+
+
+@one_thread
+def plan_together(
+    machine: Machine | Path | str, instruments: Sequence[str] = INSTRUMENTS, *, minutes: float, criterion: str = "A",
+    for_: Iterable[str] = (), given: Campaign | Path | str | None = None, noise_um: float = 0.3,
+    setup_sigma: SetupSigma | None = None, returns: int = 2, starts: int = 2, certify: bool = True, seed: int = 0,
+    pool: Executor | None = None, progress: Callable[[str], None] = lambda message: None,
+) -> JointPlan:  # fmt: skip
+    """The plan that makes the uncertainty of what is sought smallest in so many `minutes`, set-up of every mounting included.
+
+    `instruments` that may be used; those that the machine cannot use, and those that gain nothing, are left out. `certify`: the
+    plan is compared with all mixes of them in the same minutes, circles of a ball bar included (up to a minute). `criterion`,
+    `for_`, `given`, `noise_um`, `setup_sigma`, `returns`, `starts`, `seed` and `pool` as of `plan`.
+
+    Raises `InputError` where no instrument can be used or the minutes are too short for one mounting.
+    """
+    machine = machine_given(machine)
+    if unknown := next((name for name in instruments if name not in INSTRUMENTS), None):
+        raise InputError(f'there is no instrument "{unknown}" to plan with', remedy=f"use {', '.join(INSTRUMENTS)}")
+    earlier = None if given is None else campaign_given(given)
+    wanted = tuple(for_)
+    shared = shared_minutes(
+        machine,
+        instruments,
+        criterion=criterion,
+        for_=wanted,
+        given=earlier,
+        noise_um=noise_um,
+        setup_sigma=setup_sigma,
+    )
+    progress("dividing the minutes among the instruments")
+    mixes = shared.poses(minutes)
+    if not mixes.all:
+        problem = f"{minutes:g} minutes are too short for one set-up ({SETUP_S / 60.0:g} min) and two poses"
+        raise InputError(problem, remedy="give more minutes")
+
+    def planned(kind: str, count: int, share: float, others: Sequence[Plan]) -> Plan:
+        before = [*([] if earlier is None else [earlier]), *(part.campaign for part in others)]
+        return plan(
+            machine, instrument=kind, criterion=criterion, for_=wanted, minutes=share, setups=count,
+            points=max(2, int(60.0 * share / shared.pace)), given=merged(before) if before else None, noise_um=noise_um,
+            setup_sigma=setup_sigma, returns=returns, starts=starts, seed=seed, pool=pool, anywhere=False, prove=False,
+            progress=lambda message: progress(f"{_words(kind)}: {message}"),
+        )  # fmt: skip
+
+    single, mix = min(mixes.single().values(), key=lambda each: each.value), mixes.best()
+    shares = _shares(mix if mix.value < single.value - GAP else single, shared.pace)
+    parts = list[Plan]()
+    for kind, (count, share) in shares.items():
+        parts.append(planned(kind, count, share, parts))
+    if len(parts) > 1:
+        first = parts[0].instrument
+        parts[0] = planned(first, *shares[first], parts[1:])
+    certificate = None
+    if certify:
+        progress("computing the certificate")
+        certificate = certify_joint(parts, instruments=instruments, criterion=criterion, for_=wanted, given=earlier)
+    expected = assess(merged([part.campaign for part in parts]), given=earlier)
+    return JointPlan(tuple(parts), certificate, expected, (*_refused(shared.refused), *_idle(shared, shares)))
+
+
+def _refused(reasons: Mapping[str, str]) -> list[str]:
+    return [f"{_words(name)} not used: {reason}" for name, reason in reasons.items()]
+
+
+def _idle(shared: Shared, shares: Mapping[str, object]) -> list[str]:
+    """The instruments that do not gain enough."""
+    return [
+        f"{_words(name)} not used: in these minutes it lowers the variance by less than {100 * GAP:g} %"
+        for name in shared.spaces
+        if name not in shares
+    ]
+
+
+def _shares(mix: Mix, pace: float) -> dict[str, tuple[int, float]]:
+    """How often each instrument is mounted, and its minutes."""
+    found: dict[str, tuple[int, float]] = {}
+    for mounting, weights in zip(mix.mountings, mix.weights, strict=True):
+        count, seconds = found.get(mounting.kind, (0, 0.0))
+        found[mounting.kind] = count + 1, seconds + SETUP_S - pace + float(weights.sum())
+    return {kind: (count, seconds / 60.0) for kind, (count, seconds) in found.items()}
+
+
+def merged(campaigns: Sequence[Campaign]) -> Campaign:
+    """One campaign of all runs, one campaign after the other; a run whose name is taken gets its number before it."""
+    runs, end = list[Run](), 0.0
+    for campaign in campaigns:
+        taken, begin = {run.id for run in runs}, end
+        for run in campaign.runs:
+            own = replace(run, start_s=begin + run.start_s)
+            if run.id in taken:
+                name = f"{len(runs) + 1}-{run.id}"
+                own = replace(own, id=name, file=f"{name}.csv")
+            runs.append(own)
+            end = max(end, own.start_s + own.duration)
+    return replace(campaigns[0], runs=tuple(runs))
+
+
+def _all(parts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    return {name: value for part in parts for name, value in part.items()}
+
+
+def _step(part: Plan) -> str:
+    count = len(part.campaign.runs)
+    mounted = "one mounting" if count == 1 else f"{count} mountings"
+    return f"{_words(part.instrument)}: {mounted}, {part.campaign.rows} rows, {part.minutes:.0f} min"
+
+
+def _words(instrument: str) -> str:
+    return WORDS[instrument].partition(" (")[0]
