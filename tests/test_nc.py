@@ -148,12 +148,18 @@ def test_datum_and_tool_offset_are_called_and_cancelled_before_the_first_move(di
     assert "TCPM" not in program(three, circle, "heidenhain") and "TRAFOOF" not in program(three, circle, "siemens")
 
 
+def test_heidenhain_calls_no_tool_before_the_operator_was_asked() -> None:
+    """TOOL CALL 0 unloads the spindle on some machines, with the ball in it."""
+    lines = [line.split(" ", 1)[1] for line in program(*RUNS[0], "heidenhain").splitlines()]
+    assert lines.index("STOP M0") + 1 == lines.index("TOOL CALL 0 Z")
+
+
 @pytest.mark.parametrize("dialect", list(DIALECTS))
 def test_every_stop_shows_its_text_on_the_controls_screen(dialect: str) -> None:
     machine, run = RUNS[2]
     post = Post(unsafe={run.id: (3,)})
     texts = [step.text for step in program_steps(machine, run, post) if step.kind == "stop"]
-    assert texts == ["CLEAR? Z GOES TO TOP FIRST", "BALL STANDS 50 MM OFF?", "SEAT BALL BAR, ZERO IT", "TAKE THE BAR OFF",
+    assert texts == ["CLEAR? Z GOES TO TOP FIRST", "BALL 50 MM FROM POSE 1?", "SEAT BALL BAR, ZERO IT", "TAKE THE BAR OFF",
                      "PUT THE BAR ON", "FREE BALL BAR, START"]  # fmt: skip
     assert re.findall(WORDS[dialect].screen, program(machine, run, dialect, post)) == texts
 

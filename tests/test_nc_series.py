@@ -89,7 +89,7 @@ def test_the_command_line_plans_arcs_of_220_degrees_at_two_feeds(
     options = ["--circles", "iso-230-4", "--plane", "YZ", "--feed", "500", "--feed", "2000", "--bar", "100"]
     assert main(["plan", "three-axis", "-o", str(tmp_path / "plan"), *options, "--nc", "heidenhain"]) == 0
     said = capsys.readouterr().out
-    assert "4 recordings" in said and "partial arcs, not a circular test by ISO 230-4 (360° are)" in said
+    assert "4 recordings" in said and "partial arcs, not a circular test by ISO 230-4, which has 360°" in said
     text = next((tmp_path / "plan/nc/heidenhain").glob("*+*")).read_text()
     assert text.count("CP IPA+224.0000 DR+") == text.count("CP IPA-224.0000 DR-") == 2
     assert not check(tmp_path / "plan")

@@ -312,7 +312,7 @@ def test_another_retract_leads_to_other_ways_that_are_clear(made: Plan, tmp_path
     """What the user decides about the programs may change ways and times; the campaign says the times of its programs."""
     made.write(tmp_path / "plan", nc=("iso",), post=Post(retract_mm=90.0, dwell_s=5.0, machine_top=-2.0))
     text = (tmp_path / "plan" / "nc" / "iso" / "bar-1.nc").read_text()
-    assert "BALL STANDS 90 MM OFF?" in text and "G4 X5.000" in text and "NOT CHECKED" not in text
+    assert "BALL 90 MM FROM POSE 1?" in text and "G4 X5.000" in text and "NOT CHECKED" not in text
     first = (tmp_path / "plan" / "bar-1.csv").read_text().splitlines()[2]
     assert float(first.split(",")[0]) >= 5.0
 

@@ -105,4 +105,4 @@ def _notes(machine: Machine, runs: Sequence[Run]) -> Iterable[str]:
     finder = CircleFinder(machine)
     short = [run.id for run in runs if (circle := finder.find(run)) is not None and circle.turns < 1.0]
     if short:
-        yield f"partial arcs, not a circular test by ISO 230-4 ({WHOLE_DEG:g}° are): {', '.join(short)}"
+        yield f"partial arcs, not a circular test by ISO 230-4, which has {WHOLE_DEG:g}°: {', '.join(short)}"

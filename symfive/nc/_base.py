@@ -80,7 +80,8 @@ class Dialect:
     `{number}`, `dwell` `{seconds}` or `{milliseconds}`.
 
     After the `head`, `rotary` (where the machine has rotary axes: kinematics off) and `start` set every modal state that the
-    program relies on: units, plane, absolute words, datum, no tool offset; `end` ends it.
+    program relies on: units, plane, absolute words, datum, no tool offset; what may move the tool waits for the operator
+    (`after_first_stop`); `end` ends it.
     `retract` drives `{axis}` alone to `{value}` in machine coordinates, tool offset cancelled. `stop` shows its `{text}`, of at
     most 26 characters, on the control's screen and waits. `datum` says in words which lines call datum and tool offset.
     `decimals` to which positions are written, by `word`; `upper`: the control reads capital letters only.
@@ -110,6 +111,7 @@ class Dialect:
     comment: str
     datum: str
     rotary: Sequence[str] = ()
+    after_first_stop: Sequence[str] = ()
     contour: Sequence[str] = ("{plane} G64",)
     arc: Callable[[Block], Sequence[str]] = _block_a_turn
     tool_centre: tuple[str, str] | None = None
@@ -144,8 +146,12 @@ def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1, 
     timed = dialect.inverse_time and bool(feeds) and not any(step.feed for step in feeds)
     lines += ["G93"] if timed else []
     before: Mapping[str, float] = {}
+    late = list(dialect.after_first_stop)
     for step in steps:
         lines += _lines(dialect, step, before, timed=timed)
+        if step.kind == "stop":
+            lines += late
+            late.clear()
         before = {**before, **step.positions}
     lines += ["G94"] if timed else []
     lines += [line.format(name=program_name(name)) for line in dialect.end]

@@ -37,7 +37,7 @@ def circular(run: Run, circle: Circle, *, bar: bool) -> list[Step]:
     """A bar radially in, around, radially out; a reading head goes around only."""
     last = run.rows - 1
     sense = "counter-clockwise" if circle.sweep > 0.0 else "clockwise"
-    path = f"{abs(circle.sweep):g} deg {sense} in {circle.plane} with overshoot, radius {circle.radius:g} mm"
+    path = f"{abs(circle.sweep):g} deg {sense} in {circle.plane} with run-up and run-out, radius {circle.radius:g} mm"
     end = _commands(run, last)
     arc = Step(
         kind="arc", positions={n: end[n] for n in circle.plane}, commands=end, seconds=circle.seconds, row=last,

@@ -14,7 +14,10 @@ CARE = "Run the program slowly, one hand on the feed override."
 IN_AIR = "Run it in air first"
 RECORDED = "Dry run without the instrument; then feed override 100 percent, the feed is part of the result."
 """Instead, where the readings are those of a path at its feed."""
-TESTED = "Tested: spindle nose, tool, post, table and bar as simple bodies, at every pose and on every move but the first ones."
+TESTED = (
+    "Tested: spindle nose, tool, post, table and bar as simple bodies, at every pose and on every move after the stop before the "
+    "first one."
+)
 
 
 def collision_warning(machine: Machine, post: Post, *, recorded: bool = False) -> tuple[str, ...]:

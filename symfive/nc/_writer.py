@@ -127,7 +127,7 @@ class Writer:
             self._to_the_top(0),
             *self._alone(lifted, 0),
             *self._centred(True, lifted),
-            Step(kind="stop", text=f"BALL STANDS {away:.0f} MM OFF?"),
+            Step(kind="stop", text=f"BALL {away:.0f} MM FROM POSE 1?"),
             *self._creep(lifted, pose, 0),
         ]
 

@@ -54,7 +54,6 @@ def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
 def _prepared(dialect: Dialect, post: Post) -> Dialect:
     """The probe is a tool whose length counts: the datum is shifted by it, so that the words stay those of the spindle nose."""
     call = f"TOOL CALL {post.probe_tool} Z"
-    called = [call if line.startswith("TOOL CALL") else line for line in dialect.start]
     ends = {97: ON_ITS_WAY, 98: NO_CONTACT}
     lines = [
         line
@@ -64,7 +63,8 @@ def _prepared(dialect: Dialect, post: Post) -> Dialect:
     *last, end = dialect.end
     return replace(
         dialect,
-        start=(*called, "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-Q114"),
+        start=(*dialect.start, call, "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-Q114"),
+        after_first_stop=(),
         end=("TRANS DATUM RESET", *last, *lines, end),
         datum=f"cycle 247 calls datum 1; {call}: the touch probe, in the spindle before; the shift by Q114 takes its length out",
     )
@@ -84,7 +84,8 @@ HEIDENHAIN = Dialect(
     name="heidenhain",
     suffix=".h",
     head=("BEGIN PGM {name} MM",),
-    start=("TRANS DATUM RESET", "CYCL DEF 247 DATUM SETTING Q339=+1", "TOOL CALL 0 Z", "M5"),
+    start=("TRANS DATUM RESET", "CYCL DEF 247 DATUM SETTING Q339=+1", "M5"),
+    after_first_stop=("TOOL CALL 0 Z",),
     rotary=("FUNCTION RESET TCPM", "PLANE RESET STAY"),
     end=("M30", "END PGM {name} MM"),
     rapid="L {words} R0 FMAX",
@@ -96,7 +97,8 @@ HEIDENHAIN = Dialect(
     retract=("L {words} R0 FMAX M91",),
     orient=("CYCL DEF 13.0 ORIENTATION", "CYCL DEF 13.1 ANGLE {angle}", "M19"),
     comment="; {text}",
-    datum="cycle 247 calls datum 1; TOOL CALL 0: no tool length, take the line out where it would empty the spindle, L = 0 then",
+    datum="cycle 247 calls datum 1; TOOL CALL 0 after the first stop: no tool length; if it unloads the spindle on your machine, "
+    "delete the line and call the ball's tool with L = 0",
     tool_centre_example="FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS after your TOOL CALL, and FUNCTION RESET TCPM",
     inverse_time=False,
     numbered=True,
