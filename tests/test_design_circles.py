@@ -199,7 +199,7 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
     for words in (
         "2 runs, 1586 readings · about 8 min with set-up", "keep apart at every pose and on every move of the programs",
         "table ball at x = 60, y = 0, z = 80 mm", "Bar of 50 mm", "ball bar: dL_um into", "793, one every 50 ms",
-        "radius 50 mm, 480° with run-up", "xy of the workpiece frame", "counter-clockwise, seen against +z",
+        "radius 50 mm, 480° with run-up", "xy of the workpiece frame", "counter-clockwise, viewed from +z",
         "800 mm/min along the circle", "C and X move; the ball is X_T = 60.000 mm from axis C, X_T/r = 60/50 = 1.2",
         "With the tool ball there and no tool offset, the control shows X 60.000, Y 0.000, Z 210.000 mm (A 0°, C 0°)",
         "39.6 s, from rest",
@@ -215,11 +215,11 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
     ("name", "make", "says"),
     [
         ("table-bc", lambda m: planar_circle(m, plane="ZX", direction="cw", rate_hz=8.0, feed=600.0),
-         ("zx of the machine frame", "clockwise, seen against +y", "600 mm/min along the circle")),
+         ("zx of the machine frame", "clockwise, viewed from +y", "600 mm/min along the circle")),
         ("table-bc", lambda m: planar_circle(m, instrument="grid_encoder", direction="ccw", centre=(10, 20, 80), rate_hz=8.0),
          ("the middle of the grid plate at x = 10, y = 20, z = 80", "Reading head at 150 mm", "dv_um", "22.361")),
         ("table-bc", lambda m: cone_circle(m, sensitive="surface", direction="ccw", rate_hz=8.0),
-         ("radius 96.6 mm", "leaning by 10.0° from xy of the workpiece frame", "seen against (0.174, 0.000, 0.985)")),
+         ("radius 96.6 mm", "leaning by 10.0° from xy of the workpiece frame", "viewed from (0.174, 0.000, 0.985)")),
         ("nutating-table", lambda m: rotary_circle(m, arrangement="tangential", direction="cw", rate_hz=8.0),
          ("tangential to axis C, turning with it", "C falling", "1800 °/min of C", "118.638")),
         ("table-bc", lambda m: rotary_circle(m, arrangement="axial", direction="ccw", rate_hz=8.0),

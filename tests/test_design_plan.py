@@ -374,6 +374,7 @@ def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is
     assert [p.parent.name for p in sorted(tmp_path.glob("nc/*/*"))] == ["heidenhain", "linuxcnc"]
     sheet = (tmp_path / "setup.html").read_text(encoding="utf-8")
     assert "xy-ccw separates the two by 41.2σ" in sheet and "nc/linuxcnc/*.ngc" in sheet
+    assert "drive the tool ball there and lock the table ball under it" in sheet and "known to 20 µm (1σ)" in sheet
 
 
 def test_a_further_test_without_a_clear_way_gets_no_program(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def path_facts(nominal: Nominal, run: Run) -> dict[str, str]:
     facts = {
         "Circle": f"radius {plain_number(radius[0], 'mm')} mm, {np.degrees(np.ptp(phi)):.0f}° with run-up and run-out",
         "Plane": f"{plane} of the {frame}",
-        "Direction": f"{sense}, seen against {towards}",
+        "Direction": f"{sense}, viewed from {towards}",
         "Feed": f"{plain_number(run.fastest(radius[0] * phi))} mm/min along the circle",
     }
     if len(moving) == 2 and len(turning) == 1 and run.length is not None:

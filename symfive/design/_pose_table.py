@@ -50,7 +50,7 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:
     counted = f"All {run.rows} poses" + (f", {different} of them different" if different < run.rows else "")
     return {
         "what": f"{counted}: {_how_read(campaign, run, post)}.",
-        "heads": ["pose", "line", f"{'touched' if probed else 'read'} at / min:s", *positions, "before"],
+        "heads": ["pose", "line", f"{'touched' if probed else 'read'} at / min:s", *positions, "remark"],
         "rows": rows,
     }
 

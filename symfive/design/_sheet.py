@@ -104,8 +104,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         what = "leave everything in place" if stays else "remove it and mount it again (a new set-up error)"
         steps.append(f"The same mounting as for run {again.id}: {what}.")
     if stands and not stays:
-        x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
-        steps.append(f"Mount the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame (±1 mm).")
+        steps += _place(run, stands)
         end = "Reading head" if "grid_encoder" in run.instrument else "Tool ball"
         steps.append(f"{end} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
     if run.length is not None and not stays:
@@ -126,8 +125,27 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     return steps + _moves(machine, sheet.post)
 
 
+def _place(run: Run, stands: str) -> list[str]:
+    """Where the ball or nest stands on the table, and how well this has to be known."""
+    x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
+    there = f"Mount the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame"
+    if "r_test" in run.instrument and run.setup_sigma_um.zero is None:
+        return [f"{there}, within 1 mm: the readings determine its exact place."]
+    sigma = plain_number(run.setup_sigma_um.table_ball)
+    return [
+        f"{there}: drive the tool ball there and lock the {stands} under it.",
+        f"The evaluation takes this place as known to {sigma} µm (1σ). If it stands elsewhere, by up to 1 mm, write where into "
+        f"table_ball of run {run.id} in campaign.toml; if you know it less well, write so into setup_sigma_um.",
+    ]
+
+
 def _start(sheet: Sheet, run: Run) -> list[str]:
     """How the program is started, and what comes back from it."""
+    if "r_test" in run.instrument:
+        return [
+            f"Nest and tool ball are mounted before the program of run {run.id} starts. It stops with the ball away from the "
+            "nest, and again where you seat the ball and set its readings to zero."
+        ]
     if "touch_probe" not in run.instrument:
         return [f"Start the program of run {run.id}; it stops where you mount the instrument."]
     post = sheet.post
