@@ -71,6 +71,10 @@ class Marks:
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
+            if not text.strip():
+                problem = f"the cell of column {name} is empty" if name else "a cell is empty"
+                remedy = "write the reading, or delete the row of a pose that was not read"
+                raise InputError(problem, line=line, remedy=remedy) from None
             raise InputError(f"{said} is not a number", line=line, remedy="write a number") from None
         if not abs(value) <= LARGEST:
             remedy = "remove the row or write the reading"

@@ -164,7 +164,7 @@ BAD_ROWS = {
     "twice": ("C_deg", "X_mm", 1, 3, "twice"),
     "text": ("2.5", "two", 3, 3, "'two'"),
     "decimal comma": ("2.5", "2,5", 3, None, "5 cells"),
-    "empty cell": ("2.5", "", 3, 3, "not a number"),
+    "empty cell": ("2.5", "", 3, 3, "is empty"),
     "nan": ("1e-3", "nan", 3, 4, "finite"),
     "inf": ("10.0", "-inf", 3, 2, "finite"),
     "overflow": ("10.0", "1e999", 3, 2, "finite"),

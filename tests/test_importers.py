@@ -182,12 +182,53 @@ LACKING = {
         "the rows have 3 numbers and 2 columns are named",
         "--columns angle,deviation,-",
     ),
+    "commas": (
+        ["{a},0,{d},0"],
+        [],
+        "the rows have 4 numbers",
+        "if these are decimal commas, separate the columns by semicolons",
+    ),
     "named": (["{a}", "{d}"], ["--columns", "angle"], "do not name angle and deviation", "--columns angle,deviation"),
     "feed": (["{a}", "{d}"], ["--radius", "100"], "angle and deviation are there, feed not", "--feed 1000 (mm/min)"),
     "both": (["{a}", "{d}"], [], "radius and feed not", "add --radius 100 (mm) and --feed 1000 (mm/min)"),
     "turn": (["{a}", "{d}"], ["--direction", "left"], "direction", "ccw, cw"),
     "turns": (["{a}", "{d}"], ["--direction", "cw", "--direction", "cw"], "1 files have 2 directions", "once per file"),
 }
+
+
+def test_a_clockwise_file_is_not_taken_for_a_counter_clockwise_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Software that sorts lets the angles rise; falling ones are the motion."""
+    plan = simulate(_circles(), seed=4).campaign
+    write_campaign(plan, tmp_path / "plan")
+    files = []
+    for i, run in enumerate(reversed(plan.runs)):  # in the wrong order
+        path = tmp_path / f"export{i}.csv"
+        path.write_text("".join(f"{a},{d}\n" for a, d in zip(*_polar(run), strict=True)))
+        files.append(str(path))
+    assert main(["import-polar", str(tmp_path / "plan"), *files, "-o", str(tmp_path / "out"), "-q"]) == 2
+    said = capsys.readouterr().err
+    assert "export0.csv: the angles fall" in said and "in the order of the plan's runs" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_lengths_of_the_bar_are_not_taken_for_deviations(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "ccw.csv"
+    path.write_text("angle,radius\n" + "".join(f"{a},{RADIUS + 7e-3 * np.sin(np.radians(a)):.6f}\n" for a in ANGLES))
+    call = [
+        "import-polar",
+        "three-axis",
+        str(path),
+        "-o",
+        str(tmp_path / "c"),
+        "--radius",
+        str(RADIUS),
+        "--feed",
+        "1000",
+    ]
+    assert main(call) == 0
+    assert "if the file holds the bar's length, subtract the radius" in capsys.readouterr().err
+    assert main([*call[:4], str(tmp_path / "d"), *call[5:], "--unit", "mm"]) == 2
+    assert f"the length of the bar; subtract the radius, {RADIUS:g} mm" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", LACKING)

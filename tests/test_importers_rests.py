@@ -132,6 +132,21 @@ def test_a_text_file_with_a_head_and_decimal_commas(tmp_path: Path) -> None:
     assert caught.value.line == 31
 
 
+def test_columns_in_another_order_than_the_head_says_are_refused(tmp_path: Path) -> None:
+    time, readings = recorded(RUN, rate_hz=20.0)
+    lines = ["t,dz_um,dy_um,dx_um"]
+    lines += [
+        f"{t:.3f},{readings['dz_um'][k]:.2f},{readings['dy_um'][k]:.2f},{readings['dx_um'][k]:.2f}"
+        for k, t in enumerate(time)
+    ]
+    path = tmp_path / "r-test.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(InputError, match=r"column 2 is 'dz_um' in the file .* write --columns t,dz_um,dy_um,dx_um"):
+        read_recording(path, ["t", *COLUMNS])
+    _, found = read_recording(path, ["t", *COLUMNS[::-1]])
+    assert np.abs(found["dx_um"] - readings["dx_um"]).max() < 0.006
+
+
 def test_the_verb_says_what_it_did_not_find(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = campaign_of(MACHINE, (replace(RUN, readings={}),))
     write_campaign(plan, tmp_path / "plan")

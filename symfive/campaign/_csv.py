@@ -118,7 +118,13 @@ def _unknown_column(path: Path, header: list[str], i: int, expected: tuple[str, 
     twin = next((e for e in expected if e.rsplit("_", 1)[0] == stem), None)
     if twin is not None:
         return InputError(
-            f"column {shown(name)} has the wrong unit", path=path, line=1, column=i + 1, remedy=f"it must be {twin}"
+            f"column {shown(name)} has the wrong unit", path=path, line=1, column=i + 1,
+            remedy=f"convert its values and name it {twin}",
+        )  # fmt: skip
+    same = next((e for e in expected if e.lower() == name.lower()), None)
+    if same is not None:
+        return InputError(
+            f"column {shown(name)} is unknown", path=path, line=1, column=i + 1, remedy=f"write it {same}"
         )
     if name.replace(".", "").replace("-", "").replace("e", "").isdigit():
         return InputError(
@@ -145,7 +151,7 @@ def _numbers(path: Path, lines: list[str], header: list[str], first: int, sign: 
     rows = []
     for number, line in enumerate(lines, start=first):
         cells = cells_of(line, sign)
-        if not line.strip():
+        if not any(cells):
             raise InputError("the row is empty", path=path, line=number, remedy="remove it")
         if len(cells) != width:
             problem = f"the row has {len(cells)} cells, the header {width}"

@@ -121,6 +121,12 @@ def import_polar(
         runs, angles, notes = [], [], list[str]()
         for path, sense, circle in zip(files, senses, circles, strict=True):
             angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense)
+            if not direction and sense == "ccw" and _falls(path, unit, names):
+                problem = (
+                    f"the angles fall, a clockwise circle, and run {circle['id']} of the plan is counter-clockwise"
+                )
+                remedy = "give the files in the order of the plan's runs, or name each as its run"
+                raise InputError(problem, path=path, remedy=remedy)
             angles.append(angle)
             circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
             if "radius" not in circle or "feed" not in circle:
@@ -137,6 +143,15 @@ def import_polar(
     near = sum(map(len, angles)) - campaign.rows
     left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
     written(campaign, output, quiet, left_out)
+
+
+def _falls(path: Path, unit: str, columns: Sequence[str]) -> bool:
+    """Whether the angles of a file fall as they stand: software that sorts them lets them rise."""
+    import numpy as np
+
+    from symfive.importers import read_polar
+
+    return bool(np.median(np.diff(read_polar(path, unit=unit, columns=columns)[0])) < 0.0)
 
 
 def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[str, Any]]]:

@@ -36,6 +36,8 @@ MOVES_MM = 1e-6
 ROUND_MM = 1e-3
 """By how much the radius of a planned circle may vary."""
 MAX_BYTES = 5_000_000
+NEAR = 0.02
+"""Numbers that are so near to the radius are lengths, not deviations."""
 MOST = 1e12
 """A number from there on is no reading."""
 MOST_COLUMNS = 12
@@ -127,6 +129,8 @@ def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[st
         if count > 1:
             problem = f"the rows have {count} numbers and {len(columns)} columns are named ({','.join(columns)})"
             remedy = f"name all {count}, as --columns {','.join([*COLUMNS, *['-'] * (count - 2)])}"
+            if count == 2 * len(columns):
+                remedy += "; if these are decimal commas, separate the columns by semicolons"
         else:
             steps = np.diff([row[0] for _, row in rows])
             there, missing = COLUMNS if np.all(steps >= 0.0) or np.all(steps <= 0.0) else COLUMNS[::-1]
@@ -188,6 +192,9 @@ def polar_run(
     if not (radius > 0.0 and feed > 0.0):
         raise InputError(f"radius {radius:g} mm and feed {feed:g} mm/min make no circle", remedy="give both above 0")
     angle, deviation = np.asarray(angle_deg, dtype=float), np.asarray(deviation_um, dtype=float)
+    if np.abs(1e-3 * deviation - radius).max(initial=0.0) < NEAR * radius:
+        problem = f"the deviations are {1e-3 * deviation.mean():.6g} mm on average, the length of the bar"
+        raise InputError(problem, remedy=f"subtract the radius, {radius:g} mm")
     if angle.shape != deviation.shape or angle.ndim != 1 or len(angle) < LEAST_ROWS:
         raise InputError(f"{len(angle)} angles, {len(deviation)} deviations", remedy="give one deviation per angle")
     phi = _steady(angle)
@@ -245,6 +252,11 @@ def polar_doubts(
     """What is odd about the circles of `polar_run`, each with its remedy: a short arc (radians?), a feed that an axis cannot
     do or that takes hours, one direction only, a mean radius that was taken off. `angles_deg` those that each run was made of."""
     said = []
+    for run in runs:
+        deviation = run.readings["dL_um"]
+        if np.abs(deviation - radius).max() < NEAR * radius:
+            problem = f"{run.id}: the deviations are {deviation.mean():.6g} µm on average, the radius is {radius:g} mm"
+            said.append(f"{problem}; if the file holds the bar's length, subtract the radius and give --unit mm")
     for run, angle in zip(runs, angles_deg, strict=True):
         sweep = float(np.ptp(np.unwrap(np.radians(angle))))
         if np.degrees(sweep) < SHORT_DEG:

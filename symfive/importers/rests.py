@@ -141,6 +141,7 @@ def read_recording(
             problem, path=path, remedy=f"name all columns of the file and record at least {LEAST_ROWS} rows"
         )
     table = np.array(rows).T
+    _refuse_swapped(path, cells_of(head, sign) if head else [], columns)
     said = [unit or ("mm" if IN_MM.search(cell) else "um") for cell in cells_of(head, sign)] if head else []
     units = said if len(said) == len(columns) else [unit or "um"] * len(columns)
     found = {
@@ -153,6 +154,15 @@ def read_recording(
         row = int(np.argmin(np.diff(time) > 0.0)) + 2
         raise InputError(f"the time does not increase at reading {row}", path=path, remedy="record one run at a time")
     return time, found
+
+
+def _refuse_swapped(path: Path, head: Sequence[str], columns: Sequence[str]) -> None:
+    """Refuse columns that the file's head gives the name of another one."""
+    for number, (own, name) in enumerate(zip(head, columns, strict=False), start=1):
+        if own.strip() != name and own.strip() in columns:
+            problem = f"column {number} is {shown(own.strip())} in the file and {name} by --columns"
+            order = ",".join(cell.strip() if cell.strip() in columns else "-" for cell in head)
+            raise InputError(problem, path=path, remedy=f"write --columns {order}")
 
 
 def rests_of(time: Array, readings: Array, *, dwell_s: float, reach_um: float = np.inf) -> list[Rest]:
