@@ -128,5 +128,5 @@ def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
         yield f"run {run.id}: readings of up to {sizes}; they are in µm"
     scatter, noise = float(np.std(readings - predicted)), run.noise(instrument)
     if len(readings) > 2 and scatter < TINY * noise:
-        sizes = f"by {plain_number(scatter)} µm only where noise_um is {plain_number(noise)}"
-        yield f"run {run.id}: the readings depart from the machine's {sizes}; they are in µm, not mm"
+        sizes = f"by {plain_number(scatter)} µm only, and noise_um is {plain_number(noise)}"
+        yield f"run {run.id}: the readings vary {sizes}; they are read as µm: were they written in mm?"

@@ -79,7 +79,7 @@ def test_commands_in_radian(nests):
 def test_readings_in_mm_or_nm(bar):
     readings = bar.runs[0].readings
     (said,) = slipped(bar, readings={k: v / 1e3 for k, v in readings.items()})
-    assert "they are in µm, not mm" in said
+    assert "they are read as µm: were they written in mm?" in said
     (said,) = slipped(bar, readings={k: v * 1e3 for k, v in readings.items()})
     assert "beyond the stroke" in said
 

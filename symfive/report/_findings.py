@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from symfive.diagnose import EXPLAINED, Diagnosis
 from symfive.effects import effect_words, form_words
+from symfive.identify import wiring_doubts
 from symfive.screen import wrapped
 
 __all__ = ["FAINT_SIGMAS", "closing", "diagnosis_text"]
@@ -21,6 +22,8 @@ def closing(diagnosis: Diagnosis) -> str:
 
 
 def _next_step(diagnosis: Diagnosis) -> str:
+    if wired := wiring_doubts(diagnosis.before):
+        return wired[0]
     if not diagnosis.after.converged:
         return "record further runs and diagnose all together (--with); do not use model.json: the fit did not converge"
     for finding in diagnosis.by_share:
@@ -29,7 +32,7 @@ def _next_step(diagnosis: Diagnosis) -> str:
     if diagnosis.unnamed:
         return "repeat the runs at another position or feed; these readings do not show the cause"
     if any(finding.alias for finding in diagnosis.findings):
-        return "use model.json: its correction holds for every cause that this test does not separate"
+        return "symfive codegen model.json: its correction holds for every cause that this test does not separate"
     if diagnosis.doubts:
         return "record further runs and diagnose all together (--with) before you act on these findings"
     if diagnosis.findings and diagnosis.hold_out is not None:
@@ -38,7 +41,7 @@ def _next_step(diagnosis: Diagnosis) -> str:
         return "the corrected model is model.json; check it on a run that was not used here (symfive predict)"
     if diagnosis.noise_ratio > EXPLAINED:
         return "repeat one run: if both differ by as much as this residual, it is noise above the data sheet"
-    return "use model.json; check it on a run that was not used here (symfive predict)"
+    return "model.json is the machine's model; check it on a run that was not used here (symfive predict), then symfive codegen"
 
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
@@ -52,7 +55,7 @@ def _sight(diagnosis: Diagnosis) -> str:
     said = f"{len(diagnosis.observability)} effects were tested"
     if faint:
         more = f" and {len(faint) - SHOWN_FAINT} more" if len(faint) > SHOWN_FAINT else ""
-        said += f"; {len(faint)} of usual size would be invisible in this test: {', '.join(faint[:SHOWN_FAINT])}{more}"
+        said += f"; {len(faint)} could be present at their usual size and not be detected: {', '.join(faint[:SHOWN_FAINT])}{more}"
     if diagnosis.classes:
         group = "group" if len(diagnosis.classes) == 1 else "groups"
         said += f"; {len(diagnosis.classes)} {group} of them cannot be separated"

@@ -1,0 +1,72 @@
+"""Sensors of an R-test that are reversed or exchanged: said with the run, and not said where physics is missing instead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symfive.campaign import Campaign
+from symfive.diagnose import diagnose
+from symfive.effects import make_effect
+from symfive.identify import identify, wiring_doubts
+from symfive.machine import preset
+from symfive.procedures import campaign_of, r_test_grid
+from symfive.report import diagnosis_text
+from symfive.simulate import simulate
+
+COLUMNS = ("dx_um", "dy_um", "dz_um")
+MACHINE = preset("tsutsumi-2007")
+GRID = r_test_grid(MACHINE, step_deg=60.0, returning=False)[0]
+PLAN = campaign_of(MACHINE, [replace(GRID, id=name, file=f"{name}.csv") for name in ("one", "two")])
+
+
+def wired(campaign: Campaign, order: tuple[str, str, str], signs: tuple[float, float, float], *runs: str) -> Campaign:
+    """The campaign with what is in `order` and `signs` in the place of dx, dy, dz of some runs."""
+
+    def read(name: str) -> dict[str, np.ndarray]:
+        readings = campaign.run(name).readings
+        return {c: s * readings[o] for c, o, s in zip(COLUMNS, order, signs, strict=True)}
+
+    return replace(campaign, runs=tuple(r.with_readings(read(r.id)) if r.id in runs else r for r in campaign.runs))
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "runs", "says"),
+    [
+        (COLUMNS, (-1.0, 1.0, 1.0), ("one",), "run one: dx reversed in sign would explain"),
+        (("dy_um", "dx_um", "dz_um"), (1.0, 1.0, 1.0), ("two",), "run two: dx and dy exchanged would explain"),
+        (("dy_um", "dx_um", "dz_um"), (1.0, 1.0, -1.0), ("one",), "dx and dy exchanged, dz reversed in sign would"),
+        (COLUMNS, (1.0, 1.0, -1.0), ("one", "two"), "all runs: dz reversed in sign would explain"),
+        (("dy_um", "dz_um", "dx_um"), (1.0, 1.0, 1.0), ("one",), "dx, dy, dz in the order"),
+    ],
+)
+def test_it_is_said_which_sensor_of_which_run(order, signs, runs, says) -> None:
+    measured = simulate(PLAN, seed=2).campaign
+    found = identify(wired(measured, order, signs, *runs))
+    assert len(wiring_doubts(found)) == 1
+    assert any(says in note for note in found.notes), found.notes
+
+
+def test_right_wiring_is_not_doubted() -> None:
+    assert wiring_doubts(identify(simulate(PLAN, seed=3).campaign)) == ()
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [{"effect": "lateral_play", "component": "EYA"}, {"effect": "gravity_sag", "axis": "A", "component": "EZA"}],
+)
+def test_missing_physics_is_no_wiring(effect) -> None:
+    options = {name: value for name, value in effect.items() if name != "effect"}
+    missing = make_effect(effect["effect"], **options)
+    names = [p.name for p in missing.parameters(PLAN)]
+    measured = simulate(PLAN, truth=dict.fromkeys(names, 60.0), effects=[missing], seed=4).campaign
+    found = identify(measured)
+    assert found.chi2_dof > 20.0
+    assert wiring_doubts(found) == ()
+
+
+def test_the_next_step_of_a_diagnosis_is_the_wiring() -> None:
+    measured = wired(simulate(PLAN, seed=2).campaign, COLUMNS, (-1.0, 1.0, 1.0), "one")
+    assert "Next: run one: dx reversed in sign" in " ".join(diagnosis_text(diagnose(measured)).split())
