@@ -30,6 +30,7 @@ from symfive.cli._common import (
     written,
 )
 from symfive.cli._plan_words import (
+    CIRCULAR_TEST,
     NO_SHIFT,
     bars_of,
     effects_of,
@@ -45,7 +46,6 @@ from symfive.cli._plan_words import (
 if TYPE_CHECKING:
     from symfive.effects import Effect
 
-CIRCULAR_TEST = "iso-230-4"
 __all__ = ["assess", "check", "plan", "simulate", "truth_of"]
 
 
@@ -274,8 +274,8 @@ def plan(
             )  # fmt: skip
         elif circles is not None:
             result = plan_circles(
-                data, effects_of(effects), family=circles, count=count, for_=names, criterion=criterion or "D", robust=robust,
-                per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
+                data, effects_of(effects, circles), family=circles, count=count, for_=names, criterion=criterion or "D",
+                robust=robust, per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
                 feeds=feeds or None, certify=not no_proof,
             )  # fmt: skip
         elif len(instruments) > 1:

@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from symfive.toolpath import ToolPath
 
 __all__ = [
-    "NO_SHIFT", "bars_of", "effects_of", "names_in", "one_bar", "part_of", "refuse_with_several", "rotary_of", "setup_sigma_of",
-    "until_of",
+    "CIRCULAR_TEST", "NO_SHIFT", "bars_of", "effects_of", "names_in", "one_bar", "part_of", "refuse_with_several",
+    "rotary_of", "setup_sigma_of", "until_of",
 ]  # fmt: skip
 
 NO_SHIFT = "0,0,0"
+CIRCULAR_TEST = "iso-230-4"
 ALONE: dict[str, Any] = {
     "part": None, "until": (), "per_minute": False, "bar": (), "points": 40, "setups": None, "repeats": 1, "frame": "workpiece",
     "index": None, "survive": False, "robust": "nominal",
@@ -116,10 +117,14 @@ def bars_of(machine: Machine) -> tuple[float, ...]:
     return machine.workspace.bar_lengths or (50.0,)
 
 
-def effects_of(words: Sequence[str]) -> list[Effect]:
+def effects_of(words: Sequence[str], family: str) -> list[Effect]:
+    from symfive.design import FAMILIES
     from symfive.effects import make_effect
     from symfive.errors import InputError
 
+    if family not in FAMILIES:
+        problem = f'there are no "{family}" circles'
+        raise InputError(problem, remedy=f"use one of {', '.join([CIRCULAR_TEST, *FAMILIES])}")
     if not words:
         raise InputError("circles are chosen for effects and none is named", remedy="add --effect backlash:C")
     return [make_effect(name, axis or None) for name, _, axis in (word.partition(":") for word in words)]
