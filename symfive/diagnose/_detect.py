@@ -24,7 +24,7 @@ from scipy.stats import chi2, f
 from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign
 from symfive.diagnose._groups import partitions
-from symfive.identify import Identification, identify
+from symfive.identify import Identification, identify, tensions
 from symfive.numbers import with_std
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
@@ -204,29 +204,7 @@ def _whiteness(whitened: Mapping[str, Array]) -> Test:
 
 
 def _tensions(fit: Identification) -> list[Test]:
-    """The estimates' distance from the prior means, in units of what was expected of it, machine and set-up apart.
-
-    Before the data, an estimate is spread about the prior mean with covariance P - C (prior less posterior).
-    """
-    tests = []
-    sigma, mean = fit.model.prior_sigma, fit.model.prior_mean
-    kinds = {"machine": [i for i, p in enumerate(fit.parameters) if p.run is None],
-             "set-up": [i for i, p in enumerate(fit.parameters) if p.run is not None]}  # fmt: skip
-    for name, places in kinds.items():
-        if not places:
-            continue
-        away = (fit.values - mean)[places] / sigma[places]
-        learnt = np.eye(len(places)) - fit.covariance[np.ix_(places, places)] / np.outer(sigma[places], sigma[places])
-        size, directions = np.linalg.eigh(learnt)
-        kept = size > 0.5  # learnt more than half: a direction about which the data speak
-        if not kept.any():
-            continue
-        parts = (directions[:, kept].T @ away) ** 2 / size[kept]
-        worst = fit.parameters[places[int(np.argmax(np.abs(away)))]].name
-        p = float(chi2.sf(parts.sum(), int(kept.sum())))
-        says = f"The {name} errors are further from their priors than expected: {worst} by {np.abs(away).max():.1f} σ."
-        tests.append(Test(f"tension, {name}", float(parts.sum()), float(kept.sum()), p, says))
-    return tests
+    return [Test(f"tension, {t.kind}", t.statistic, t.dof, t.p, t.says) for t in tensions(fit)]
 
 
 def _agreement(found: Sequence[Disagreement], comparisons: int) -> list[Test]:

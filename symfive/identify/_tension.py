@@ -1,0 +1,74 @@
+"""Tension with the priors: how far the estimates lie from what was thought possible, in the directions that were learnt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaincc
+
+from symfive.identify._result import Identification
+
+__all__ = ["TENSE", "Tension", "tension_notes", "tensions"]
+
+TENSE = 1e-3
+"""p-value at which it is said: one of a thousand machines and set-ups that are as their priors say."""
+
+
+@dataclass(frozen=True)
+class Tension:
+    """The distance of the `kind` of parameters (`machine`, `set-up`) from their prior means, as χ² `statistic` of `dof`, and its
+    p-value; `worst` is the furthest parameter, by so many `sigmas` of its prior."""
+
+    kind: str
+    statistic: float
+    dof: float
+    p: float
+    worst: str
+    sigmas: float
+
+    @property
+    def says(self) -> str:
+        """In one sentence."""
+        return (
+            f"The {self.kind} errors are further from their priors than expected: {self.worst} by {self.sigmas:.1f} σ."
+        )
+
+
+def tensions(fit: Identification) -> tuple[Tension, ...]:
+    """The estimates' distance from the prior means, in units of what was expected of it, machine and set-up apart.
+
+    Before the data, an estimate is spread about the prior mean with covariance P - C (prior less posterior).
+    """
+    found = []
+    sigma, mean = fit.model.prior_sigma, fit.model.prior_mean
+    kinds = {"machine": [i for i, p in enumerate(fit.parameters) if p.run is None],
+             "set-up": [i for i, p in enumerate(fit.parameters) if p.run is not None]}  # fmt: skip
+    for kind, places in kinds.items():
+        if not places:
+            continue
+        away = (fit.values - mean)[places] / sigma[places]
+        learnt = np.eye(len(places)) - fit.covariance[np.ix_(places, places)] / np.outer(sigma[places], sigma[places])
+        size, directions = np.linalg.eigh(learnt)
+        kept = size > 0.5  # learnt more than half: a direction about which the data speak
+        if not kept.any():
+            continue
+        parts = (directions[:, kept].T @ away) ** 2 / size[kept]
+        furthest, dof = int(np.argmax(np.abs(away))), float(kept.sum())
+        p = float(gammaincc(0.5 * dof, 0.5 * float(parts.sum())))
+        worst = fit.parameters[places[furthest]].name
+        found.append(Tension(kind, float(parts.sum()), dof, p, worst, float(abs(away[furthest]))))
+    return tuple(found)
+
+
+def tension_notes(fit: Identification) -> tuple[str, ...]:
+    """What to look at where a fit explains its readings by errors that were thought impossible; nothing elsewhere."""
+    tense = [tension for tension in tensions(fit) if tension.p < TENSE]
+    if not tense:
+        return ()
+    worst = max(tense, key=lambda tension: tension.sigmas)
+    return (
+        f"{worst.worst} is {worst.sigmas:.1f} prior 1σ from its prior mean: check where balls and nests stand (table_ball, "
+        "tool_ball, setup_sigma_um in campaign.toml) before a correction is entered; if the machine is that far off, enlarge "
+        "the prior in the machine file",
+    )

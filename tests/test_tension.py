@@ -1,0 +1,41 @@
+"""A ball that stands elsewhere than the file says: the readings are explained, by errors that were thought impossible."""
+
+from __future__ import annotations
+
+import pytest
+
+from symfive.campaign import Campaign
+from symfive.diagnose import diagnose
+from symfive.identify import identify, tensions
+from symfive.machine import preset
+from symfive.procedures import campaign_of, planar_circle
+from symfive.simulate import simulate
+
+MACHINE = preset("table-bc")
+PLAN = campaign_of(MACHINE, planar_circle(MACHINE, rate_hz=5.0))
+
+
+def measured(off_um: float) -> Campaign:
+    """Both circles with the table ball off by so much along X, the machine exact."""
+    truth = {f"setup.{run.id}.table_ball.x": off_um for run in PLAN.runs}
+    exact = {p.name: 0.0 for p in identify(simulate(PLAN, seed=1).campaign).parameters}
+    return simulate(PLAN, truth=exact | truth, seed=1).campaign
+
+
+def test_it_is_said_which_error_is_far_from_its_prior_and_what_to_check() -> None:
+    found = identify(measured(800.0))
+    assert found.chi2_dof < 1.3
+    (said,) = (note for note in found.notes if "prior 1σ from its prior mean" in note)
+    assert "check where balls and nests stand (table_ball" in said
+    assert found.model.parameters and any(said.startswith(t.worst) for t in tensions(found))
+
+
+@pytest.mark.parametrize("off_um", [0.0, 30.0])
+def test_nothing_is_said_of_a_ball_that_stands_where_the_file_says(off_um: float) -> None:
+    assert not [note for note in identify(measured(off_um)).notes if "prior mean" in note]
+
+
+def test_a_finding_that_only_relieves_the_priors_is_doubted() -> None:
+    found = diagnose(measured(800.0))
+    assert found.findings
+    assert "table_ball in campaign.toml" in " ".join(found.doubts)
