@@ -67,8 +67,25 @@ class Circle:
         return np.asarray(np.sum(self.weights * readings[:, self.columns], axis=1))
 
     def measured(self, readings: Array) -> Array:
-        """Radial deviation (N,), µm, of readings from the commanded circle."""
-        return np.asarray(np.sum(self.weights * (readings[:, self.columns] - self.nominal), axis=1))
+        """Radial deviation (N,), µm, of readings from the commanded circle.
+
+        Where a bar is read, an eccentricity counts by its sine and cosine alone, which a least-squares centre takes off: what it
+        adds at 2φ, e²/4R, would be a squareness.
+        """
+        deviation = np.asarray(np.sum(self.weights * (readings[:, self.columns] - self.nominal), axis=1))
+        if "ball_bar" not in self.run.instrument or not self.whole:
+            return deviation
+        return deviation - self._beyond_first_order(deviation)
+
+    def _beyond_first_order(self, deviation: Array) -> Array:
+        """What the eccentricity of a bar's pivot adds to the radius beyond its sine and cosine (N,), µm."""
+        used, cos, sin = self.evaluated & np.isfinite(deviation), np.cos(self.angle), np.sin(self.angle)
+        waves, beyond = np.stack([cos, sin, np.ones_like(cos)], axis=1), np.zeros_like(deviation)
+        for _ in range(2):  # the second time by the centre that is left without it
+            a, b, _ = np.linalg.lstsq(waves[used], (deviation - beyond)[used], rcond=None)[0]
+            along, across = 1e3 * self.radius + a * cos + b * sin, a * sin - b * cos
+            beyond = np.hypot(along, across) - along
+        return np.asarray(beyond)
 
 
 class CircleFinder:

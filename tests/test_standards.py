@@ -130,6 +130,23 @@ def test_squareness_has_the_sign_and_size_of_the_angle_between_the_axes():
     assert g == pytest.approx(100.0 * 60.0e-3, abs=2.5)  # R·S, and the noise of two readings
 
 
+def test_a_ball_beside_the_centre_is_no_squareness() -> None:
+    """An eccentricity of 0.72 mm adds e²/4R, 1.3 µm, at 2φ: 24 µm/m where nothing is out of square."""
+    centred = _circles(EC0X=37.5)
+    off = {
+        f"setup.{run.id}.table_ball.{axis}": size
+        for run in centred.runs
+        for axis, size in (("x", 600.0), ("y", -400.0), ("z", 0.0))
+    }
+    moved = tuple(
+        replace(run, setup_sigma_um=SetupSigma(table_ball=1000.0, tool_ball=0.0, length=0.5)) for run in centred.runs
+    )
+    beside = simulate(replace(centred, runs=moved), truth={"EC0X": 37.5, **off}, seed=3).campaign
+    for name in ("squareness Y to X (circle)", "G XY CCW", "G XY CW"):
+        right, found = ({v.title: v for v in standard_values(c)}[name] for c in (centred, beside))
+        assert abs(found.value - right.value) < 0.1 * right.u, name
+
+
 def test_a_partial_arc_and_a_bar_without_length_say_so():
     campaign = _circles(run_up_deg=2.0, sweep_deg=220.0, EC0X=60.0)
     free = replace(
