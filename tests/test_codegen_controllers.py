@@ -24,9 +24,11 @@ from symfive.codegen._subject import subject_of
 from symfive.codegen._workspace import workspace_poses
 from symfive.codegen.linuxcnc import pin_names
 from symfive.codegen.setp import fit_trunnion
+from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset, presets
 from symfive.model import FittedModel
+from symfive.procedures import campaign_of, r_test_grid
 
 WORLD = "XYZABCUVW"
 MODULES = Path("/usr/lib/linuxcnc/modules")
@@ -369,6 +371,19 @@ def test_a_sheet_has_no_digit_that_its_uncertainty_does_not_leave(tmp_path) -> N
         z["new"] == "unchanged" and z["enter"] == "no: within uncertainty, not entered" and z["U (k = 2)"] == "0.60 mm"
     )
     assert "Not determined by the readings: EZ0A" in path.read_text()
+
+
+def test_a_sheet_names_the_effects_that_it_does_not_correct(tmp_path) -> None:
+    """The diagnosis says 'enter a compensation': the sheet holds none of a sag, nor of a play."""
+    machine = preset("tsutsumi-2007")
+    sag = make_effect("gravity_sag", axis="A", component="EZA").prepare(
+        campaign_of(machine, r_test_grid(machine, step_deg=90.0))
+    )
+    model = fitted(machine, {"EX0C": -141.351})
+    (path,) = codegen(replace(model, effects=(sag,)), tmp_path / "with", target="siemens")
+    assert "Not corrected by this sheet: gravity sag of axis A (EZA)" in path.read_text()
+    (path,) = codegen(model, tmp_path / "without", target="siemens")
+    assert "Not corrected by this sheet" not in path.read_text()
 
 
 def test_the_uncertainty_of_a_sheet_is_that_of_its_lines(tmp_path) -> None:

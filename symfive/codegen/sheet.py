@@ -20,6 +20,7 @@ from symfive.codegen._lines import AxisLine, axis_lines, lines_by_parameters, ta
 from symfive.codegen._sources import filled
 from symfive.codegen._subject import Subject
 from symfive.drawing import PAGE_STYLE
+from symfive.effects import form_words
 from symfive.parameters import DETERMINED
 
 __all__ = ["CONTROLS", "Control", "Row", "sheet_files"]
@@ -67,7 +68,7 @@ def sheet_files(subject: Subject, prefix: str, control: str) -> dict[str, str]:
     lines = axis_lines(subject)
     rows = entry.rows(lines[names[0]], lines[names[1]])
     slope = None if subject.covariance is None else _by_parameters(subject, entry, names)
-    notes = [*entry.notes, *_open_parameters(subject, slope)]
+    notes = [*_not_here(subject), *entry.notes, *_open_parameters(subject, slope)]
     page = filled(
         "sheet.html", title=entry.title, style=PAGE_STYLE, rows=_cells(rows, _expanded(subject, slope, len(rows))),
         notes="".join(f"<li>{html.escape(n)}</li>" for n in notes), machine=html.escape(subject.machine.name),
@@ -128,6 +129,15 @@ def _expanded(subject: Subject, slope: Array | None, count: int) -> list[float] 
         return [None] * count
     variance = np.einsum("ik,kl,il->i", slope, subject.covariance, slope)
     return [COVERAGE * math.sqrt(v) for v in variance]
+
+
+def _not_here(subject: Subject) -> list[str]:
+    """The effects of the model that places and directions of axes do not correct."""
+    keys = [*(effect.key for effect in subject.effects), *(key for key, _ in subject.left_out)]
+    names = [form_words(key, subject.machine) for key in dict.fromkeys(keys)]
+    return [f"Not corrected by this sheet: {', '.join(names)}. They need their own compensation or repair."] * bool(
+        names
+    )
 
 
 def _open_parameters(subject: Subject, slope: Array | None) -> list[str]:
