@@ -18,7 +18,7 @@ from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance
 from symfive.posterior._moments import moments_of
-from symfive.posterior._terms import Candidates, Name
+from symfive.posterior._terms import Candidates
 
 __all__ = ["Expansion", "expanded", "polish"]
 
@@ -226,16 +226,13 @@ def _reshaped(here: Expansion, number: int, shape: Effect, candidates: Candidate
 
 
 def _rivals(posterior: Posterior) -> list[Subset]:
-    """For each member of what the fit holds the nearest subsets that have another name in its place, one a name, where an exact
-    refit may lift them; without members the nearest subset of all."""
+    """For each member of what the fit holds the nearest subset that has another name in its place, where an exact refit may lift
+    it; without members the nearest subset of all."""
     terms, found = posterior.moments.terms, list[Subset]()
     for member in range(posterior.moments.held) or [-1]:
-        names = {terms[member].name} if member >= 0 else set[Name]()
         for subset, other in posterior.in_place_of(member):
-            if terms[other].name not in names and _promising(posterior, subset):
-                names.add(terms[other].name)
+            if (member < 0 or terms[other].name != terms[member].name) and _promising(posterior, subset):
                 found.append(subset)
-            if len(names) == (TRIES + 1 if member >= 0 else 1):
                 break
     return found
 
