@@ -49,6 +49,15 @@ def test_it_is_said_which_sensor_of_which_run(order, signs, runs, says) -> None:
     assert any(says in note for note in found.notes), found.notes
 
 
+def test_sensors_with_directions_of_their_own_are_not_looked_at() -> None:
+    options = {"directions": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]}
+    run = replace(PLAN.runs[0], options=options)
+    measured = simulate(replace(PLAN, runs=(run,)), seed=3).campaign
+    assert len(measured.runs[0].readings) == 4
+    far = {name: -values for name, values in measured.runs[0].readings.items()}
+    assert wiring_doubts(identify(replace(measured, runs=(measured.runs[0].with_readings(far),)))) == ()
+
+
 def test_right_wiring_is_not_doubted() -> None:
     assert wiring_doubts(identify(simulate(PLAN, seed=3).campaign)) == ()
 

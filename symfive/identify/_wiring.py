@@ -31,7 +31,7 @@ def wiring_doubts(fit: Identification) -> tuple[str, ...]:
     """The wiring that explains what the fit of an R-test leaves, in words; nothing where the fit explains its readings, or no
     wiring does."""
     campaign = fit.model.campaign
-    runs = [run.id for run in campaign.runs if "r_test" in run.instrument]
+    runs = [run.id for run in campaign.runs if "r_test" in run.instrument and set(COLUMNS) <= set(run.readings)]
     limit = np.log(SURE / ODDS * len(WIRINGS) * (len(runs) + 1))
     if not runs or campaign.rows > MOST_ROWS or fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
         return ()
