@@ -125,6 +125,10 @@ def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) 
     assert page.count("<caption>The nest</caption>") == len(campaign.runs) == page.count("from axis C")
     assert page.count('<table class="poses-list">') == len(campaign.runs) and "then read dx_um, dy_um, dz_um" in page
     assert page.count("again pose 1, reading 2") == len(campaign.runs), "the return to the first pose"
+    assert page.count("within 1 mm: the readings determine its exact place") == len(campaign.runs)
+    assert page.count("positive where the tool ball moves towards +x, +y and +z of the workpiece frame") == len(
+        campaign.runs
+    )
     assert "NOT TESTED: CRADLE AND DRIVES OF C, B, CLAMPS" in (tmp_path / "plan" / "nc/iso/nest-1.nc").read_text()
     for file in ("nc/iso/nest-1.nc", "nc/linuxcnc/nest-1.ngc",
                  "figures/poses-nest-1.svg", "figures/uncertainty.svg", "figures/worth.svg"):  # fmt: skip

@@ -144,7 +144,8 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
     if "r_test" in run.instrument:
         return [
             f"Nest and tool ball are mounted before the program of run {run.id} starts. It stops with the ball away from the "
-            "nest, and again where you seat the ball and set its readings to zero."
+            "nest, and again where you seat the ball and set its readings to zero.",
+            _signs(run),
         ]
     if "touch_probe" not in run.instrument:
         return [f"Start the program of run {run.id}; it stops where you mount the instrument."]
@@ -154,6 +155,18 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
         f"Start the program of run {run.id}; it stops above the sphere, then touches it. Its header names the log.",
         "Bring the log back and import it: symfive import-touches PLAN LOG -o measured.",
     ]
+
+
+def _signs(run: Run) -> str:
+    """Which way the readings of an R-test count."""
+    frame, moved = run.options.get("frame", "workpiece"), "tool ball"
+    if run.options.get("sense") == "table-tool":
+        moved = "table's ball"
+    if "directions" in run.options:
+        return (
+            f"Each sensor counts positive where the {moved} moves along its direction in campaign.toml ({frame} frame)."
+        )
+    return f"dx, dy and dz count positive where the {moved} moves towards +x, +y and +z of the {frame} frame."
 
 
 def _moves(machine: Machine, post: Post) -> list[str]:
