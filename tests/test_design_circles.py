@@ -207,6 +207,7 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
     ):  # fmt: skip
         assert words in page.words, words
     assert page.words.count("Bar of 50 mm") == 1, "the second run has the mounting of the first"
+    assert not re.search(r"ball [xyz] of run \S+ is not determined", page.words), "nobody asked for the set-up"
     assert all((tmp_path / "figures" / f"poses-{run}.svg").stat().st_size < 200_000 for run in (first, second))
     assert read_campaign(tmp_path).rows == found.campaign.rows and (tmp_path / "plan.json").is_file()
 

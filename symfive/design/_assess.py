@@ -60,6 +60,12 @@ class Assessment(OnScreen):
         """Expected 1σ by name, in the parameter's unit."""
         return {p.name: float(s) for p, s in zip(self.parameters, np.sqrt(np.diag(self.covariance)), strict=True)}
 
+    @property
+    def inseparable(self) -> list[str]:
+        """What stays confounded, in words, where an error of the machine is in it."""
+        machine = {p.name for p in self.parameters if p.kind != "setup"}
+        return [c.words for c in self.confounded if machine & set(c.names)]
+
     def to_data(self) -> dict[str, Any]:
         """The assessment as nested mappings (`assessment.json`)."""
         return {"schema": "symfive.assessment/1", **assessment_data(self)}
@@ -79,9 +85,7 @@ class Assessment(OnScreen):
             f"most informative: line {row + FIRST_LINE} of run {run}; {sum(map(len, self.idle.values()))} rows add almost nothing"
         )
         lines += self._runs_in_words()
-        machine = {p.name for p in self.parameters if p.kind != "setup"}
-        apart = [c.words for c in self.confounded if machine & set(c.names)]
-        return "\n".join([*lines, *listed(apart, "assessment.confounded")])
+        return "\n".join([*lines, *listed(self.inseparable, "assessment.confounded")])
 
     def _expected_in_words(self) -> list[str]:
         """Expected and prior 1σ, the terms of one error motion on one line."""

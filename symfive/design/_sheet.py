@@ -230,7 +230,7 @@ def _expected(assessment: Assessment) -> dict[str, Any]:
         for p in assessment.parameters
         if p.kind in ("effect", "location_error")
     ]
-    return {"errors": errors, "sentences": sentences, "confounded": [c.words for c in assessment.confounded]}
+    return {"errors": errors, "sentences": sentences, "confounded": assessment.inseparable}
 
 
 def _unchecked(sheet: Sheet) -> str:
