@@ -31,6 +31,7 @@ from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import percent
+from symfive.parameters import parameter_words
 
 __all__ = [
     "DO_NOT",
@@ -64,8 +65,8 @@ AT_THE_TOOL = ("drive", "axis", "structure")
 class Worth:
     """The worth of correcting `names`: `circles` run → share of the deviation of each circle, `readings` that of all readings
     together, `tool` that of the error at the tool in the workspace, None where it is not there; `certain` whether it is larger
-    than its uncertainty; `confounded` what it cannot be separated from; `of_machine`: whether it is an error of the machine,
-    not of the instrument or the set-up."""
+    than its uncertainty; `confounded` what it cannot be separated from, of the machine and, `by_setup`, of the set-up;
+    `of_machine`: whether it is an error of the machine, not of the instrument or the set-up."""
 
     names: tuple[str, ...]
     circles: Mapping[str, float]
@@ -74,6 +75,7 @@ class Worth:
     certain: bool
     confounded: tuple[str, ...] = ()
     of_machine: bool = True
+    by_setup: tuple[str, ...] = ()
 
     @property
     def advice(self) -> str:
@@ -88,13 +90,15 @@ class Worth:
             return "do not correct alone: it compensates for another error"
         if self.tool is not None and self.tool < NOTHING:
             return "no gain at the tool"
+        if self.by_setup:
+            return f"correct if {parameter_words(self.by_setup[0])} is known to its 1σ: the readings alone do not separate them"
         return "correct"
 
     def to_data(self) -> dict[str, Any]:
         """As JSON."""
         return {"names": list(self.names), "circles": dict(self.circles), "readings": self.readings, "tool": self.tool,
                 "certain": self.certain, "confounded": list(self.confounded), "of_machine": self.of_machine,
-                "advice": self.advice}  # fmt: skip
+                "by_setup": list(self.by_setup), "advice": self.advice}  # fmt: skip
 
 
 def location_worths(identification: Identification) -> tuple[Worth, ...]:
@@ -155,9 +159,13 @@ def _worth(
             shares[seen.run.id] = _share(before, after)
     there = space is not None and any(name in space.model.index for name in names)
     tool = _share(*space.squares(names)) if space is not None and there else None
+    others = _confounded(identification, names)
+    shared = {p.name for p in identification.parameters if p.run is None}
     return Worth(
-        names, shares, _share(*squares), tool, _certain(identification, names), _confounded(identification, names)
-    )
+        names, shares, _share(*squares), tool, _certain(identification, names),
+        confounded=tuple(name for name in others if name in shared),
+        by_setup=tuple(name for name in others if name not in shared),
+    )  # fmt: skip
 
 
 def _share(before: float, after: float) -> float:
@@ -177,11 +185,10 @@ def _certain(identification: Identification, names: Sequence[str]) -> bool:
 
 
 def _confounded(identification: Identification, names: Sequence[str]) -> tuple[str, ...]:
-    """The machine's other parameters in combinations of which the data say nothing."""
-    shared = {p.name for p in identification.parameters if p.run is None}
+    """The other parameters in combinations of which the data say nothing."""
     found = dict.fromkeys(
         other for combination in identification.confounded if set(combination.names) & set(names)
-        for other in combination.names if other in shared and other not in names
+        for other in combination.names if other not in names
     )  # fmt: skip
     return tuple(found)
 

@@ -12,7 +12,7 @@ from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Identification, identify
 from symfive.machine import preset
-from symfive.procedures import campaign_of, planar_circle
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.simulate import simulate
 from symfive.worth import DO_NOT, effect_worth, effect_worths, location_worths, worth_of, worth_text
 
@@ -108,3 +108,13 @@ def test_an_instruments_fault_is_no_error_of_the_machine():
     assert of_play == effect_worth(found, found.model.added[0]) and of_play.of_machine
     assert not of_gain.of_machine and of_gain.tool is None
     assert of_gain.advice == "not an error of the machine: mend instrument or set-up"
+
+
+def test_what_only_the_set_ups_1_sigma_separates_says_so():
+    """An R-test reads the place of C and the tool ball's run-out alike: it is their priors that divide the reading."""
+    machine = preset("tsutsumi-2007")
+    grid = r_test_grid(machine, step_deg=90.0, returning=False)[:1]
+    found = identify(simulate(campaign_of(machine, grid), truth={"EX0C": 150.0}, seed=1))
+    (worth,) = worth_of(found, [["EX0C"]])
+    assert worth.certain and any(name.endswith("tool_ball.x") for name in worth.by_setup)
+    assert worth.advice.startswith("correct if tool ball x of run") and "known to its 1σ" in worth.advice
