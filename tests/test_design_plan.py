@@ -568,7 +568,7 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--minutes", "4"], "4 minutes are too short for one set-up (5 min) and two poses; give at least 6 minutes"),
         (["--circles", "synchronous"], "none is named; add --effect backlash:C"),
         (["--circles", "synchronous", "--effect", "backlash:Q"], "speaks of axis 'Q'"),
-        (["--circles", "square", "--effect", "backlash:C"], "use one of synchronous, planar"),
+        (["--circles", "square", "--effect", "backlash:C"], "use one of iso-230-4, synchronous, planar"),
     ],
 )
 def test_the_command_line_says_what_to_change(
