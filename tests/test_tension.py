@@ -35,6 +35,12 @@ def test_nothing_is_said_of_a_ball_that_stands_where_the_file_says(off_um: float
     assert not [note for note in identify(measured(off_um)).notes if "prior mean" in note]
 
 
+def test_what_the_user_holds_far_from_its_prior_is_no_tension() -> None:
+    name = next(p.name for p in identify(measured(0.0)).parameters if p.kind == "location_error")
+    sigma = MACHINE.errors[name].sigma
+    assert not [note for note in identify(measured(0.0), fixed={name: 8.0 * sigma}).notes if note.startswith(name)]
+
+
 def test_a_finding_that_only_relieves_the_priors_is_doubted() -> None:
     found = diagnose(measured(800.0))
     assert found.findings

@@ -16,7 +16,7 @@ from symfive.diagnose._intervals import Interval
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity, coordinate_words, effect_words
-from symfive.identify import TENSE, UNCONVERGED, Identification, tensions
+from symfive.identify import UNCONVERGED, Identification, relief_notes
 from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number
 from symfive.screen import OnScreen, listed, wrapped
@@ -325,24 +325,9 @@ class Diagnosis(OnScreen):
     @property
     def doubts(self) -> tuple[str, ...]:
         """What speaks against the findings, and what is left beside them."""
-        return (*(self.fit.doubts(self.after.unit) if self.findings else ()), *self._by_priors(), *self.unnamed)
-
-    def _by_priors(self) -> tuple[str, ...]:
-        """Said where the readings are explained as well without the findings, which only bring geometry and set-up nearer to
-        their priors: then a ball that stands elsewhere does as well."""
-        plain, full = self.detection.fit, self.after
-        tense = [tension for tension in tensions(plain) if tension.p < TENSE]
-        if not self.findings or not tense:
-            return ()
-        readings = plain.chi2_dof_whitened * plain.dof - full.chi2_dof_whitened * full.dof
-        if _distance(plain) - _distance(full) < readings:
-            return ()
-        worst = max(tense, key=lambda tension: tension.sigmas)
-        return (
-            f"The readings are explained nearly as well without: what speaks for it is that {worst.worst} would otherwise be "
-            f"{worst.sigmas:.1f} prior 1σ from its prior mean. Check first where balls and nests stand (table_ball in "
-            "campaign.toml).",
-        )
+        if not self.findings:
+            return self.unnamed
+        return (*self.fit.doubts(self.after.unit), *relief_notes(self.detection.fit, self.after), *self.unnamed)
 
     @property
     def excluded(self) -> tuple[str, ...]:
@@ -408,8 +393,3 @@ class Diagnosis(OnScreen):
         if self.findings:
             lines.append("±: 1σ (k = 1), if the names are right. Confidence: among catalogue and unidentified effects.")
         return [*lines, *(line for said in self.proof for line in wrapped("", said))]
-
-
-def _distance(fit: Identification) -> float:
-    """Squared distance of all parameters from their prior means, by their prior 1σ."""
-    return float(np.sum(((fit.values - fit.model.prior_mean) / fit.model.prior_sigma) ** 2))

@@ -6,13 +6,13 @@ from symfive.identify._predict import Prediction, fitted_model, predict
 from symfive.identify._redundancy import all_location_errors, redundancies
 from symfive.identify._result import UNCONVERGED, Identification, MotionCurve
 from symfive.identify._sequential import Stage, identify_by_position, identify_sequentially
-from symfive.identify._tension import TENSE, Tension, tension_notes, tensions
+from symfive.identify._tension import Tension, relief_notes, tension_notes, tensions
 from symfive.identify._wiring import wiring_doubts
 from symfive.inference import Confounding, Information, Noise, Outlier, Problem, confounded_combinations, data_rank
 
 __all__ = [
-    "TENSE", "UNCONVERGED", "BallRunout", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier",
+    "UNCONVERGED", "BallRunout", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier",
     "Prediction", "Problem", "SensorCalibration", "Stage", "Tension", "all_location_errors", "ball_runout",
     "calibrate_sensors", "confounded_combinations", "data_rank", "fitted_model", "identify", "identify_by_position",
-    "identify_sequentially", "predict", "redundancies", "summarise", "tension_notes", "tensions", "wiring_doubts",
+    "identify_sequentially", "predict", "redundancies", "relief_notes", "summarise", "tension_notes", "tensions", "wiring_doubts",
 ]  # fmt: skip

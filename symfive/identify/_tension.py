@@ -9,7 +9,7 @@ from scipy.special import gammaincc
 
 from symfive.identify._result import Identification
 
-__all__ = ["TENSE", "Tension", "tension_notes", "tensions"]
+__all__ = ["Tension", "relief_notes", "tension_notes", "tensions"]
 
 TENSE = 1e-3
 """p-value at which it is said: one of a thousand machines and set-ups that are as their priors say."""
@@ -42,8 +42,9 @@ def tensions(fit: Identification) -> tuple[Tension, ...]:
     """
     found = []
     sigma, mean = fit.model.prior_sigma, fit.model.prior_mean
-    kinds = {"machine": [i for i, p in enumerate(fit.parameters) if p.run is None],
-             "set-up": [i for i, p in enumerate(fit.parameters) if p.run is not None]}  # fmt: skip
+    free = [i for i, std in enumerate(fit.std) if std > 0.0]
+    kinds = {"machine": [i for i in free if fit.parameters[i].run is None],
+             "set-up": [i for i in free if fit.parameters[i].run is not None]}  # fmt: skip
     for kind, places in kinds.items():
         if not places:
             continue
@@ -63,12 +64,35 @@ def tensions(fit: Identification) -> tuple[Tension, ...]:
 
 def tension_notes(fit: Identification) -> tuple[str, ...]:
     """What to look at where a fit explains its readings by errors that were thought impossible; nothing elsewhere."""
-    tense = [tension for tension in tensions(fit) if tension.p < TENSE]
-    if not tense:
+    worst = _worst(fit)
+    if worst is None:
         return ()
-    worst = max(tense, key=lambda tension: tension.sigmas)
     return (
         f"{worst.worst} is {worst.sigmas:.1f} prior 1σ from its prior mean: check where balls and nests stand (table_ball, "
         "tool_ball, setup_sigma_um in campaign.toml) before a correction is entered; if the machine is that far off, enlarge "
         "the prior in the machine file",
     )
+
+
+def relief_notes(plain: Identification, full: Identification) -> tuple[str, ...]:
+    """Said where `full` explains the readings hardly better than `plain`, and only brings geometry and set-up nearer to their
+    priors: then a ball that stands elsewhere does as well."""
+    worst = _worst(plain)
+    readings = plain.chi2_dof_whitened * plain.dof - full.chi2_dof_whitened * full.dof
+    if worst is None or _distance(plain) - _distance(full) < readings:
+        return ()
+    return (
+        f"The readings are explained nearly as well without: what speaks for it is that {worst.worst} would otherwise be "
+        f"{worst.sigmas:.1f} prior 1σ from its prior mean. Check first where balls and nests stand (table_ball in "
+        "campaign.toml).",
+    )
+
+
+def _worst(fit: Identification) -> Tension | None:
+    tense = (tension for tension in tensions(fit) if tension.p < TENSE)
+    return max(tense, key=lambda tension: tension.sigmas, default=None)
+
+
+def _distance(fit: Identification) -> float:
+    """Squared distance of all parameters from their prior means, by their prior 1σ."""
+    return float(np.sum(((fit.values - fit.model.prior_mean) / fit.model.prior_sigma) ** 2))
