@@ -101,7 +101,7 @@ def import_polar(
 
     from symfive.campaign import write_campaign_files
     from symfive.errors import InputError, inside
-    from symfive.importers import FITTED, polar_doubts, polar_run, read_polar
+    from symfive.importers import FITTED, along_run, polar_doubts, polar_run, read_polar
     from symfive.outputs import output_folder
     from symfive.procedures import campaign_of
 
@@ -120,13 +120,10 @@ def import_polar(
             raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
         runs, angles, notes = [], [], list[str]()
         for path, sense, circle in zip(files, senses, circles, strict=True):
-            angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense)
-            if not direction and sense == "ccw" and _falls(path, unit, names):
-                problem = (
-                    f"the angles fall, a clockwise circle, and run {circle['id']} of the plan is counter-clockwise"
-                )
-                remedy = "give the files in the order of the plan's runs, or name each as its run"
-                raise InputError(problem, path=path, remedy=remedy)
+            angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense if direction else None)
+            if not direction:
+                with inside(path=path):
+                    angle, deviation = along_run(angle, deviation, sense, circle["id"])
             angles.append(angle)
             circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
             if "radius" not in circle or "feed" not in circle:
@@ -143,15 +140,6 @@ def import_polar(
     near = sum(map(len, angles)) - campaign.rows
     left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
     written(campaign, output, quiet, left_out)
-
-
-def _falls(path: Path, unit: str, columns: Sequence[str]) -> bool:
-    """Whether the angles of a file fall as they stand: software that sorts them lets them rise."""
-    import numpy as np
-
-    from symfive.importers import read_polar
-
-    return bool(np.median(np.diff(read_polar(path, unit=unit, columns=columns)[0])) < 0.0)
 
 
 def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[str, Any]]]:

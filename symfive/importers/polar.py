@@ -25,7 +25,7 @@ from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
-__all__ = ["FITTED", "as_moved", "as_planned", "polar_doubts", "polar_run", "read_polar"]
+__all__ = ["FITTED", "along_run", "as_moved", "as_planned", "polar_doubts", "polar_run", "read_polar"]
 
 UNITS = {"um": 1.0, "mm": 1e3}
 EVEN = 0.05
@@ -103,6 +103,15 @@ def as_moved(angle: Array, deviation: Array, direction: str | None) -> tuple[Arr
     """Both from their end where the angles run against the `direction` of the motion."""
     against = direction is not None and (np.median(np.diff(angle)) > 0.0) != (direction == "ccw")
     return (angle[::-1], deviation[::-1]) if against else (angle, deviation)
+
+
+def along_run(angle: Array, deviation: Array, direction: str | None, run: str) -> tuple[Array, Array]:
+    """Both along a planned run: software that sorts lets the angles rise. Raises `InputError` where they fall and the run is
+    counter-clockwise."""
+    if direction == "ccw" and np.median(np.diff(angle)) < 0.0:
+        problem = f"the angles fall, a clockwise circle, and run {run} of the plan is counter-clockwise"
+        raise InputError(problem, remedy="give the files in the order of the plan's runs, or name each as its run")
+    return as_moved(angle, deviation, direction)
 
 
 def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list[float] | InputError | None:
