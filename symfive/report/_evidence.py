@@ -98,9 +98,7 @@ def observability_table(diagnosis: Diagnosis) -> str:
              "absorbed by"]  # fmt: skip
     weak = sum(c == "weak" for c in classes)
     caption = f"{len(rows)} effects tested" + (
-        f"; {weak} (coloured) could be present at their usual size and not be detected (below {FAINT_SIGMAS:g} σ)"
-        if weak
-        else ""
+        f"; {weak} (coloured) of usual size would be invisible here (below {FAINT_SIGMAS:g} σ)" if weak else ""
     )
     return table(caption, heads, rows, classes)
 

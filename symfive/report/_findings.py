@@ -55,7 +55,7 @@ def _sight(diagnosis: Diagnosis) -> str:
     said = f"{len(diagnosis.observability)} effects were tested"
     if faint:
         more = f" and {len(faint) - SHOWN_FAINT} more" if len(faint) > SHOWN_FAINT else ""
-        said += f"; {len(faint)} could be present at their usual size and not be detected: {', '.join(faint[:SHOWN_FAINT])}{more}"
+        said += f"; {len(faint)} of usual size would be invisible in this test: {', '.join(faint[:SHOWN_FAINT])}{more}"
     if diagnosis.classes:
         group = "group" if len(diagnosis.classes) == 1 else "groups"
         said += f"; {len(diagnosis.classes)} {group} of them cannot be separated"
