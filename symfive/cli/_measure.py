@@ -279,9 +279,7 @@ def plan(
                 feeds=feeds or None, certify=not no_proof,
             )  # fmt: skip
         elif len(instruments) > 1:
-            refuse_with_several(
-                {**poses, "part": part, "until": until, "per_minute": per_minute, "bar": bars, "robust": robust}
-            )
+            refuse_with_several(click.get_current_context())
             with executor(workers, scheduler) as pool:
                 result = plan_together(
                     data, instruments, minutes=poses["minutes"], criterion=criterion or "A", for_=names,

@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+from click.core import ParameterSource
+
 from symfive.cli._common import point_of
 
 if TYPE_CHECKING:
@@ -21,11 +24,8 @@ __all__ = [
 
 NO_SHIFT = "0,0,0"
 CIRCULAR_TEST = "iso-230-4"
-ALONE: dict[str, Any] = {
-    "part": None, "until": (), "per_minute": False, "bar": (), "points": 40, "setups": None, "repeats": 1, "frame": "workpiece",
-    "index": None, "survive": False, "robust": "nominal",
-}  # fmt: skip
-"""Options of a plan with one instrument, and their defaults."""
+ALONE = ("part", "until", "per_minute", "bars", "points", "setups", "repeats", "frame", "index", "survive", "robust")
+"""Options of a plan with one instrument."""
 
 
 def names_in(words: str) -> tuple[str, ...]:
@@ -33,14 +33,15 @@ def names_in(words: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in words.split(",") if name.strip())
 
 
-def refuse_with_several(given: Mapping[str, Any]) -> None:
+def refuse_with_several(context: click.Context) -> None:
     """Refuse options that a plan with several instruments has not, and one without minutes to share. Raises `InputError`."""
     from symfive.errors import InputError
 
-    if other := next((name for name, default in ALONE.items() if given[name] != default), None):
-        option = f"--{other.replace('_', '-')}"
-        raise InputError(f"{option} is for one instrument", remedy=f"leave out {option}, or name one instrument")
-    if given["minutes"] is None:
+    for parameter in context.command.params:
+        if parameter.name in ALONE and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE:
+            option = parameter.opts[0]
+            raise InputError(f"{option} is for one instrument", remedy=f"leave out {option}, or name one instrument")
+    if context.params["minutes"] is None:
         raise InputError("several instruments need minutes to share", remedy="add --minutes, as --minutes 20")
 
 
