@@ -17,9 +17,9 @@ from symfive.cli import main
 from symfive.design import assess, certify_joint, plan, plan_together
 from symfive.design._criteria import criterion_of
 from symfive.design._information import Task
+from symfive.design._joint_certificate import merged
 from symfive.design._minutes import GAP, Mixes
 from symfive.design._mountings import Mounting
-from symfive.design._together import merged
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.model import Model

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.design._assess import assess
+from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import six_digits
 from symfive.design._information import Task
 from symfive.design._minutes import Mixes
@@ -22,7 +22,16 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.threads import one_thread
 
-__all__ = ["INSTRUMENTS", "WORDS", "JointCertificate", "Shared", "certify_joint", "shared_minutes"]
+__all__ = [
+    "INSTRUMENTS",
+    "WORDS",
+    "JointCertificate",
+    "Shared",
+    "certified",
+    "certify_joint",
+    "merged",
+    "shared_minutes",
+]
 
 INSTRUMENTS = ("r_test", "ball_bar", "touch_probe")
 RATE_HZ = 50.0
@@ -152,13 +161,25 @@ def certify_joint(
         noise_um=noise,
         setup_sigma=first.setup_sigma_um,
     )
-    renamed = tuple(replace(run, id=f"{i}-{run.id}") for i, run in enumerate(runs, start=1))
-    return _certified(shared, replace(plans[0].campaign, runs=renamed), given, sum(made.minutes for made in plans))
+    campaign = merged([made.campaign for made in plans])
+    return certified(shared, assess(campaign, given=given), campaign, sum(made.minutes for made in plans))
 
 
-def _certified(shared: Shared, campaign: Campaign, given: Campaign | None, minutes: float) -> JointCertificate:
-    """The certificate of a campaign, its own mountings and poses among the candidates."""
-    expected, first = assess(campaign, given=given), next(iter(shared.spaces.values()))
+def merged(campaigns: Sequence[Campaign]) -> Campaign:
+    """One campaign of all, measured one after the other; where names of runs are taken, the later ones have a number before
+    theirs."""
+    whole = campaigns[0]
+    for number, campaign in enumerate(campaigns[1:], start=2):
+        end = max(run.start_s + run.duration for run in whole.runs)
+        later = replace(campaign, runs=tuple(replace(run, start_s=end + run.start_s) for run in campaign.runs))
+        taken = {run.id for run in whole.runs} & {run.id for run in later.runs}
+        whole = whole.joined(later, prefix=f"{number}-" if taken else "")
+    return whole
+
+
+def certified(shared: Shared, expected: Assessment, campaign: Campaign, minutes: float) -> JointCertificate:
+    """The certificate of a campaign of which so much is `expected`, its own mountings and poses among the candidates."""
+    first = next(iter(shared.spaces.values()))
     own = len(shared.task.own_sigma)
     index = {p.name: i for i, p in enumerate(expected.parameters)}
     place = [index[p.name] for p in first.shared]

@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._joint_certificate import (
@@ -21,7 +21,8 @@ from symfive.design._joint_certificate import (
     WORDS,
     JointCertificate,
     Shared,
-    certify_joint,
+    certified,
+    merged,
     shared_minutes,
 )
 from symfive.design._minutes import GAP, Mix
@@ -173,11 +174,11 @@ def plan_together(
     if len(parts) > 1:
         first = parts[0].instrument
         parts[0] = planned(first, *shares[first], parts[1:])
-    certificate = None
+    campaign = merged([part.campaign for part in parts])
+    expected, certificate = assess(campaign, given=earlier), None
     if certify:
         progress("computing the certificate")
-        certificate = certify_joint(parts, instruments=instruments, criterion=criterion, for_=wanted, given=earlier)
-    expected = assess(merged([part.campaign for part in parts]), given=earlier)
+        certificate = certified(shared, expected, campaign, sum(part.minutes for part in parts))
     return JointPlan(tuple(parts), certificate, expected, (*_refused(shared.refused), *_idle(shared, shares)))
 
 
@@ -201,21 +202,6 @@ def _shares(mix: Mix, pace: float) -> dict[str, tuple[int, float]]:
         count, seconds = found.get(mounting.kind, (0, 0.0))
         found[mounting.kind] = count + 1, seconds + SETUP_S - pace + float(weights.sum())
     return {kind: (count, seconds / 60.0) for kind, (count, seconds) in found.items()}
-
-
-def merged(campaigns: Sequence[Campaign]) -> Campaign:
-    """One campaign of all runs, one campaign after the other; a run whose name is taken gets its number before it."""
-    runs, end = list[Run](), 0.0
-    for campaign in campaigns:
-        taken, begin = {run.id for run in runs}, end
-        for run in campaign.runs:
-            own = replace(run, start_s=begin + run.start_s)
-            if run.id in taken:
-                name = f"{len(runs) + 1}-{run.id}"
-                own = replace(own, id=name, file=f"{name}.csv")
-            runs.append(own)
-            end = max(end, own.start_s + own.duration)
-    return replace(campaigns[0], runs=tuple(runs))
 
 
 def _all(parts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
