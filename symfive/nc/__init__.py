@@ -60,7 +60,8 @@ def can_probe(dialect: str, post: Post) -> None:
 
 def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], post: Post, number: int = 1) -> str:
     head = (
-        f"symfive for {dialect.name}, {dialect.verified}, read it and run it {'' if run.dynamic else 'slowly '}in air first",
+        f"symfive for {dialect.name}, {dialect.verified}",
+        f"read it and dry-run it {'' if run.dynamic else 'slowly '}without the instrument first",
         *collision_warning(machine, post, recorded=run.dynamic),
         which_point(machine, run, post),
         dialect.datum,
