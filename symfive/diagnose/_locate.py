@@ -31,7 +31,6 @@ from symfive.posterior import (
     log_evidence,
     moments_about,
     nearest_width,
-    widths_of,
 )  # fmt: skip
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
@@ -213,19 +212,13 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
     if not free:
         return ()
     nothing = log_evidence(moments, beside).total
-    usual = [WIDTHS[0]] * len(free)
-    swept = Sweep.of(moments, beside)
-    first, sizes = swept.joined(free, usual)
-    widths = [nearest_width(size, widths_of(moments, t)) for t, size in zip(free, sizes, strict=True)]
-    second, _ = swept.joined(free, widths)
-    correction = float(np.log(2 * len(free)))
+    correction = float(np.log(len(WIDTHS) * len(free)))
     best: dict[tuple[str, str | None], tuple[float, int, float]] = {}
-    for t, plain, wide, width in zip(free, first, second, widths, strict=True):
+    for t, total, width in zip(free, *Sweep.of(moments, beside).best(free), strict=True):
         effect = moments.terms[t].effect
-        nats, at = max((float(plain), WIDTHS[0]), (float(wide), width))
         place = (effect.link, effect.belongs_to)
-        if place not in best or nats > best[place][0]:
-            best[place] = (nats, t, at)
+        if place not in best or total > best[place][0]:
+            best[place] = (float(total), t, width)
     found = []
     for (link, axis), (total, t, width) in sorted(best.items(), key=lambda item: -item[1][0]):
         nats = total - nothing

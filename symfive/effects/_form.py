@@ -56,6 +56,13 @@ class Form:
         """Whether a scan picked its place; then others of its name may act at other places."""
         return self.places > 1.0
 
+    @property
+    def proportional(self) -> bool:
+        """Whether the readings are proportional to its amplitudes, whatever their size: no signal has a parameter of it, and it
+        moves no drive and no play."""
+        effect = self.effect
+        return self.basis is not None or not (effect.frees() or any(signal.parameters for signal in effect.signals()))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scan:

@@ -11,7 +11,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.posterior._evidence import Blocks, Selected, discrepancies, equations, evidence_of, log_evidence
 from symfive.posterior._moments import Moments
-from symfive.posterior._sweep import WIDTHS, Sweep, nearest_width, widths_of
+from symfive.posterior._sweep import WIDTHS, Sweep, log_width, nearest_width, widths_of
 from symfive.posterior._terms import Name, complete
 
 __all__ = ["Posterior", "Subset", "explore", "held_by", "log_prior", "marginal_evidence"]
@@ -121,14 +121,9 @@ class _Search:
                 if k >= self.moments.held and asked[k] and (term.needs or not full)
                 and complete([*held, term]) and not any(term.excludes(h) for h in held)
             ]  # fmt: skip
-            prior = np.array([log_prior(self.moments, [(k, 1.0)]) for k in free])
             self.see(subset)
-            beside = Sweep.of(self.moments, subset, self.blocks[subset])
-            mass, sizes = beside.joined(free, [WIDTHS[0]] * len(free))
-            widths = [nearest_width(size, widths_of(self.moments, t)) for t, size in zip(free, sizes, strict=True)]
-            wide = [k for k, w in enumerate(widths) if w != WIDTHS[0]]
-            if wide:
-                mass[wide], _ = beside.joined([free[k] for k in wide], [widths[k] for k in wide])
+            mass, widths = Sweep.of(self.moments, subset, self.blocks[subset]).best(free)
+            prior = np.array([log_prior(self.moments, [one]) for one in zip(free, widths, strict=True)])
             self.swept[subset] = free, widths, mass + log_prior(self.moments, subset) + prior
         return self.swept[subset]
 
@@ -161,8 +156,8 @@ def held_by(moments: Moments) -> Subset:
 
 
 def log_prior(moments: Moments, subset: Iterable[Selected]) -> float:
-    """Of a subset, each width of a term as probable as any other."""
-    return sum(moments.terms[t].log_prior - float(np.log(len(widths_of(moments, t)))) for t, _ in subset)
+    """Of a subset, with the widths of its terms."""
+    return sum(moments.terms[t].log_prior + log_width(width, widths_of(moments, t)) for t, width in subset)
 
 
 def marginal_evidence(moments: Moments, subset: Subset) -> tuple[float, Blocks]:

@@ -18,7 +18,7 @@ from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance
 from symfive.posterior._moments import moments_of
-from symfive.posterior._terms import Candidates
+from symfive.posterior._terms import Candidates, Name
 
 __all__ = ["Expansion", "expanded", "polish"]
 
@@ -226,13 +226,16 @@ def _reshaped(here: Expansion, number: int, shape: Effect, candidates: Candidate
 
 
 def _rivals(posterior: Posterior) -> list[Subset]:
-    """For each member of what the fit holds the nearest subset that has another name in its place, where an exact refit may lift
-    it; without members the nearest subset of all."""
+    """For each member of what the fit holds the nearest subsets that have another name in its place, one a name, where an exact
+    refit may lift them; without members the nearest subset of all."""
     terms, found = posterior.moments.terms, list[Subset]()
     for member in range(posterior.moments.held) or [-1]:
+        names = {terms[member].name} if member >= 0 else set[Name]()
         for subset, other in posterior.in_place_of(member):
-            if (member < 0 or terms[other].name != terms[member].name) and _promising(posterior, subset):
+            if terms[other].name not in names and _promising(posterior, subset):
+                names.add(terms[other].name)
                 found.append(subset)
+            if len(names) == (TRIES + 1 if member >= 0 else 1):
                 break
     return found
 
@@ -258,11 +261,16 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
     """Whether an exact refit may lift a subset above the best: it has a form of which the moments hold the slope alone, and
     explains by it at least half of what it does without."""
     moments, best = posterior.moments, {t for t, _ in posterior.best}
-    if all(t < moments.held or linear(moments.terms[t].form) for t, _ in subset):
+    if all(t < moments.held or _linear(moments.terms[t].form) for t, _ in subset):
         return False
     common = tuple(m for m in subset if m[0] in best)
     mine, theirs, both = (marginal_evidence(moments, s)[0] for s in (subset, posterior.best, common))
     return mine - both > max(DECISIVE, 0.5 * (theirs - both))
+
+
+def _linear(form: Form) -> bool:
+    """Whether the moments hold all of a form."""
+    return form.basis is not None or (form.proportional and not form.shapes)
 
 
 def _classified(form: Form, fit: Identification) -> Form:
@@ -280,11 +288,3 @@ def _words(here: Expansion) -> str:
 
 def _sane(fit: Identification) -> bool:
     return all(np.isfinite(residual).all() for residual in fit.residuals.values())
-
-
-def linear(form: Form) -> bool:
-    """Whether the moments hold all of a form: it has no parameter beside its amplitudes, and moves no drive and no play."""
-    effect = form.effect
-    return form.basis is not None or not (
-        form.shapes or effect.frees() or any(signal.parameters for signal in effect.signals())
-    )

@@ -5,19 +5,29 @@ One eigen-decomposition H_SS = UΛUᵀ serves all: with P = (Λ/κ² + 1)^(-½)�
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.posterior._evidence import STEPS, Blocks, Equations, Selected, Turned, equations
+from symfive.posterior._evidence import STEPS, Blocks, Equations, Selected, Turned, equations, evidence_of
 from symfive.posterior._moments import Alike, Moments
 
-__all__ = ["WIDTHS", "Sweep", "nearest_width", "widths_of"]
+__all__ = ["WIDTHS", "Sweep", "log_width", "nearest_width", "widths_of"]
 
 WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
-"""A scale-free prior of amplitudes as a mixture, half a decade apart: nothing is capped by what machine tools usually have."""
+"""Prior widths of amplitudes in units of the usual one, half a decade apart: nothing is capped by what machine tools usually
+have."""
+
+
+@cache
+def log_width(width: float, widths: tuple[float, ...]) -> float:
+    """Log of the prior probability of one of these widths: a half-Cauchy distribution in steps of equal ratio (A. Gelman 2006; N.
+    Polson & J. Scott 2012). Large sizes are rare, and none is excluded."""
+    weights = [w / (1.0 + w * w) for w in widths]
+    return float(np.log(width / (1.0 + width * width) / sum(weights)))
 
 
 def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
@@ -51,55 +61,95 @@ class Sweep:
         cross = (moments.gram[:, :, s.columns] * s.scale) @ turned.axes
         return cls(moments, s, turned, cross, moments.gram[:, :, s.aim] @ s.weights)
 
-    def joined(self, chosen: Sequence[int], widths: Sequence[float]) -> tuple[Array, Array]:
-        """Log evidence with each of the `chosen` terms (not held) added in its of the `widths`, and the rms of the amplitudes
-        that each then has, in units of its usual ones: (chosen,), (chosen,)."""
-        moments, place = self.moments, {number: k for k, number in enumerate(chosen)}
-        found, sizes = np.zeros(len(chosen)), np.zeros(len(chosen))
-        for alike in moments.alike:
-            rows = [row for row, number in enumerate(alike.numbers) if number in place]
-            if not rows:
-                continue
-            at = [place[alike.numbers[row]] for row in rows]
-            own, width = alike.some(rows), np.array([widths[k] for k in at])
-            total, x = self._with_each(own, np.where(own.amplitude, width[:, None], 1.0))
-            by_node = total + (moments.log_prior - 0.5 * moments.const)[:, None]
-            found[at] = np.logaddexp.reduce(by_node, axis=0)
-            best = x[np.argmax(by_node, axis=0), np.arange(len(at))]
-            count = np.maximum(own.amplitude.sum(axis=1), 1)
-            sizes[at] = width * np.sqrt(np.sum(np.where(own.amplitude, best, 0.0) ** 2, axis=1) / count)
-        return found, sizes
+    def best(self, chosen: Sequence[int]) -> tuple[Array, list[float]]:
+        """Log evidence (chosen,) with each of the `chosen` terms (not held) added, and the width of each: the most probable of
+        those `_tried` under the noise that suits the subset. What a narrow prior leaves of an amplitude does not say how wide it
+        should be."""
+        node = evidence_of(self.moments, self.equations).node
+        nodes = (self.moments.log_prior - 0.5 * self.moments.const)[:, None]
+        found, widths = np.zeros(len(chosen)), np.ones(len(chosen))
+        for at, own in self._alike(chosen):
+            parts = self._parts(own)
+            gains, x = self._with_each(parts.under(node), np.where(own.amplitude, np.array(WIDTHS)[:, None, None], 1.0))
+            gains += np.array([[log_width(width, WIDTHS)] for width in WIDTHS])
+            tried = [self._tried(t, x[0, k, own.amplitude[k]]) for k, t in enumerate(own.numbers)]
+            gains[[[width not in each for each in tried] for width in WIDTHS]] = -np.inf
+            widths[at] = np.array(WIDTHS)[np.argmax(gains, axis=0)]
+            each, _ = self._with_each(parts, np.where(own.amplitude, widths[at][:, None], 1.0))
+            found[at] = np.logaddexp.reduce(nodes + each, axis=0)
+        return found, [float(width) for width in widths]
 
-    def _with_each(self, own: Alike, scale: Array) -> tuple[Array, Array]:
-        """Log evidence (J, T), up to the nodes' constants, with each of some terms of as many columns, these times `scale`
-        (T, n), and their x (J, T, n)."""
-        gram, turned, count = self.moments.gram, self.turned, self.moments.count
-        h = own.gram * (scale[:, :, None] * scale[:, None, :])
-        g = self.slope[:, own.where] * scale
-        cross = np.swapaxes(self.cross[:, own.where] * scale[:, :, None], 2, 3)
-        power, g_base, d_base = (part[:, None, :] for part in (turned.power, turned.g, turned.d))
-        q, exact = self.equations.q[:, None], own.exact
+    def _tried(self, number: int, narrow: Array) -> tuple[float, ...]:
+        """The widths to try for a term, of which the narrowest leaves amplitudes of such a size. Slopes of which the readings are
+        not proportional to the amplitudes say nothing of sizes far from theirs."""
+        widths = widths_of(self.moments, number)
+        if self.moments.terms[number].form.proportional:
+            return widths
+        return (nearest_width(float(np.sqrt(np.mean(narrow**2))) if narrow.size else 0.0, widths),)
+
+    def _alike(self, chosen: Sequence[int]) -> Iterator[tuple[list[int], Alike]]:
+        """The `chosen` terms of as many columns together, and where they stand there."""
+        place = {number: k for k, number in enumerate(chosen)}
+        for alike in self.moments.alike:
+            rows = [row for row, number in enumerate(alike.numbers) if number in place]
+            if rows:
+                yield [place[alike.numbers[row]] for row in rows], alike.some(rows)
+
+    def _parts(self, own: Alike) -> _Parts:
+        """What the evidence of some terms of as many columns needs."""
+        gram, exact, where, turned = self.moments.gram, own.exact, own.where, self.turned
+        power, d, base = (part[:, None, :] for part in (turned.power, turned.d, turned.g))
+        q, g = np.repeat(self.equations.q[:, None], len(exact), axis=1), self.slope[:, where]
         if exact[0] >= 0:  # the residual is that less what the term adds beyond its slopes
             q = q - 2.0 * self.slope[:, exact] + gram[:, exact, exact]
-            g = g - gram[:, own.where, exact[:, None]] * scale
-            g_base = g_base - self.cross[:, exact]
-        kappa2 = np.broadcast_to(np.maximum(1.0, q / count), (len(q), len(exact)))
+            g = g - gram[:, where, exact[:, None]]
+            base = base - self.cross[:, exact]
+        return _Parts(own.departure, own.gram, q, g, np.swapaxes(self.cross[:, where], 2, 3), power, d, base)
+
+    def _with_each(self, parts: _Parts, scale: Array) -> tuple[Array, Array]:
+        """Log evidence (J, T), up to the nodes' constants, with each of some terms, these times `scale` (T, n); under one noise
+        (W, T), each of them in each of so many scales (W, T, n)."""
+        count, q, power, base = self.moments.count, parts.q, parts.power, parts.base
+        h = parts.gram * (scale[..., :, None] * scale[..., None, :])
+        g, cross = parts.g * scale, parts.cross * scale[..., None, :]
+        kappa2 = np.maximum(1.0, q / count)
         for step in range(STEPS):
             k = kappa2[..., None]
             shrunk = 1.0 / np.sqrt(power / k + 1.0)
-            e = shrunk * (g_base / k - d_base)
+            e = shrunk * (base / k - parts.d)
             p = (shrunk / k)[..., None] * cross
             a = h / k[..., None] + np.eye(h.shape[-1]) - np.swapaxes(p, -1, -2) @ p
-            b = g / k - own.departure - (e[..., None, :] @ p)[..., 0, :]
+            b = g / k - parts.departure - (e[..., None, :] @ p)[..., 0, :]
             x = np.linalg.solve(a, b[..., None])[..., 0]
             y = shrunk * (e - (p @ x[..., None])[..., 0])
             moved = (h @ x[..., None])[..., 0] + 2.0 * (y[..., None, :] @ cross)[..., 0, :]
-            left = q + np.sum(y * (power * y - 2.0 * g_base), axis=-1) + np.sum(x * (moved - 2.0 * g), axis=-1)
+            left = q + np.sum(y * (power * y - 2.0 * base), axis=-1) + np.sum(x * (moved - 2.0 * g), axis=-1)
             if step == STEPS - 1:
                 break
             before, kappa2 = kappa2, np.maximum(1.0, left / count)
             if np.array_equal(before, kappa2):
                 break
-        pull = np.sum((y + d_base) ** 2, axis=-1) + np.sum((x + own.departure) ** 2, axis=-1)
+        pull = np.sum((y + parts.d) ** 2, axis=-1) + np.sum((x + parts.departure) ** 2, axis=-1)
         logdet = np.linalg.slogdet(a)[1] - 2.0 * np.log(shrunk).sum(axis=-1)
-        return np.asarray(-0.5 * (left / kappa2 + pull + count * np.log(kappa2) + logdet)), x
+        return np.asarray(-0.5 * (left / kappa2 + pull + count * np.log(kappa2) + logdet)), np.asarray(x)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Some terms of as many columns beside a subset: their `departure` (T, n), their `gram` (J, T, n, n), what stands for the
+    residual with itself `q` (J, T) and with their columns `g` (J, T, n), the subset's columns with theirs `cross` (J, T, s, n),
+    with themselves `power` (J, 1, s), their departure `d` (J, 1, s), and with the residual `base`, (J, T, s) or (J, 1, s)."""
+
+    departure: Array
+    gram: Array
+    q: Array
+    g: Array
+    cross: Array
+    power: Array
+    d: Array
+    base: Array
+
+    def under(self, node: int) -> _Parts:
+        """The same under one noise node, J = 1."""
+        by_node = self.gram, self.q, self.g, self.cross, self.power, self.d, self.base
+        return _Parts(self.departure, *(part[node : node + 1] for part in by_node))
