@@ -553,6 +553,18 @@ def test_a_pulse_of_the_friction_compensation_is_found_by_its_shape(tmp_path: Pa
         assert size.value == pytest.approx(spec[name], abs=3.0 * size.std)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("id", ["masked-001", "masked-015"])
+def test_a_drift_faster_than_usual_is_no_slow_noise(id: str, tmp_path: Path) -> None:
+    """With an SNR of 25 and 31, absorbed by geometry and set-up to 98 %: linear at another time constant, or a drift without one,
+    slow noise explained as much of it."""
+    case = make_case(20261205, id)
+    (spec,), found = case.effects, _diagnosed(case, tmp_path)
+    assert _names(found) == [("thermal_drift", None)]
+    tau = found.findings[0].parameters["time_constant_s"]
+    assert tau.value == pytest.approx(spec["time_constant_s"], abs=3.0 * tau.std)
+
+
 def test_a_scale_error_is_not_unidentified_because_the_axis_stood_at_few_places(tmp_path: Path) -> None:
     """A function over two places of Z holds the scale error and no more: the name is stated."""
     case = make_case(20261128, "alias-000")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -28,6 +28,8 @@ STAGES = ("drive", "axis", "structure", "reading", "recording")
 instrument's reading of a row, in what its recorder makes of all rows together."""
 LINKS = DRIVE, BEHIND, STRUCTURE, INSTRUMENT = ("drive", "behind the drive", "structure", "instrument and set-up")
 """The links of the chain from the command to the reading (P. Andolfatto, S. Lavernhe & J. Mayer 2011)."""
+SHORTER = (0.3, 0.1)
+"""Shares of its usual time constant about which an effect is looked at too: half a decade apart."""
 _LINKS = dict(zip(STAGES, (*LINKS, INSTRUMENT), strict=True))
 
 
@@ -213,6 +215,13 @@ class Effect:
     def time_constant(self, tau: float, name: str = "time_constant_s") -> Parameter:
         """A parameter for a time constant, s, that usually is about `tau`."""
         return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau)
+
+    def at_time_constants(self, campaign: Campaign, *shapes: Effect) -> Iterator[Form]:
+        """Its form about its usual time constant, and about shorter ones: at no size the readings do not tell them apart."""
+        yield Form(effect=self, shapes=shapes)
+        usual = next(p for p in self.parameters(campaign) if p.name == f"{self.key}.time_constant_s")
+        for share in SHORTER:
+            yield Form(effect=self, shapes=shapes, at={usual.name: share * usual.mean})
 
     @property
     def started(self) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Self
 import casadi as ca
 
 from symfive.effects._base import Effect
+from symfive.effects._form import Forms
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -38,6 +39,10 @@ class BarTemperature(Effect):
     def prepare(self, campaign: Campaign) -> Self:
         self.choose("clock", CLOCKS)
         return super().prepare(campaign)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Forms:
+        return list(cls().at_time_constants(campaign))
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and "ball_bar" in run.instrument

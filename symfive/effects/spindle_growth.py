@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms
+from symfive.effects._form import Forms
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.parameters import Parameter
 
@@ -38,7 +38,7 @@ class SpindleGrowth(Effect):
     def candidates(cls, campaign: Campaign) -> Forms:
         # where no rotary axis turns the spindle it is a drift along z
         if any(campaign.machine.axes[axis].rotary for axis in campaign.machine.structure.tool):
-            yield Form(effect=cls())
+            yield from cls().at_time_constants(campaign)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         tau = 0.5 * self.clock_span(campaign)

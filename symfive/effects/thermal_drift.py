@@ -67,8 +67,8 @@ class ThermalDrift(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
-        yield Form(effect=cls(), shapes=(cls(shape="mixture"),))
-        yield Form(effect=cls(shape="linear", tag="linear"))
+        yield from cls().at_time_constants(campaign, cls(shape="mixture"))
+        yield Form(effect=cls(shape="linear", tag="linear"), shapes=(cls(),))
         span = cls().clock_span(campaign)
         step = span / (ONSETS + 1)
 

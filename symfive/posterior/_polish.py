@@ -17,7 +17,7 @@ from symfive.posterior._evidence import SHARE, Selected, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, marginal_evidence
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance
-from symfive.posterior._moments import moments_of
+from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._terms import Candidates, Name
 
 __all__ = ["Expansion", "expanded", "polish"]
@@ -261,16 +261,17 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
     """Whether an exact refit may lift a subset above the best: it has a form of which the moments hold the slope alone, and
     explains by it at least half of what it does without."""
     moments, best = posterior.moments, {t for t, _ in posterior.best}
-    if all(t < moments.held or _linear(moments.terms[t].form) for t, _ in subset):
+    if all(t < moments.held or _linear(moments, t) for t, _ in subset):
         return False
     common = tuple(m for m in subset if m[0] in best)
     mine, theirs, both = (marginal_evidence(moments, s)[0] for s in (subset, posterior.best, common))
     return mine - both > max(DECISIVE, 0.5 * (theirs - both))
 
 
-def _linear(form: Form) -> bool:
-    """Whether the moments hold all of a form."""
-    return form.basis is not None or (form.proportional and not form.shapes)
+def _linear(moments: Moments, term: int) -> bool:
+    """Whether the moments hold all of a form: no other shape, and nothing to be found beside its amplitudes."""
+    form = moments.terms[term].form
+    return form.proportional and not form.shapes and bool(moments.columns[term].amplitude.all())
 
 
 def _classified(form: Form, fit: Identification) -> Form:
