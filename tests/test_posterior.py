@@ -23,10 +23,12 @@ from symfive.model import Model
 from symfive.posterior import (
     WIDTHS,
     Moments,
+    Posterior,
     Sweep,
     baseline,
     candidates,
     contradicted,
+    decide,
     explore,
     fitted,
     grams,
@@ -34,8 +36,10 @@ from symfive.posterior import (
     log_evidence,
     log_width,
     misfit,
+    moments_about,
     moments_of,
     nodes_of,
+    refitted,
     widths_of,
 )
 from symfive.simulate import simulate
@@ -243,6 +247,21 @@ def test_sweep_is_the_direct_evidence_in_the_best_width(
         if moments.terms[k].form.proportional:
             odds = {w: e.by_node[node] + log_width(w, widths_of(moments, k)) for w, e in each.items()}
             assert odds[width] == pytest.approx(max(odds.values()), abs=1e-3)
+
+
+def test_an_alias_is_what_reads_the_same_however_large_it_would_have_to_be(moments: Moments) -> None:
+    """That large sizes are rare decides between the names; it does not separate their readings."""
+    play = next(k for k, term in enumerate(moments.terms) if term.effect.key == "backlash.X")
+    here = refitted(moments, ((play, 1.0),))
+    held = moments_about(here, candidates(moments.fit.model.campaign))
+    terms = held.terms
+    other = next(k for k, term in enumerate(terms) if term.effect.key == "lateral_play.EBX")
+    prior = [term.log_prior + log_width(w, WIDTHS) for term, w in ((terms[0], 1.0), (terms[other], 100.0))]
+    for worse, alias in ((1.0, (other,)), (3.0, ())):
+        masses = {((0, 1.0),): prior[0], ((other, 100.0),): prior[1] - worse}
+        posterior = Posterior(held, masses)
+        (verdict,) = decide(posterior, posterior)
+        assert verdict.alias == alias and verdict.names[0] == terms[0].name
 
 
 def test_large_sizes_are_rare_and_none_is_excluded() -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.effects import Unknown
-from symfive.posterior._explore import Posterior
+from symfive.posterior._explore import Posterior, log_prior
 from symfive.posterior._terms import Name
 
 __all__ = ["Verdict", "decide"]
@@ -105,17 +105,15 @@ def _shares(posterior: Posterior, held: frozenset[int], term: int) -> tuple[dict
 
 
 def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple[int, ...], bool]:
-    """Terms of other names that take the place of a member without a worse fit; and whether there are any."""
+    """Terms of other names that take the place of a member without a worse fit, however large; and whether there are any."""
     terms, rest = posterior.moments.terms, held - {term}
-
-    def evidence(subset: frozenset[int]) -> float:
-        masses = [mass for s, mass in posterior.mass.items() if frozenset(t for t, _ in s) == subset]
-        return max(masses, default=-np.inf) - sum(terms[t].log_prior for t in subset)
-
-    mine = evidence(held)
+    evidence: dict[frozenset[int], float] = {}
+    for subset, mass in posterior.mass.items():
+        members = frozenset(t for t, _ in subset)
+        evidence[members] = max(mass - log_prior(posterior.moments, subset), evidence.get(members, -np.inf))
     found = []
-    for subset in posterior.weights:
-        extra = subset - rest
-        if rest <= subset and len(extra) == 1 and term not in extra and mine - evidence(subset) < SAME:
+    for members, each in evidence.items():
+        extra = members - rest
+        if rest <= members and len(extra) == 1 and term not in extra and evidence[held] - each < SAME:
             found += [t for t in extra if not terms[t].effect.unidentified and terms[t].name != terms[term].name]
     return tuple(found), bool(found)
