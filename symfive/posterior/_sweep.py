@@ -58,7 +58,7 @@ class Sweep:
         """Of a subset and its discrepancies."""
         s = equations(moments, members, blocks)
         turned = Turned.of(s)
-        cross = (moments.gram[:, :, s.columns] * s.scale) @ turned.axes
+        cross = np.swapaxes(moments.gram[:, s.columns], 1, 2) @ (s.scale[:, None] * turned.axes)
         return cls(moments, s, turned, cross, moments.gram[:, :, s.aim] @ s.weights)
 
     def best(self, chosen: Sequence[int]) -> tuple[Array, list[float]]:
@@ -110,20 +110,21 @@ class Sweep:
         """Log evidence (J, T), up to the nodes' constants, with each of some terms, these times `scale` (T, n); under one noise
         (W, T), each of them in each of so many scales (W, T, n)."""
         count, q, power, base = self.moments.count, parts.q, parts.power, parts.base
-        h = parts.gram * (scale[..., :, None] * scale[..., None, :])
-        g, cross = parts.g * scale, parts.cross * scale[..., None, :]
-        kappa2 = np.maximum(1.0, q / count)
+        kappa2 = np.broadcast_to(np.maximum(1.0, q / count), scale.shape[:-1] if scale.ndim > 2 else q.shape)
         for step in range(STEPS):
-            k = kappa2[..., None]
+            # what all scales share is computed once where they have the same noise
+            k = (kappa2[:1] if np.all(kappa2 == kappa2[:1]) and len(q) == 1 else kappa2)[..., None]
             shrunk = 1.0 / np.sqrt(power / k + 1.0)
             e = shrunk * (base / k - parts.d)
-            p = (shrunk / k)[..., None] * cross
-            a = h / k[..., None] + np.eye(h.shape[-1]) - np.swapaxes(p, -1, -2) @ p
-            b = g / k - parts.departure - (e[..., None, :] @ p)[..., 0, :]
-            x = np.linalg.solve(a, b[..., None])[..., 0]
-            y = shrunk * (e - (p @ x[..., None])[..., 0])
-            moved = (h @ x[..., None])[..., 0] + 2.0 * (y[..., None, :] @ cross)[..., 0, :]
-            left = q + np.sum(y * (power * y - 2.0 * base), axis=-1) + np.sum(x * (moved - 2.0 * g), axis=-1)
+            p = (shrunk / k)[..., None] * parts.cross
+            schur = parts.gram / k[..., None] - np.swapaxes(p, -1, -2) @ p
+            slope = parts.g / k - (e[..., None, :] @ p)[..., 0, :]
+            a = scale[..., :, None] * schur * scale[..., None, :] + np.eye(schur.shape[-1])
+            x = np.linalg.solve(a, (scale * slope - parts.departure)[..., None])[..., 0]
+            moved = (scale * x)[..., None]
+            y = shrunk * (e - (p @ moved)[..., 0])
+            pushed = (parts.gram @ moved)[..., 0] + 2.0 * ((y[..., None, :] @ parts.cross)[..., 0, :] - parts.g)
+            left = q + np.sum(y * (power * y - 2.0 * base), axis=-1) + np.sum(moved[..., 0] * pushed, axis=-1)
             if step == STEPS - 1:
                 break
             before, kappa2 = kappa2, np.maximum(1.0, left / count)
