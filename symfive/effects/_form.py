@@ -58,8 +58,8 @@ class Form:
 
     @property
     def proportional(self) -> bool:
-        """Whether the readings are proportional to its amplitudes, whatever their size: no signal has a parameter of it, and it
-        moves no drive and no play."""
+        """Whether the readings are proportional to its amplitudes, whatever their size: it moves no drive and no play, and no
+        signal depends on its parameters."""
         effect = self.effect
         return self.basis is not None or not (effect.frees() or any(signal.parameters for signal in effect.signals()))
 

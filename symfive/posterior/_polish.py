@@ -230,13 +230,12 @@ def _rivals(posterior: Posterior) -> list[Subset]:
     refit may lift them; without members the nearest subset of all."""
     terms, found = posterior.moments.terms, list[Subset]()
     for member in range(posterior.moments.held) or [-1]:
-        names = {terms[member].name} if member >= 0 else set[Name]()
+        names, left = ({terms[member].name}, TRIES) if member >= 0 else (set[Name](), 1)
         for subset, other in posterior.in_place_of(member):
-            if terms[other].name not in names and _promising(posterior, subset):
+            if left and terms[other].name not in names and _promising(posterior, subset):
                 names.add(terms[other].name)
                 found.append(subset)
-            if len(names) == (TRIES + 1 if member >= 0 else 1):
-                break
+                left -= 1
     return found
 
 
