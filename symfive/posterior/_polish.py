@@ -214,7 +214,8 @@ def _reshaped(here: Expansion, number: int, shape: Effect, candidates: Candidate
     cannot be."""
     form = here.held[number]
     try:
-        effect = replace(shape, spread=form.effect.spread, tag=form.effect.tag).prepare(here.fit.model.campaign)
+        tag = form.effect.tag if form.placed else shape.tag  # which of several places, or which shape
+        effect = replace(shape, spread=form.effect.spread, tag=tag).prepare(here.fit.model.campaign)
         forms = [*here.held[:number], replace(form, effect=effect), *here.held[number + 1 :]]
         model = Model(here.fit.model.campaign, [f.effect for f in forms])
         places = [form.at for form in candidates.forms if form.at and form.effect == effect]
