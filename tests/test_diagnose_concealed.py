@@ -565,6 +565,7 @@ def test_a_drift_faster_than_usual_is_no_slow_noise(id: str, tmp_path: Path) -> 
     assert tau.value == pytest.approx(spec["time_constant_s"], abs=3.0 * tau.std)
 
 
+@pytest.mark.slow
 def test_a_scale_error_is_not_unidentified_because_the_axis_stood_at_few_places(tmp_path: Path) -> None:
     """A function over two places of Z holds the scale error and no more: the name is stated."""
     case = make_case(20261128, "alias-000")
