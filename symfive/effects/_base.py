@@ -216,12 +216,16 @@ class Effect:
         """A parameter for a time constant, s, that usually is about `tau`."""
         return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau)
 
-    def at_time_constants(self, campaign: Campaign, *shapes: Effect) -> Iterator[Form]:
-        """Its form about its usual time constant, and about shorter ones: at no size the readings do not tell them apart."""
+    def forms_about(self, parameter: Parameter, values: Iterable[float], *shapes: Effect) -> Iterator[Form]:
+        """Its form, and the same about several values of a parameter in which the readings are far from linear."""
         yield Form(effect=self, shapes=shapes)
+        for value in values:
+            yield Form(effect=self, shapes=shapes, at={parameter.name: value})
+
+    def at_time_constants(self, campaign: Campaign, *shapes: Effect) -> Iterator[Form]:
+        """Its form about its usual time constant, and about shorter ones: while it has no size, readings cannot separate them."""
         usual = next(p for p in self.parameters(campaign) if p.name == f"{self.key}.time_constant_s")
-        for share in SHORTER:
-            yield Form(effect=self, shapes=shapes, at={usual.name: share * usual.mean})
+        yield from self.forms_about(usual, [share * usual.mean for share in SHORTER], *shapes)
 
     @property
     def started(self) -> str:

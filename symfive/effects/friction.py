@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, reversing
+from symfive.effects._form import Forms, reversing
 from symfive.errors import InputError
 from symfive.motion import FRICTION
 from symfive.parameters import Parameter
@@ -59,10 +59,8 @@ class Friction(Effect):
         sizes."""
         for axis in reversing(campaign):
             others = tuple(cls(axis=axis, shape=shape) for shape in SHAPES[1:])
-            yield Form(effect=cls(axis=axis), shapes=others)
             coulomb = cls(axis=axis).parameters(campaign)[0]
-            for share in SIZES:
-                yield Form(effect=cls(axis=axis), shapes=others, at={coulomb.name: share * coulomb.sigma})
+            yield from cls(axis=axis).forms_about(coulomb, [share * coulomb.sigma for share in SIZES], *others)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary

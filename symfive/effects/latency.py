@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from symfive.effects._base import INSTRUMENT, Effect
-from symfive.effects._form import Form, Forms
+from symfive.effects._form import Forms
 from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 
@@ -46,14 +46,12 @@ class Latency(Effect):
     def candidates(cls, campaign: Campaign) -> Forms:
         """While an axis accelerates the readings are far from linear in the delay: they are looked at about several delays, up to
         a quarter of the shortest run."""
-        yield Form(effect=cls())
         shortest = min(
             (run.duration for run in campaign.runs if run.dynamic and has_clock_of_its_own(run)), default=0.0
         )
         (delay,) = cls().parameters(campaign)
-        for size in (sign * times * delay.sigma for times in SIZES for sign in (1.0, -1.0)):
-            if abs(size) <= 250.0 * shortest:
-                yield Form(effect=cls(), at={delay.name: size})
+        sizes = [sign * times * delay.sigma for times in SIZES for sign in (1.0, -1.0)]
+        yield from cls().forms_about(delay, [size for size in sizes if abs(size) <= 250.0 * shortest])
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("delay_ms", "ms", 10.0),)

@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms
+from symfive.effects._form import Forms
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
 from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
@@ -46,10 +46,8 @@ class SensorLowPass(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
         """Far from linear in a long time constant, the readings are looked at about several."""
-        yield Form(effect=cls())
         (tau,) = cls().parameters(campaign)
-        for size in SIZES:
-            yield Form(effect=cls(), at={tau.name: size * tau.sigma})
+        yield from cls().forms_about(tau, [size * tau.sigma for size in SIZES])
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("time_constant_ms", "ms", 5.0, lower=0.0, start=0.5),)
