@@ -231,12 +231,15 @@ def _rivals(posterior: Posterior) -> list[Subset]:
     refit may lift them; without members the nearest subset of all."""
     terms, found = posterior.moments.terms, list[Subset]()
     for member in range(posterior.moments.held) or [-1]:
-        names, left = ({terms[member].name}, TRIES) if member >= 0 else (set[Name](), 1)
+        own, most = (terms[member].name, TRIES) if member >= 0 else (None, 1)
+        nearest: dict[Name, Subset] = {}
         for subset, other in posterior.in_place_of(member):
-            if left and terms[other].name not in names and _promising(posterior, subset):
-                names.add(terms[other].name)
-                found.append(subset)
-                left -= 1
+            name = terms[other].name
+            if name != own and name not in nearest and _promising(posterior, subset):
+                nearest[name] = subset
+                if len(nearest) == most:
+                    break
+        found += nearest.values()
     return found
 
 
