@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,7 +57,7 @@ class Form:
         """Whether a scan picked its place; then others of its name may act at other places."""
         return self.places > 1.0
 
-    @property
+    @cached_property
     def proportional(self) -> bool:
         """Whether the readings are proportional to its amplitudes, whatever their size: it moves no drive and no play, and no
         signal depends on its parameters."""

@@ -68,13 +68,14 @@ class Sweep:
         node = evidence_of(self.moments, self.equations).node
         nodes = (self.moments.log_prior - 0.5 * self.moments.const)[:, None]
         found, widths = np.zeros(len(chosen)), np.ones(len(chosen))
+        every, odds = np.array(WIDTHS), np.array([[log_width(width, WIDTHS)] for width in WIDTHS])
         for at, own in self._alike(chosen):
             parts = self._parts(own)
-            gains, x = self._with_each(parts.under(node), np.where(own.amplitude, np.array(WIDTHS)[:, None, None], 1.0))
-            gains += np.array([[log_width(width, WIDTHS)] for width in WIDTHS])
+            gains, x = self._with_each(parts.under(node), np.where(own.amplitude, every[:, None, None], 1.0))
+            gains += odds
             tried = [self._tried(t, x[0, k, own.amplitude[k]]) for k, t in enumerate(own.numbers)]
             gains[[[width not in each for each in tried] for width in WIDTHS]] = -np.inf
-            widths[at] = np.array(WIDTHS)[np.argmax(gains, axis=0)]
+            widths[at] = every[np.argmax(gains, axis=0)]
             each, _ = self._with_each(parts, np.where(own.amplitude, widths[at][:, None], 1.0))
             found[at] = np.logaddexp.reduce(nodes + each, axis=0)
         return found, [float(width) for width in widths]
@@ -113,7 +114,7 @@ class Sweep:
         kappa2 = np.broadcast_to(np.maximum(1.0, q / count), scale.shape[:-1] if scale.ndim > 2 else q.shape)
         for step in range(STEPS):
             # what all scales share is computed once where they have the same noise
-            k = (kappa2[:1] if np.all(kappa2 == kappa2[:1]) and len(q) == 1 else kappa2)[..., None]
+            k = (kappa2[:1] if len(q) == 1 and np.all(kappa2 == kappa2[:1]) else kappa2)[..., None]
             shrunk = 1.0 / np.sqrt(power / k + 1.0)
             e = shrunk * (base / k - parts.d)
             p = (shrunk / k)[..., None] * parts.cross
