@@ -96,7 +96,7 @@ def check(path: Path | str) -> Check:
                 free = Model(campaign).parameters  # what a drive's force has, set-up
                 if not free:
                     found = [_nothing_free(path)]
-                elif all(parameter.run is not None for parameter in free):
+                elif all(parameter.of_setup for parameter in free):
                     notes += ("no error is declared, so that only the set-up of the runs can be identified",)
             notes += doubts(campaign)
         except InputError as error:

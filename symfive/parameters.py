@@ -22,8 +22,9 @@ DETERMINED = 2.0**-0.5
 class Parameter:
     """One unknown. `sigma` and `mean` describe its Gaussian prior in `unit`; `lower` and `upper` are hard bounds.
 
-    `kind` is `location_error`, `error_motion`, `setup`, `drive`, `instrument` or `effect`; `run` the run it belongs to
-    (None: the whole campaign); `start` where estimation begins if not at the prior mean.
+    `kind` is `location_error`, `error_motion`, `setup`, `drive`, `instrument` or `effect`; `run` the run or `mounting` the
+    mounting of several runs that it belongs to (both None: the machine); `start` where estimation begins if not at the prior
+    mean.
     """
 
     name: str
@@ -34,12 +35,28 @@ class Parameter:
     upper: float = math.inf
     kind: str = "effect"
     run: str | None = None
+    mounting: str | None = None
     start: float | None = None
 
     @property
     def scale(self) -> float:
         """Internal value = scale × value in `unit`."""
         return UNIT_SCALE.get(self.unit, 1.0)
+
+    @property
+    def of_setup(self) -> bool:
+        """Whether it belongs to a run or a mounting, and not to the machine."""
+        return self.owner is not None
+
+    @property
+    def owner(self) -> str | None:
+        """The run or mounting that it belongs to."""
+        return self.run if self.mounting is None else self.mounting
+
+    @property
+    def quantity(self) -> str:
+        """Its name without its run or mounting: `tool_ball.x`."""
+        return self.name.removeprefix(f"{'setup' if self.mounting is None else 'mounting'}.{self.owner}.")
 
     @property
     def initial(self) -> float:
@@ -53,7 +70,8 @@ class Parameter:
 
 
 def parameter_words(name: str) -> str:
-    """A parameter's name in a sentence: of set-up as `tool ball x of run nest1`, any other as it is."""
+    """A parameter's name in a sentence: of set-up as `tool ball x of run nest1` or `… of mounting A`, any other as it is."""
     kind, _, rest = name.partition(".")
-    run, _, quantity = rest.partition(".")
-    return f"{quantity.replace('_', ' ').replace('.', ' ')} of run {run}" if kind == "setup" and quantity else name
+    owner, _, quantity = rest.partition(".")
+    whose = {"setup": "run", "mounting": "mounting"}.get(kind)
+    return f"{quantity.replace('_', ' ').replace('.', ' ')} of {whose} {owner}" if whose and quantity else name

@@ -160,7 +160,7 @@ def _worth(
     there = space is not None and any(name in space.model.index for name in names)
     tool = _share(*space.squares(names)) if space is not None and there else None
     others = _confounded(identification, names)
-    shared = {p.name for p in identification.parameters if p.run is None}
+    shared = {p.name for p in identification.parameters if not p.of_setup}
     return Worth(
         names, shares, _share(*squares), tool, _certain(identification, names),
         confounded=tuple(name for name in others if name in shared),
@@ -213,7 +213,7 @@ class _Seen:
         line = model.linearise(run, values)
         rows = np.flatnonzero(kept.ravel())
         weights = np.broadcast_to(1.0 / sigma, kept.shape).ravel()[rows]
-        own = [i for i, column in enumerate(line.columns) if model.parameters[column].run == run.id]
+        own = [i for i, column in enumerate(line.columns) if model.parameters[column].of_setup]
         prior = np.array([model.parameters[line.columns[i]].sigma for i in own])
         slopes = line.jacobian.reshape(-1, len(line.columns))[rows][:, own] * weights[:, None] * prior
         left, size, _ = np.linalg.svd(slopes, full_matrices=False)
@@ -260,7 +260,7 @@ def _workspace(identification: Identification) -> _Seen | None:
     model = Model(campaign, effects)
     values = model.vector({name: value for name, value in identification.named.items() if name in model.index})
     (run,) = campaign.runs
-    if not any(p.run is None for p in model.parameters):
+    if all(p.of_setup for p in model.parameters):
         return None
     readings = model.predict_run(run, values)
     return _Seen.of(model, run, values, readings, np.ones_like(readings, dtype=bool), np.ones(readings.shape[1]))

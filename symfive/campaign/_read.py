@@ -13,7 +13,7 @@ import numpy as np
 from symfive.campaign._csv import read_columns, write_columns
 from symfive.errors import InputError, inside
 from symfive.files import shown
-from symfive.instruments import columns_of, instruments_of
+from symfive.instruments import check_mounting, columns_of, instruments_of
 from symfive.machine import Machine, machine_problems, read_machine, refuse_slips, unknown_keys, write_machine
 from symfive.outputs import output_folder, write_text
 from symfive.runs import OPTIONS, Campaign, Run, SetupSigma
@@ -27,7 +27,7 @@ _TOP = ("schema", "machine", "run", "name")
 _FIELDS = {f.name for f in fields(Run)} - {
     "options", "time", "commands", "readings", "instrument", "setup_sigma_um", "spindle",
 }  # fmt: skip
-_KEYS = (*sorted(_FIELDS), *OPTIONS, "instrument", "setup_sigma_um")
+_KEYS = (*sorted(_FIELDS), *OPTIONS, "instrument", "placement_id", "setup_sigma_um")
 
 
 def read_campaign(path: Path | str) -> Campaign:
@@ -120,6 +120,8 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
             raise file.error(f"the run has no {key}", *place, remedy=f"add {key} = …")
     names = table.pop("instrument")
     sigma = table.pop("setup_sigma_um", {})
+    if "placement_id" in table:  # its name before other mountings could be shared
+        table["mounting"] = {"placement": table.pop("placement_id"), **table.get("mounting", {})}
     if not isinstance(sigma, Mapping):
         raise file.error(
             "setup_sigma_um is not a table", *place, "setup_sigma_um", remedy="write { table_ball = 20.0 }"
@@ -142,6 +144,7 @@ def _draft(file: TomlFile, number: int, block: Any, machine: Machine) -> Run:
                 instrument.columns(draft, machine)
                 instrument.parameters(draft, machine)
                 instrument.constants(draft, machine)
+            check_mounting(draft, machine)
     except InputError:
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -189,6 +192,8 @@ def _run_table(run: Run) -> dict[str, Any]:
     known = {"tool_length": sigma.tool_length, "zero": sigma.zero}
     table["setup_sigma_um"] |= {key: value for key, value in known.items() if value is not None}
     table["setup_sigma_um"] |= dict(sigma.extra)
+    if run.mounting:
+        table["mounting"] = dict(run.mounting)
     return {**table, **dict(run.options)}
 
 

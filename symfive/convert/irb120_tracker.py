@@ -62,7 +62,7 @@ def irb120_tracker(folder: Path) -> Campaign:
             raise InputError(f"{len(readings)} readings stand against {len(joints)} joint rows", path=folder)
     turn, shift, reflectors = placement(forward(AXES, joints), tool)
     station = [*shift, *Rotation.from_matrix(turn).as_euler("XYZ", degrees=True)]
-    common = {"placement": [round(float(v), 3) for v in station], "placement_id": "station"}
+    common = {"placement": [round(float(v), 3) for v in station]}
     runs, notes = [], []
     for k, readings in enumerate((*tool, *base)):
         on_tool = k < len(tool)
@@ -90,6 +90,7 @@ def irb120_tracker(folder: Path) -> Campaign:
                 table_ball=(0.0, 0.0, 0.0) if on_tool else point,
                 noise_um=NOISE_MM,
                 setup_sigma_um=SetupSigma(table_ball=5000.0, tool_ball=5000.0),
+                mounting={"placement": "station"},
                 options={**common, **({} if on_tool else {"reflector_on": "workpiece"})},
             )
         )

@@ -76,7 +76,7 @@ class MovedRun:
         self.function: RowFunction = assemble(self.machine, run, effects, model.parameters, model.linear)
         _check(self.function, self.freed, [effect.id for effect in effects if effect.stage == "recording"])
         names = [*self.function.shared, *self.function.own]
-        self.index = np.array([model.index[model.full_name(run, name)] for name in names], dtype=np.int64)
+        self.index = np.array([model.index[run.full_name(name)] for name in names], dtype=np.int64)
         self.place = {name: i for i, name in enumerate(names)}
         self.values = {p.name: float(v) * p.scale for p, v in zip(model.parameters, vector, strict=True)}
         self.scale = {name: model.parameters[i].scale for name, i in zip(names, self.index, strict=True)}

@@ -29,7 +29,7 @@ def asked(posterior: Posterior, here: Expansion, verdict: Verdict) -> Discrimina
     if own.unidentified or not rivals:
         return None
     campaign = _shortened(here.fit.model.campaign)
-    shared = {p.name for p in here.fit.parameters if p.run is None}
+    shared = {p.name for p in here.fit.parameters if not p.of_setup}
     values = {name: value for name, value in here.fit.named.items() if name in shared}
     held = tuple(effect for effect in here.fit.model.added if effect.key != own.key)
     return next_test(
@@ -67,6 +67,6 @@ def _rivals(posterior: Posterior, verdict: Verdict) -> list[tuple[Effect, Mappin
         effects, values = linear_estimate(moments, subset, log_evidence(moments, subset))
         effect = next(e for e in effects if e.key == moments.terms[number].effect.key)
         model = Model(moments.fit.model.campaign, effects)
-        there = {p.name: values.get(p.name, p.initial) for p in model.parameters if p.run is None}
+        there = {p.name: values.get(p.name, p.initial) for p in model.parameters if not p.of_setup}
         found.append((replace(effect, spread=1.0), there, verdict.rivals.get(name, 0.0)))
     return found

@@ -225,7 +225,7 @@ def _disagreements(fit: Identification, grams: Mapping[str, _Gram]) -> tuple[lis
     for between, groups in partitions(fit.model.campaign).items():
         parts = {label: _total([grams[id] for id in ids], size) for label, ids in groups.items()}
         for i, parameter in enumerate(fit.parameters):
-            if parameter.run is None:
+            if not parameter.of_setup:
                 one = _one(fit, i, parts, inverse, a)
                 if one is not None:
                     log_p, values = one

@@ -129,17 +129,21 @@ def _square(model: Model, values: Array, which: Mapping[str, Rows], unit: str) -
 
 
 def _set_up(model: Model, known: Mapping[str, float], strange: Sequence[str]) -> dict[str, float]:
-    """Zeros, set-up errors and states at the start of some runs, fitted on their own readings; all else is known."""
+    """Zeros, set-up errors and states at the start of some runs, fitted on their own readings; all else is known, what these runs
+    share with others too."""
     campaign = model.campaign.select(*strange)
     part = Model(campaign, [e for e in model.added if any(map(e.applies, campaign.runs))])
     problem = Problem.of(part)
-    problem.free = np.array([p.run in strange for p in part.parameters])
+    others = [run for run in model.campaign.runs if run.id not in strange]
+    problem.free = np.array(
+        [p.of_setup and all(r.full_name(f"setup.{p.quantity}") != p.name for r in others) for p in part.parameters]
+    )
     values = part.vector({name: value for name, value in known.items() if name in part.index})
     if problem.free.any():
         values, _ = gauss_newton(problem, values, TOLERANCE)
         if problem.flag_outliers(problem.survey(values), values):
             values, _ = gauss_newton(problem, values, TOLERANCE)
-    return {p.name: float(v) for p, v in zip(part.parameters, values, strict=True) if p.run in strange}
+    return {p.name: float(v) for p, v in zip(part.parameters, values, strict=True) if p.of_setup}
 
 
 @one_thread

@@ -241,7 +241,7 @@ class Effect:
         known = 0 if run.dynamic and memory else 1
         if not known < unmoved(run.commands[axis]) < run.rows:
             return ()
-        name = f"setup.{run.id}.{self.started.removeprefix('setup.')}"
+        name = run.full_name(self.started)
         sigma = 3.0**-0.5  # of what is equally probable in -1…+1
         return (Parameter(name=name, unit="1", sigma=sigma, lower=-1.0, upper=1.0, kind="setup", run=run.id),)
 

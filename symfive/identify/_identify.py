@@ -14,6 +14,7 @@ from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import campaign_given
 from symfive.identify._ipopt import solve_with_ipopt
+from symfive.identify._mounted import mounting_notes
 from symfive.identify._result import Identification
 from symfive.identify._tension import tension_notes
 from symfive.identify._wiring import wiring_doubts
@@ -86,7 +87,8 @@ def identify(
         notes += [note] if note else []
     result = summarise(problem, values, converged, tuple(notes))
     held = [f"run {run} was held in memory as a whole: its rows depend on rows far away" for run in problem.held_whole]
-    return replace(result, notes=(*result.notes, *held, *(wiring_doubts(result) or tension_notes(result))))
+    doubts = wiring_doubts(result) or tension_notes(result)
+    return replace(result, notes=(*result.notes, *held, *doubts, *mounting_notes(result)))
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

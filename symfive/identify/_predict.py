@@ -61,7 +61,7 @@ def fitted_model(result: Identification) -> FittedModel:
     """The fitted model of an identification: all values and covariances except those of single runs."""
     from symfive.effects import baseline_effects
 
-    keep = [i for i, p in enumerate(result.parameters) if p.run is None]
+    keep = [i for i, p in enumerate(result.parameters) if not p.of_setup]
     names = tuple(result.parameters[i].name for i in keep)
     baseline = set(baseline_effects(result.model.machine))
     return FittedModel(
@@ -101,7 +101,7 @@ def predict(fitted: FittedModel | Identification | Path | str, campaign: Campaig
             values = result.values
             rms[run.id], kept[run.id] = result.rms_um, result.rms_kept.get(result.file_unit, 0.0)
             by_column[run.id] = _by_column(result)
-            setup[run.id] = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True) if p.run == run.id}
+            setup[run.id] = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True) if p.of_setup}
         predicted.append(_predicted(model, run, values))
     return Prediction(replace(campaign, runs=tuple(predicted)), rms, kept, by_column, setup)
 

@@ -51,7 +51,7 @@ def redundancies(machine: Machine | Path | str, *, poses: int = 400, seed: int =
         Run(
             id=f"ball-{i}", instrument=("tracker",), sampling="static", time=np.arange(poses, dtype=float), commands=commands,
             tool_ball=ball, noise_um=NOISE_UM * 1e-3, setup_sigma_um=exact,
-            options={"placement_sigma": (1e-9, 1e-9), "placement_id": "exact"},
+            options={"placement_sigma": (1e-9, 1e-9)}, mounting={"placement": "exact"},
         )
         for i, ball in enumerate([(0.0, 0.0, -100.0), (60.0, 0.0, -150.0), (0.0, 50.0, -250.0)])
     )  # fmt: skip
@@ -59,4 +59,4 @@ def redundancies(machine: Machine | Path | str, *, poses: int = 400, seed: int =
     problem = Problem.of(model)
     information = problem.information(problem.blocks(model.start, readings=False))
     found = confounded_combinations(information.matrix, model.parameters)
-    return tuple(c for c in found if not all(name.startswith("placement.") for name in c.names))
+    return tuple(c for c in found if any(model.parameters[model.index[name]].kind != "setup" for name in c.names))

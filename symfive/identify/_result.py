@@ -166,13 +166,16 @@ class Identification(OnScreen):
         machine = self.model.machine
         motions = {term.name: self.error_motion(term.name) for term in machine.error_motions}
         setup: dict[str, dict[str, Any]] = {run.id: {} for run in self.model.campaign.runs}
+        mountings: dict[str, dict[str, Any]] = {}
         shared = {}
         for i, p in enumerate(self.parameters):
             entry = {"value": float(self.values[i]), "std": float(self.std[i]), "unit": p.unit}
-            if p.run is None:
+            if not p.of_setup:
                 shared[p.name] = {**entry, "prior": p.sigma, "prior_mean": p.mean}
+            elif p.mounting is None:
+                setup[str(p.run)][p.quantity] = entry
             else:
-                setup[p.run][p.name.removeprefix(f"setup.{p.run}.")] = entry
+                mountings.setdefault(p.mounting, {})[p.quantity] = entry
         return {
             "schema": SCHEMA,
             "method": self.method,
@@ -188,6 +191,7 @@ class Identification(OnScreen):
                 for name, curve in motions.items()
             },
             "setup": setup,
+            "mountings": mountings,
             "rank": self.rank,
             "confounded": [list(c.names) for c in self.confounded if self._concerns_machine(c)],
             "confounded_setup": [list(c.names) for c in self.confounded if not self._concerns_machine(c)],
@@ -217,7 +221,7 @@ class Identification(OnScreen):
     def table(self, setup: bool = False) -> list[tuple[str, float, float, str, float]]:
         """Rows (name, value, std, unit, prior 1σ), set-up parameters only if asked for."""
         rows = zip(self.parameters, self.values, self.std, strict=True)
-        return [(p.name, float(v), float(s), p.unit, p.sigma) for p, v, s in rows if setup or p.run is None]
+        return [(p.name, float(v), float(s), p.unit, p.sigma) for p, v, s in rows if setup or not p.of_setup]
 
     def __str__(self) -> str:
         table = self.table()

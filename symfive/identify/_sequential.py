@@ -45,14 +45,14 @@ def identify_sequentially(campaign: Campaign | Path | str, stages: Sequence[Stag
     for stage in stages:
         part = Model(campaign.select(*stage.runs))
         wanted = _expand(part, stage.parameters)
-        shared = {p.name: p.mean for p in part.parameters if p.run is None and p.name not in wanted}
+        shared = {p.name: p.mean for p in part.parameters if not p.of_setup and p.name not in wanted}
         fixed = {name: found.get(name, value) for name, value in shared.items()}
         result = identify(part, fixed=fixed, **options)
         for i, p in enumerate(result.parameters):
-            if p.name in wanted or p.run is not None:
+            if p.name in wanted or p.of_setup:
                 found[p.name] = float(result.values[i])
                 variances[model.index[p.name]] = result.covariance[i, i]
-    missing = [p.name for p in model.parameters if p.run is None and p.name not in found]
+    missing = [p.name for p in model.parameters if not p.of_setup and p.name not in found]
     values = model.vector(found)
     summary = summarise(Problem.of(model), values, True, method="sequential")
     notes = (f"no stage estimates {', '.join(missing)}: they stand at their prior mean",) if missing else ()

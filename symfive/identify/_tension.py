@@ -43,8 +43,8 @@ def tensions(fit: Identification) -> tuple[Tension, ...]:
     found = []
     sigma, mean = fit.model.prior_sigma, fit.model.prior_mean
     free = [i for i, std in enumerate(fit.std) if std > 0.0]
-    kinds = {"machine": [i for i in free if fit.parameters[i].run is None],
-             "set-up": [i for i in free if fit.parameters[i].run is not None]}  # fmt: skip
+    kinds = {"machine": [i for i in free if not fit.parameters[i].of_setup],
+             "set-up": [i for i in free if fit.parameters[i].of_setup]}  # fmt: skip
     for kind, places in kinds.items():
         if not places:
             continue

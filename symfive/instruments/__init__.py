@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from symfive.runs import Run
 
 __all__ = [
-    "INSTRUMENTS", "ZERO_SIGMA_UM", "Column", "Instrument", "columns_of", "fitted_parts", "has_clock_of_its_own",
-    "instruments_of", "setup_parameter", "setup_vector", "touches_of", "vector_constants",
+    "INSTRUMENTS", "ZERO_SIGMA_UM", "Column", "Instrument", "check_mounting", "columns_of", "fitted_parts",
+    "has_clock_of_its_own", "instruments_of", "setup_parameter", "setup_vector", "touches_of", "vector_constants",
 ]  # fmt: skip
 
 _ALL = (
@@ -67,6 +67,16 @@ def fitted_parts(run: Run, machine: Machine) -> list[tuple[str, slice]]:
         if not (instrument.name == Encoder.name and run.options.get("motion_from") == Encoder.name):
             found.append((instrument.name, part))
     return found
+
+
+def check_mounting(run: Run, machine: Machine) -> None:
+    """Raise `InputError` where a run names a mounting of something that its instruments have no error of."""
+    own = {p.quantity.partition(".")[0] for i in instruments_of(run) for p in i.parameters(run, machine) if p.of_setup}
+    for quantity in run.mounting:
+        if quantity not in own and not hasattr(run.setup_sigma_um, quantity):
+            problem = f"run {run.id}: mounting names {quantity}, of which its instruments have no error"
+            remedy = f"name one of {', '.join(sorted(own))}"
+            raise InputError(problem, remedy=remedy, keys=("mounting", quantity))
 
 
 def has_clock_of_its_own(run: Run) -> bool:

@@ -89,8 +89,12 @@ class BallInstrument(Instrument):
 
 
 def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: Any) -> Parameter:
-    """A run's own nuisance `setup.RUN.name`."""
-    return Parameter(name=f"setup.{run.id}.{name}", unit=unit, sigma=sigma, kind="setup", run=run.id, **more)
+    """A nuisance `setup.RUN.name` of a run, or `mounting.NAME.name` of the runs that share the mounting."""
+    mounting = run.mounting.get(name.partition(".")[0])
+    return Parameter(
+        name=run.full_name(f"setup.{name}"), unit=unit, sigma=sigma, kind="setup",
+        run=run.id if mounting is None else None, mounting=mounting, **more,
+    )  # fmt: skip
 
 
 def setup_vector(run: Run, name: str, sigma: float | tuple[float, float, float]) -> tuple[Parameter, ...]:

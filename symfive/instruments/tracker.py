@@ -20,8 +20,8 @@ class Tracker(Instrument):
     """`R·d + t` in mm, R = Rx(a) Ry(b) Rz(c); the placement (t, R) is unknown.
 
     The run gives the rough `placement = [x, y, z, a, b, c]` (mm, degree) about which the six unknowns are estimated
-    with 1σ of `placement_sigma = [mm, degree]` (default [1000, 10]). Where several runs share one placement they
-    name it: `placement_id`.
+    with 1σ of `placement_sigma = [mm, degree]` (default [1000, 10]). Runs that share one placement say so:
+    `mounting = { placement = "first" }`.
 
     A reflector on the tool stands at `tool_ball`. With `reflector_on = "workpiece"` it stands at `table_ball` on the
     workpiece side (on the base of an arm) and d is that point: it watches the instrument and the base, not the axes.
@@ -44,15 +44,12 @@ class Tracker(Instrument):
 
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         linear, angular = run.options.get("placement_sigma", (1000.0, 10.0))
-        shared = run.options.get("placement_id")
-        found = []
-        for i, letter in enumerate(LETTERS):
-            unit, sigma = ("mm", linear) if i < 3 else ("deg", angular)
-            if shared:
-                found.append(Parameter(name=f"placement.{shared}.{letter}", unit=unit, sigma=sigma, kind="setup"))
-            else:
-                found.append(setup_parameter(run, f"placement.{letter}", unit, sigma))
-        return (*setup_vector(run, *self._reflector(run)), *found)
+        each = [("mm", linear)] * 3 + [("deg", angular)] * 3
+        placement = (
+            setup_parameter(run, f"placement.{letter}", unit, sigma)
+            for letter, (unit, sigma) in zip(LETTERS, each, strict=True)
+        )
+        return (*setup_vector(run, *self._reflector(run)), *placement)
 
     @staticmethod
     def _reflector(run: Run) -> tuple[str, float]:
@@ -73,9 +70,7 @@ class Tracker(Instrument):
 
         from symfive.kinematics import angles
 
-        shared = run.options.get("placement_id")
-        prefix = f"placement.{shared}." if shared else "setup.placement."
-        p = [row.constant(f"placement.{c}") + row.parameter(prefix + c) for c in LETTERS]
+        p = [row.constant(f"placement.{c}") + row.parameter(f"setup.placement.{c}") for c in LETTERS]
         point = row.ball if self._reflector(run)[0] == "tool_ball" else row.table_ball
         position = angles(p[3], p[4], p[5]) @ point + ca.vertcat(p[0], p[1], p[2])
         return list(ca.vertsplit(position))

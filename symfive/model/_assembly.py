@@ -87,8 +87,8 @@ def assembled(
     machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool
 ) -> RowFunction:
     """`assemble`, once for all runs and models of a machine that ask for the same: a search tries each effect many times."""
-    own = tuple((p.name.removeprefix(f"setup.{run.id}."), p.scale) for p in parameters if p.run == run.id)
-    shared = tuple((p.name, p.scale) for p in parameters if p.run is None)
+    own = tuple((p.quantity, p.scale) for p in parameters if _belongs(p, run))
+    shared = tuple((p.name, p.scale) for p in parameters if not p.of_setup)
     options = repr(sorted(run.options.items(), key=lambda item: item[0]))
     turned = run.spindle is not None
     key = (id(machine), run.instrument, run.dynamic, turned, options, own, shared, tuple(effects), linear)
@@ -112,16 +112,15 @@ def assemble(
     signals: list[Signal] = [Position(name) for name in machine.axis_names]
     wanted = [s for i in instruments for s in i.signals(run, machine)] + [s for e in effects for s in e.signals()]
     signals += [signal for signal in dict.fromkeys(wanted) if signal not in signals]
-    prefix = f"setup.{run.id}."
-    own = tuple("setup." + p.name.removeprefix(prefix) for p in parameters if p.run == run.id)
-    shared = tuple(p.name for p in parameters if p.run is None)
+    common, mine = [p for p in parameters if not p.of_setup], [p for p in parameters if _belongs(p, run)]
+    shared, own = tuple(p.name for p in common), tuple(f"setup.{p.quantity}" for p in mine)
     constants: dict[str, float] = {}
     for instrument in instruments:
         constants |= instrument.constants(run, machine)
 
     z = ca.SX.sym("inputs", 2 + len(signals))
     p, s, k = ca.SX.sym("shared", len(shared)), ca.SX.sym("own", len(own)), ca.SX.sym("constants", len(constants))
-    scales = [q.scale for mine in (None, run.id) for q in parameters if q.run == mine]
+    scales = [q.scale for q in (*common, *mine)]
     scaled = ca.vertcat(p, s) * ca.DM(np.reshape(scales, (-1, 1)))
     values = dict(zip((*shared, *own), ca.vertsplit(scaled), strict=True))
     clock, time, *given = ca.vertsplit(z)
@@ -153,6 +152,11 @@ def assemble(
     slopes.append(ca.densify(ca.jacobian(readings, z[list(moving)])) if moving else ca.SX(len(columns), 0))
     function = ca.Function("row_slopes", arguments, [readings, *slopes])
     return RowFunction(columns, tuple(signals), shared, own, tuple(constants), moving, value, function)
+
+
+def _belongs(parameter: Parameter, run: Run) -> bool:
+    """Whether a parameter is one of a run's set-up, its own or shared with other runs."""
+    return parameter.of_setup and run.full_name(f"setup.{parameter.quantity}") == parameter.name
 
 
 def sensed_columns(run: Run, machine: Machine) -> tuple[int, ...]:

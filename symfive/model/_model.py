@@ -12,7 +12,7 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.effects import Effect, baseline_effects
 from symfive.errors import EvaluationError, InputError
-from symfive.instruments import Column, has_clock_of_its_own, instruments_of, setup_parameter
+from symfive.instruments import Column, check_mounting, has_clock_of_its_own, instruments_of, setup_parameter
 from symfive.model._assembly import RowFunction, assembled, machine_parameters, sensed_columns
 from symfive.motion import GAINS, RunMotion, Series, Signal
 from symfive.parameters import Parameter
@@ -81,6 +81,7 @@ class Model(OnScreen):
                 found |= {p.name: p for p in effect.starts(run) if effect.applies(run)}
             for instrument in instruments_of(run):
                 instrument.check(run, self.machine)
+                check_mounting(run, self.machine)
                 found |= {p.name: p for p in instrument.parameters(run, self.machine) if p.name not in found}
             if run.clock_sigma_ms and has_clock_of_its_own(run):
                 clock = setup_parameter(run, CLOCK, "ms", run.clock_sigma_ms)
@@ -190,7 +191,7 @@ class Model(OnScreen):
     def _linearised(self, run: Run, vector: Array) -> tuple[list[str], Array]:
         """The parameters that enter a run, and its readings and their slopes in these (N, ny, 1 + k)."""
         function = self._function(run)
-        names = [*function.shared, *(self.full_name(run, name) for name in function.own)]
+        names = [*function.shared, *(run.full_name(name) for name in function.own)]
         together, own = self._recorded(run, self._evaluated(run, vector, slopes=True), vector)
         for name, slopes in own.items():
             together[:, :, 1 + names.index(name)] += self.parameters[self.index[name]].scale * slopes
@@ -199,7 +200,7 @@ class Model(OnScreen):
     def _evaluated(self, run: Run, vector: Array, *, slopes: bool) -> Array:
         """Readings (N, ny, 1) before their recorder, with slopes (N, ny, 1 + k), every column on its own clock."""
         function, arguments = self._arguments(run, vector)
-        place = {self.full_name(run, name): 1 + i for i, name in enumerate((*function.shared, *function.own))}
+        place = {run.full_name(name): 1 + i for i, name in enumerate((*function.shared, *function.own))}
         parts = []
         for columns, inputs, series in self._clocks(run, function, vector, slopes=slopes):
             table = function.evaluate(inputs, *arguments, slopes=slopes)
@@ -207,7 +208,7 @@ class Model(OnScreen):
                 table, by_input = np.split(table, [1 + len(place)], axis=2)
                 for i, entry in enumerate(function.moving):
                     for name, slope in series[entry - 2].tangents.items():
-                        full = self.full_name(run, name)
+                        full = run.full_name(name)
                         scale = self.parameters[self.index[full]].scale
                         table[:, :, place[full]] += by_input[:, :, i] * (scale * slope)[:, None]
             parts.append((columns, table))
@@ -247,10 +248,6 @@ class Model(OnScreen):
     def _run(self, run: Run | str) -> Run:
         return self.campaign.run(run) if isinstance(run, str) else run
 
-    def full_name(self, run: Run, name: str) -> str:
-        """The name of a parameter that a run's function calls `setup.…`, or that of one of the whole campaign."""
-        return f"setup.{run.id}.{name.removeprefix('setup.')}" if name.startswith("setup.") else name
-
     def _function(self, run: Run) -> RowFunction:
         found = self._functions.get(run)
         if found is None:
@@ -264,7 +261,7 @@ class Model(OnScreen):
         for instrument in instruments_of(run):
             constants |= instrument.constants(run, self.machine)
         shared = vector[[self.index[name] for name in function.shared]]
-        own = vector[[self.index[self.full_name(run, name)] for name in function.own]]
+        own = vector[[self.index[run.full_name(name)] for name in function.own]]
         return function, (shared, own, np.array([constants[name] for name in function.constants]))
 
     def _clocks(self, run: Run, function: RowFunction, vector: Array, *, slopes: bool = True) -> list[_Clock]:
@@ -272,9 +269,7 @@ class Model(OnScreen):
         changes."""
         wanted = {*self._freed.values(), *(name for signal in function.inputs for name in signal.parameters)}
         wanted.add(f"setup.{CLOCK}")
-        active = {
-            name: self.index[full] for name in sorted(wanted) if (full := self.full_name(run, name)) in self.index
-        }
+        active = {name: self.index[full] for name in sorted(wanted) if (full := run.full_name(name)) in self.index}
         stamp = tuple(float(vector[i]) for i in active.values())
         cached = self._inputs.get(run)
         if cached is not None and cached[0] == stamp and cached[1] >= slopes:

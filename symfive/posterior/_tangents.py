@@ -107,7 +107,7 @@ def probes(channels: Iterable[Channel]) -> list[Effect]:
 def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Array:
     """How the readings of a run answer to a channel (N, ny, parts), per µm or µrad; of the table's ball, as to its set-up."""
     if channel[0] == BALL:
-        stems = tuple(f"setup.{run.id}.{name}." for name in ("table_ball", "zero"))
+        stems = tuple(run.full_name(f"setup.{name}.") for name in ("table_ball", "zero"))
         wanted = [i for i in line.columns if model.parameters[i].name.startswith(stems)]
     else:
         wanted = [model.index[p.name] for p in _probe(channel).parameters(model.campaign)]

@@ -77,15 +77,16 @@ def _layout(side: float, margin: float) -> tuple[Figure, Axes, Axes]:
 
 def _groups(identification: Identification) -> list[Group]:
     machine: Group = ("", [])
-    runs: dict[str, Group] = {run.id: (run.id, []) for run in identification.model.campaign.runs}
+    owners: dict[str, Group] = {}
     for place, parameter in enumerate(identification.parameters):
         if identification.std[place] <= 0.0:
             continue
-        if parameter.run is None:
+        if not parameter.of_setup:
             machine[1].append((parameter.name, place))
         else:
-            runs[parameter.run][1].append((parameter.name.removeprefix(f"setup.{parameter.run}."), place))
-    return [group for group in (machine, *runs.values()) if group[1]]
+            heading = str(parameter.run) if parameter.mounting is None else f"mounting {parameter.mounting}"
+            owners.setdefault(heading, (heading, []))[1].append((parameter.quantity, place))
+    return [group for group in (machine, *owners.values()) if group[1]]
 
 
 def _condensed(correlation: Array, groups: list[Group]) -> tuple[Array, list[str], list[int]]:

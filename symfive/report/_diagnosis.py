@@ -175,7 +175,7 @@ def _worth(diagnosis: Diagnosis, findings: Sequence[Finding]) -> Markup:
 
 def _quality(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
     after = diagnosis.after
-    has_setup = any(p.run is not None for p in after.parameters)
+    has_setup = any(p.of_setup for p in after.parameters)
     return {
         "outliers": outlier_table(after) if after.outliers else "",
         "gaps": gap_table(after.model.campaign),

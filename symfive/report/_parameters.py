@@ -29,7 +29,7 @@ def parameters_chart(identification: Identification, *, setup: bool = False) -> 
     """
     units: dict[str, list[Parameter]] = {}
     for parameter in identification.parameters:
-        if (parameter.run is not None) == setup:
+        if parameter.of_setup == setup:
             units.setdefault(parameter.unit, []).append(parameter)
     if not units:
         what = "set-up parameter" if setup else "parameter of the machine"

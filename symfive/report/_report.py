@@ -50,10 +50,10 @@ def identification_report(
         verdict=verdict(identification), quality=_quality(identification),
         notes=(*identification.notes, *identification.model.campaign.notes),
         confounded=sentences(confounded_machine(identification)), confounded_setup=sentences(setup, 200), setup_count=len(setup),
-        parameters=parameter_table(identification) if any(p.run is None for p in parameters) else "",
+        parameters=parameter_table(identification) if any(not p.of_setup for p in parameters) else "",
         worth=worth_section(identification), standards=standards_section(identification), noise=noise_table(identification),
         outliers=outlier_table(identification) if identification.outliers else "",
-        setup=setup_table(identification) if any(p.run is not None for p in parameters) else "",
+        setup=setup_table(identification) if any(p.of_setup for p in parameters) else "",
         poses=Markup(poses_figure(identification.model.campaign)),
         figures=_figures(identification, None if figures is None else Path(figures)),
     )  # fmt: skip
@@ -63,7 +63,7 @@ def identification_report(
 
 def _facts(identification: Identification) -> list[str]:
     campaign, machine = identification.model.campaign, identification.model.machine
-    shared = sum(p.run is None for p in identification.parameters)
+    shared = sum(not p.of_setup for p in identification.parameters)
     effects = ", ".join(effect.key for effect in identification.model.effects)
     return [
         f"Campaign {campaign.name}",

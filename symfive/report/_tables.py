@@ -48,7 +48,7 @@ def parameter_table(identification: Identification) -> Markup:
     rows: list[list[str | Cell]] = []
     classes = []
     machine = identification.model.machine
-    for p in (q for q in identification.parameters if q.run is None):
+    for p in (q for q in identification.parameters if not q.of_setup):
         value, std = identification[p.name], identification.uncertainty(p.name)
         low, high = identification.interval(p.name)
         known = determined(identification, p)
@@ -116,15 +116,16 @@ def setup_table(identification: Identification) -> Markup:
     """One row per run, one column per set-up quantity: value ± 1σ."""
     entries: dict[str, dict[str, Cell]] = {}
     units: dict[str, str] = {}
-    for p in (q for q in identification.parameters if q.run is not None):
-        quantity = p.name.removeprefix(f"setup.{p.run}.")
+    for p in (q for q in identification.parameters if q.of_setup):
         value, std = identification[p.name], identification.uncertainty(p.name)
         known = "" if determined(identification, p) else " *"
         said = f"{rounded(value, std, p.unit)} ± {rounded(std, std, p.unit)}{known}"
-        entries.setdefault(str(p.run), {})[quantity] = Cell(said, value)
-        units.setdefault(quantity, unit_words(p.unit))
+        owner = str(p.run) if p.mounting is None else f"mounting {p.mounting}"
+        entries.setdefault(owner, {})[p.quantity] = Cell(said, value)
+        units.setdefault(p.quantity, unit_words(p.unit))
     rows: list[list[str | Cell]] = []
     for run, found in entries.items():
         rows.append([run, *(found.get(quantity, Cell("–", math.nan)) for quantity in units)])
-    heads = ["run", *(f"{quantity.replace('_', ' ').replace('.', ' ')} / {unit}" for quantity, unit in units.items())]
+    first = "run or mounting" if any(p.mounting for p in identification.parameters) else "run"
+    heads = [first, *(f"{quantity.replace('_', ' ').replace('.', ' ')} / {unit}" for quantity, unit in units.items())]
     return table("Set-up of each run: value ± 1σ (* no better than the prior)", heads, rows)

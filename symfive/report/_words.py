@@ -78,7 +78,7 @@ def _noise(identification: Identification) -> list[str]:
 
 
 def _knowledge(identification: Identification) -> str:
-    shared = [p for p in identification.parameters if p.run is None]
+    shared = [p for p in identification.parameters if not p.of_setup]
     known = sum(determined(identification, p) for p in shared)
     if not shared:
         return "The model has set-up parameters only."
@@ -105,7 +105,7 @@ def confounded_setup(identification: Identification) -> list[str]:
 
 
 def _concerns_machine(identification: Identification, names: tuple[str, ...]) -> bool:
-    return any(identification.parameters[identification.model.index[name]].run is None for name in names)
+    return any(not identification.parameters[identification.model.index[name]].of_setup for name in names)
 
 
 def meaning(parameter: Parameter, machine: Machine) -> str:

@@ -51,6 +51,7 @@ class Campaign(OnScreen):
             if file_identity(run.file) in files:
                 problem = f'two runs have the file "{run.file}"'
                 raise InputError(problem, remedy="give every run its own CSV", keys=("run", number, "file"))
+            self._check_mountings(run, number)
             ids.add(run.id)
             files.add(file_identity(run.file))
             if set(run.commands) != set(self.machine.axis_names):
@@ -59,6 +60,16 @@ class Campaign(OnScreen):
                 raise InputError(
                     problem, remedy=f"command each of {', '.join(self.machine.axis_names)}", keys=("run", number)
                 )
+
+    def _check_mountings(self, run: Run, number: int) -> None:
+        """What stays mounted stands in the same place, as well known."""
+        for quantity, name in run.mounting.items():
+            first = next(r for r in self.runs if r.mounting.get(quantity) == name)
+            stated = [(getattr(r, quantity, None), getattr(r.setup_sigma_um, quantity, None)) for r in (first, run)]
+            if stated[0] != stated[1]:
+                problem = f'run {run.id}: {quantity} of mounting "{name}" is not that of run {first.id}'
+                remedy = f"state the same {quantity} and setup_sigma_um in both, or give them different mountings"
+                raise InputError(problem, remedy=remedy, keys=("run", number, "mounting", quantity))
 
     def __str__(self) -> str:
         count = sum(run.measured for run in self.runs)
@@ -105,11 +116,18 @@ class Campaign(OnScreen):
         return replace(self, machine=machine)
 
     def joined(self, other: Campaign, prefix: str = "") -> Campaign:
-        """This campaign and another one on the same machine; `prefix` keeps the ids of the second apart."""
+        """This campaign and another one on the same machine; `prefix` keeps the ids and mountings of the second
+        apart."""
         if other.machine.structure != self.machine.structure:
             raise InputError(
                 f'the campaigns are of machines "{self.machine.structure.code}" and "{other.machine.structure.code}"',
                 remedy="join campaigns of one machine only",
             )
-        runs = tuple(replace(run, id=prefix + run.id, file=f"{prefix}{run.file}") for run in other.runs)
+        runs = tuple(
+            replace(
+                run, id=prefix + run.id, file=f"{prefix}{run.file}",
+                mounting={quantity: prefix + name for quantity, name in run.mounting.items()},
+            )
+            for run in other.runs
+        )  # fmt: skip
         return replace(self, runs=self.runs + runs, notes=self.notes + other.notes)

@@ -65,7 +65,6 @@ OPTIONS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "low_pass_hz": (_positive, "a number above zero"),
     "motion_from": (_text, '"encoder"'),
     "placement": (_numbers(6), "[x, y, z, a, b, c]"),
-    "placement_id": (_text, '"first"'),
     "placement_sigma": (_numbers(2), "[mm, degree]"),
     "reflector_on": (_text, '"workpiece"'),
     "sensors": (_sensors, "[{ direction = [1.0, 0.0, 0.0], position = [150.0, 0.0, 0.0] }]"),

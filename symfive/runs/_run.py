@@ -30,6 +30,7 @@ _RESERVED = ("campaign.toml", "machine.toml")
 LONG = 50_000
 """Rows from which the interval of a run is taken."""
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ +-]*\Z")
+_MOUNTING = re.compile(r"[A-Za-z0-9][A-Za-z0-9_ +-]*\Z")
 
 
 def _frozen_array(values: Any) -> Array:
@@ -101,9 +102,10 @@ class Run(OnScreen):
     was not: then `time` only orders the rows of a static run, and nothing is said over time. `table_ball` and `tool_ball` mm in
     the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one
     reading, one number or one per instrument; `spindle` (N,) degree by which the spindle was turned at each row of a static run,
-    the tool ball's error with it (None: it stays as it is); `pieces` the stretches of a longer recording that its rows are, in
-    order (none: the rows follow each other, but for some that the recorder lost). `clock_sigma_ms`: prior 1σ of the instrument's
-    clock against the control's in this recording, ms; 0, they are one.
+    the tool ball's error with it (None: it stays as it is); `mounting` quantity of the set-up → name of its mounting: runs with
+    the same name share its error (`tool_ball`: the ball stayed in the spindle); `pieces` the stretches of a longer recording that
+    its rows are, in order (none: the rows follow each other, but for some that the recorder lost). `clock_sigma_ms`: prior 1σ of
+    the instrument's clock against the control's in this recording, ms; 0, they are one.
     """
 
     id: str
@@ -124,6 +126,7 @@ class Run(OnScreen):
     noise_um: float | Mapping[str, float] = 0.3
     setup_sigma_um: SetupSigma = field(default_factory=SetupSigma)
     spindle: Array | None = None
+    mounting: Mapping[str, str] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     pieces: tuple[Piece, ...] = ()
 
@@ -138,6 +141,8 @@ class Run(OnScreen):
         put(self, "commands", freeze({k: _frozen_array(v) for k, v in self.commands.items()}))
         put(self, "readings", freeze({k: _frozen_array(v) for k, v in self.readings.items()}))
         put(self, "options", freeze(self.options))
+        self._check_mounting(owner)
+        put(self, "mounting", freeze(self.mounting))
         put(self, "spindle", None if self.spindle is None else _frozen_array(self.spindle))
         one_of(owner, "sampling", self.sampling, ("static", "dynamic"))
         one_of(owner, "clock", self.clock, ("recorded", "none"))
@@ -168,6 +173,15 @@ class Run(OnScreen):
         if self.pieces and sum(piece.rows for piece in self.pieces) != self.rows:
             raise ValueError(f"{owner}: its pieces have other rows")
         self._check_geometry(owner)
+
+    def _check_mounting(self, owner: str) -> None:
+        if not isinstance(self.mounting, Mapping):
+            problem = f"{owner}: mounting = {shown(self.mounting)} is not a table"
+            raise InputError(problem, remedy='write mounting = { tool_ball = "1" }', keys=("mounting",))
+        for quantity, name in self.mounting.items():
+            if not isinstance(name, str) or not _MOUNTING.match(name) or len(name) > 100:
+                problem = f"{owner}: mounting {quantity} = {shown(name)} is not a plain name"
+                raise InputError(problem, remedy="use letters, digits, - and _", keys=("mounting", quantity))
 
     def _check_geometry(self, owner: str) -> None:
         for name in ("table_ball", "tool_ball"):
@@ -226,6 +240,15 @@ class Run(OnScreen):
         if isinstance(self.noise_um, (int, float)):
             return float(self.noise_um)
         return float(self.noise_um.get(instrument, 1.0))
+
+    def full_name(self, name: str) -> str:
+        """The parameter that the run calls `setup.…`: `setup.RUN.…`, or `mounting.NAME.…` where it shares the mounting. All
+        others keep their name."""
+        kind, _, quantity = name.partition(".")
+        if kind != "setup":
+            return name
+        mounting = self.mounting.get(quantity.partition(".")[0])
+        return f"setup.{self.id}.{quantity}" if mounting is None else f"mounting.{mounting}.{quantity}"
 
     @cached_property
     def steps(self) -> Indices:

@@ -27,6 +27,7 @@ RUN_KEYS = (
     "v",
     "noise_um",
     "setup_sigma_um",
+    "mounting",
     "lobing_sigma_um",
     "touches",
     "touch_frame",

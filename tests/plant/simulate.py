@@ -164,9 +164,11 @@ def simulate_run(
 
     `run` holds the keys of ``[[run]]`` plus ``t_s`` (N,), ``command`` {axis: (N,) mm or degree} and
     optionally
-    the true ``setup_um``.  `oversample` instants per row (chosen by the effects when None).
+    the true ``setup_um`` and ``mounting``.  `oversample` instants per row (chosen by the effects when None).
     """
     setup = draw_setup(run, generator(seed, run["id"], 1))
+    for quantity, name in run.get("mounting", {}).items():  # the same in all runs that share it
+        setup[quantity] = draw_setup(run, generator(seed, f"mounting {name}", 1))[quantity]
     dynamic = run["sampling"] == "dynamic"
     if oversample is None:
         oversample = 5 if dynamic and any(e["effect"] in catalogue.FINE for e in effects) else 1

@@ -1,0 +1,117 @@
+"""What stayed mounted from run to run, by the evidence of the readings.
+
+A campaign states set-up errors run by run. If a ball stayed, its errors in these runs are one number, and taking them for many
+averages what is not independent. At the solution v of a fit the likelihood is exp(bᵀ(θ - v) - ½(θ - v)ᵀG(θ - v)), b = P(v - m),
+with the prior N(m, P⁻¹); both models, θ free and θ = Tφ with equal errors, have Gaussian integrals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symfive.arrays import Array, Indices
+from symfive.identify._result import Identification
+from symfive.numbers import with_unit
+from symfive.runs import Campaign
+
+__all__ = ["mounting_notes"]
+
+QUANTITIES = {"tool_ball": "tool ball", "table_ball": "table ball", "length": "bar"}
+CERTAIN = float(np.log(0.95 / 0.05))
+"""Log odds from which it is said, even odds before."""
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Runs (their ids) that state the same of a `quantity` and not how it was mounted."""
+
+    quantity: str
+    runs: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        runs = self.runs if len(self.runs) < 5 else (self.runs[0], "…", self.runs[-1])
+        return f"the {QUANTITIES[self.quantity]} in runs {', '.join(runs)}"
+
+
+class _Comparison:
+    """A fit whose set-up errors may be shared; parameters in units of their prior 1σ."""
+
+    def __init__(self, fit: Identification) -> None:
+        self._model, self._free = fit.model, np.flatnonzero(fit.std > 0.0)
+        sigma = fit.model.prior_sigma[self._free]
+        matrix = fit.problem().information_at(fit.values).matrix
+        self._gram = matrix[np.ix_(self._free, self._free)] * np.outer(sigma, sigma)
+        self._away = (fit.values - fit.model.prior_mean)[self._free] / sigma
+        self._apart = self._gram + np.eye(len(self._free))
+
+    def log_odds(self, group: _Group) -> float:
+        """Log evidence of one error for the group, less that of one for each run."""
+        merge, _ = self._merged([group])
+        gram, away, size = self._gram, self._away, np.eye(merge.shape[1])
+        middle = merge.T @ away / merge.sum(axis=0)
+        step = merge @ middle - away
+        joined = merge.T @ gram @ merge + size
+        rest = merge.T @ (away - gram @ step) - middle
+        one = 2.0 * away @ step - step @ gram @ step - middle @ middle + rest @ np.linalg.solve(joined, rest)
+        return 0.5 * float(one + away @ away - _log_det(joined) + _log_det(self._apart))
+
+    def times_sigma(self, groups: Sequence[_Group]) -> tuple[str, float]:
+        """The parameter of the machine whose 1σ grows most if the groups have one error each, and by which factor."""
+        merge, place = self._merged(groups)
+        after = np.diag(np.linalg.inv(merge.T @ self._gram @ merge + np.eye(merge.shape[1])))[place]
+        ratio = np.sqrt(after / np.diag(np.linalg.inv(self._apart)))
+        names = [self._model.parameters[i] for i in self._free]
+        found = [(p.name, float(r)) for p, r in zip(names, ratio, strict=True) if not p.of_setup]
+        return max(found, key=lambda entry: entry[1], default=("", 1.0))
+
+    def _merged(self, groups: Sequence[_Group]) -> tuple[Array, Indices]:
+        """T (k, q) from shared errors to all, and where in the shared ones each stands (k,)."""
+        first = np.arange(len(self._model.parameters))
+        for group in groups:
+            for i, p in enumerate(self._model.parameters):
+                if p.run in group.runs and p.quantity.partition(".")[0] == group.quantity:
+                    first[i] = self._model.index[f"setup.{group.runs[0]}.{p.quantity}"]
+        shared, place = np.unique(first[self._free], return_inverse=True)
+        return np.eye(len(shared))[place], place
+
+
+def mounting_notes(fit: Identification) -> tuple[str, ...]:
+    """Said where the readings show that something stayed mounted, and 1σ of an error of the machine is then another one."""
+    alike = _alike(fit.model.campaign)
+    if not alike:
+        return ()
+    comparison = _Comparison(fit)
+    groups = [group for group in alike if comparison.log_odds(group) > CERTAIN]
+    if not groups:
+        return ()
+    name, factor = comparison.times_sigma(groups)
+    unit, std = fit.parameters[fit.model.index[name]].unit if name else "", fit.uncertainty(name) if name else 0.0
+    before, after = with_unit(std, unit), with_unit(std * factor, unit)
+    if before == after:
+        return ()
+    stayed = " and ".join(group.words for group in groups)
+    return (
+        f"the readings show that {stayed} stayed mounted; 1σ of {name} is then {after}, not {before}: write the same name into "
+        f'these runs of campaign.toml, as mounting = {{ {groups[0].quantity} = "1" }}',
+    )
+
+
+def _alike(campaign: Campaign) -> list[_Group]:
+    found = []
+    for quantity in QUANTITIES:
+        groups: dict[object, list[str]] = {}
+        for run in campaign.runs:
+            if quantity not in run.mounting and getattr(run, quantity) is not None:
+                sigma = run.setup_sigma_um
+                along = sigma.tool_length if quantity == "tool_ball" else None
+                groups.setdefault((getattr(run, quantity), getattr(sigma, quantity), along), []).append(run.id)
+        found += [_Group(quantity, tuple(ids)) for ids in groups.values() if len(ids) > 1]
+    return found
+
+
+def _log_det(matrix: Array) -> float:
+    return float(np.linalg.slogdet(matrix)[1])
