@@ -14,6 +14,7 @@ from plant.machines import static_table
 from plant.paths import r_test
 
 from symfive.campaign import Campaign, read_campaign, write_campaign
+from symfive.design import assess, plan
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.identify._mounted import CERTAIN, _Comparison, _Group
@@ -135,6 +136,21 @@ def test_the_odds_that_a_ball_stayed_are_those_of_the_readings(tmp_path: Path) -
         found = _Comparison(fit).log_odds(_Group("tool_ball", tuple(run.id for run in runs.runs)))
         assert found == pytest.approx(densities[1] - densities[0], rel=0.01)
         assert (found > CERTAIN) == stayed
+
+
+def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) -> None:
+    made = plan("table-bc", instrument="r_test", points=16, setups=2, starts=1, prove=False)
+    (note,) = [note for note in made.notes if "mounted anew" in note]
+    stays = tuple(replace(run, mounting=SPINDLE) for run in made.campaign.runs)
+    then = assess(replace(made.campaign, runs=stays)).sigma
+    name = re.search(r"1σ of (\w+) is ([\d.]+) µm, not ([\d.]+) µm", note)
+    assert name is not None
+    assert then[name[1]] == pytest.approx(float(name[2]), rel=0.01)
+    assert made.assessment.sigma[name[1]] == pytest.approx(float(name[3]), rel=0.01)
+    made.write(tmp_path / "plan")
+    assert "out of the spindle and put it back" in (tmp_path / "plan" / "setup.html").read_text()
+    alone = plan("table-bc", instrument="r_test", points=16, setups=1, starts=1, prove=False)
+    assert not any("mounted anew" in note for note in alone.notes)
 
 
 @pytest.mark.parametrize(

@@ -260,5 +260,5 @@ def _finished(
         minutes=schedule.seconds / 60.0, unsafe=schedule.unsafe, lost=math.exp(value - left),
         over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
-        notes=plan_notes(space, task, schedule, certificate, expected),
+        notes=plan_notes(space, task, schedule, certificate, expected, given),
     )  # fmt: skip

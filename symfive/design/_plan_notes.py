@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from symfive.design._assess import Assessment
+from symfive.campaign import Campaign
+from symfive.design._assess import Assessment, assess
 from symfive.design._certificate import Certificate
 from symfive.design._dominance import what_dominates
 from symfive.design._information import Task
 from symfive.design._rounding import not_rounded
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
+from symfive.numbers import with_unit
 
 __all__ = ["plan_notes"]
 
 
 def plan_notes(
-    space: Space, task: Task, schedule: Schedule, certificate: Certificate, expected: Assessment
+    space: Space, task: Task, schedule: Schedule, certificate: Certificate, expected: Assessment, given: Campaign | None
 ) -> tuple[str, ...]:
-    """Why its certificate is low, what dominates, what could not be rounded, where the instrument comes off, what the
-    machine file lacks."""
+    """Why its certificate is low, what dominates, what it counts on, what could not be rounded, where the instrument comes off,
+    what the machine file lacks."""
     return (
         *_why_low(certificate, space.instrument, expected), *what_dominates(space, task, schedule.rows),
-        *_rounding_notes(space, schedule), *_notes(schedule),
+        *_counts_on(schedule.campaign, expected, given), *_rounding_notes(space, schedule), *_notes(schedule),
     )  # fmt: skip
 
 
@@ -36,6 +38,22 @@ def _why_low(certificate: Certificate, instrument: str, assessment: Assessment) 
         f"{readings} readings for {unknowns} unknowns of machine and set-up: they determine {assessment.rank} combinations, the "
         f"priors the others; the bound allows more than {points} poses, so the certificate is low; more poses raise it"
     ]
+
+
+def _counts_on(campaign: Campaign, expected: Assessment, given: Campaign | None) -> list[str]:
+    """How much larger 1σ are if tool ball and bar are not mounted anew, where that shows."""
+    staying = campaign.staying("tool_ball", "length")
+    if all(before is after for before, after in zip(campaign.runs, staying.runs, strict=True)):
+        return []
+    sigma = assess(staying, given=given).sigma
+    ratio = {p.name: sigma[p.name] / expected.sigma[p.name] for p in expected.parameters if not p.of_setup}
+    name = max(ratio, key=lambda name: ratio[name])
+    unit = next(p.unit for p in expected.parameters if p.name == name)
+    before, after = with_unit(expected.sigma[name], unit), with_unit(sigma[name], unit)
+    if before == after:
+        return []
+    what = "tool ball and bar are" if campaign.runs[0].length is not None else "the tool ball is"
+    return [f"expected 1σ hold if {what} mounted anew for every run; otherwise 1σ of {name} is {after}, not {before}"]
 
 
 def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:

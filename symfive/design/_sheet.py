@@ -107,6 +107,12 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         steps += _place(run, stands)
         end = "Reading head" if "grid_encoder" in run.instrument else "Tool ball"
         steps.append(f"{end} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
+    if stands and again is None and (before := _same_tool(sheet.campaign.runs, run)) is not None:
+        anew = "Calibrate it again" if "touch_probe" in run.instrument else "Take it out of the spindle and put it back"
+        steps.append(
+            f"{anew}: expected uncertainties count on a new error of it. If it stays as in run {before.id}, write "
+            'mounting = { tool_ball = "1" } into both runs in campaign.toml.'
+        )
     if run.length is not None and not stays:
         steps.append(f"Bar of {run.length:g} mm, calibrated length entered.")
     if run.spindle is not None:
@@ -123,6 +129,12 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
             names = "+".join(r.id for r in series)
             steps.append(f"Or the program {names}: all {len(series)} circles of this mounting, the bar stays mounted.")
     return steps + _moves(machine, sheet.post)
+
+
+def _same_tool(runs: Sequence[Run], run: Run) -> Run | None:
+    """The first of the earlier runs with the same tool ball, whose error a campaign takes for another one."""
+    earlier = runs[: [r.id for r in runs].index(run.id)]
+    return next((r for r in earlier if r.tool_ball == run.tool_ball and not r.mounting.get("tool_ball")), None)
 
 
 def _place(run: Run, stands: str) -> list[str]:

@@ -15,7 +15,6 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.identify._result import Identification
 from symfive.numbers import with_unit
-from symfive.runs import Campaign
 
 __all__ = ["mounting_notes"]
 
@@ -81,7 +80,7 @@ class _Comparison:
 
 def mounting_notes(fit: Identification) -> tuple[str, ...]:
     """Said where the readings show that something stayed mounted, and 1σ of an error of the machine is then another one."""
-    alike = _alike(fit.model.campaign)
+    alike = [_Group(quantity, runs) for quantity in QUANTITIES for runs in fit.model.campaign.alike(quantity)]
     if not alike:
         return ()
     comparison = _Comparison(fit)
@@ -98,19 +97,6 @@ def mounting_notes(fit: Identification) -> tuple[str, ...]:
         f"the readings show that {stayed} stayed mounted; 1σ of {name} is then {after}, not {before}: write the same name into "
         f'these runs of campaign.toml, as mounting = {{ {groups[0].quantity} = "1" }}',
     )
-
-
-def _alike(campaign: Campaign) -> list[_Group]:
-    found = []
-    for quantity in QUANTITIES:
-        groups: dict[object, list[str]] = {}
-        for run in campaign.runs:
-            if quantity not in run.mounting and getattr(run, quantity) is not None:
-                sigma = run.setup_sigma_um
-                along = sigma.tool_length if quantity == "tool_ball" else None
-                groups.setdefault((getattr(run, quantity), getattr(sigma, quantity), along), []).append(run.id)
-        found += [_Group(quantity, tuple(ids)) for ids in groups.values() if len(ids) > 1]
-    return found
 
 
 def _log_det(matrix: Array) -> float:

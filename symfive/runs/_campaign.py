@@ -115,6 +115,31 @@ class Campaign(OnScreen):
         """The same recordings with another baseline model."""
         return replace(self, machine=machine)
 
+    def alike(self, quantity: str) -> tuple[tuple[str, ...], ...]:
+        """Ids of the runs that state the same `tool_ball`, `table_ball` or `length`, as well known, and not how it was mounted,
+        where they are several."""
+        groups: dict[object, list[str]] = {}
+        for run in self.runs:
+            if quantity not in run.mounting and getattr(run, quantity) is not None:
+                sigma = run.setup_sigma_um
+                along = sigma.tool_length if quantity == "tool_ball" else None
+                groups.setdefault((getattr(run, quantity), getattr(sigma, quantity), along), []).append(run.id)
+        return tuple(tuple(ids) for ids in groups.values() if len(ids) > 1)
+
+    def staying(self, *quantities: str) -> Campaign:
+        """The same campaign if these quantities stayed mounted wherever its runs state them alike."""
+        names = {
+            (run, quantity): f"{number} alike"
+            for quantity in quantities
+            for number, runs in enumerate(self.alike(quantity), 1)
+            for run in runs
+        }
+        runs = []
+        for run in self.runs:
+            own = {quantity: names[run.id, quantity] for quantity in quantities if (run.id, quantity) in names}
+            runs.append(replace(run, mounting={**run.mounting, **own}) if own else run)
+        return replace(self, runs=tuple(runs))
+
     def joined(self, other: Campaign, prefix: str = "") -> Campaign:
         """This campaign and another one on the same machine; `prefix` keeps the ids and mountings of the second
         apart."""
