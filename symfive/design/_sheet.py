@@ -23,6 +23,8 @@ from symfive.procedures import PAUSE_S, Nominal
 
 __all__ = ["Sheet", "setup_sheet"]
 
+DRY_RUN = "Dry-run the programs without the instrument first."
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
@@ -250,7 +252,7 @@ def _unchecked(sheet: Sheet) -> str:
     campaign = sheet.campaign
     recorded = any(run.dynamic for run in campaign.runs)
     words = " ".join(collision_warning(campaign.machine, sheet.post, recorded=recorded))
-    return words if words.startswith(UNCHECKED) else ""
+    return f"{words} {DRY_RUN}" if words.startswith(UNCHECKED) else ""
 
 
 def _clearances(sheet: Sheet) -> str:
@@ -264,8 +266,8 @@ def _clearances(sheet: Sheet) -> str:
         for name, radius in (("post", workspace.post_radius), ("tool", workspace.tool_radius))
     )
     recorded = any(run.dynamic for run in sheet.campaign.runs)
-    untested = collision_warning(sheet.campaign.machine, post, recorded=recorded)[-1]
+    untested = " ".join(collision_warning(sheet.campaign.machine, post, recorded=recorded)[1:])
     return (
         f"Spindle nose as a cylinder ({words}), {thick}, table and bar keep apart at every pose and on every move of the "
-        f"programs from above the first pose to above the last. {untested}"
+        f"programs from above the first pose to above the last. {untested} {DRY_RUN}"
     )

@@ -11,8 +11,7 @@ __all__ = ["UNCHECKED", "collision_warning", "which_point"]
 
 UNCHECKED = "Collisions were not checked"
 CARE = "Run the program slowly, one hand on the feed override."
-DRY = "Dry run without the instrument first"
-RECORDED = f"{DRY}; then feed override 100 percent, the feed is part of the result."
+RECORDED = "Measure at feed override 100 percent: the feed is part of the result."
 """Instead, where the readings are those of a path at its feed."""
 TESTED = (
     "Tested: spindle nose, tool, post, table and bar as simple bodies, at every pose and on every move after the stop before the "
@@ -27,7 +26,7 @@ def collision_warning(machine: Machine, post: Post, *, recorded: bool = False) -
         return f"{UNCHECKED}: the machine file names no spindle nose.", care
     if not post.tested:
         return f"{UNCHECKED} for the path of this program.", care
-    return TESTED, f"Not tested: {', '.join(_untested(machine))}. {RECORDED if recorded else DRY + '.'}"
+    return TESTED, f"Not tested: {', '.join(_untested(machine))}.", *((RECORDED,) if recorded else ())
 
 
 def _untested(machine: Machine) -> list[str]:
