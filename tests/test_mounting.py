@@ -15,6 +15,7 @@ from plant.paths import r_test
 
 from symfive.campaign import Campaign, read_campaign, write_campaign
 from symfive.design import assess, plan
+from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.identify._mounted import CERTAIN, _Comparison, _Group
@@ -27,12 +28,13 @@ SPINDLE = {"tool_ball": "spindle"}
 MACHINES = 20
 
 
-def concealed(folder: Path, seed: int = 0, *, said: bool = True, stayed: bool = True) -> Campaign:
+def concealed(folder: Path, seed: int = 0, *, said: bool = True, stayed: bool = True, effects: tuple = ()) -> Campaign:
     """Four nests read with one ball that `stayed` in the spindle; whether the file says so is `said`."""
     machine = static_table()
     rng = np.random.default_rng(1000 + seed)
     errors = {name: rng.normal(0.0, term["sigma"]) for name, term in machine["errors"].items()}
-    runs = [r_test(machine, f"nest-{i + 1}", nest=nest, poses=POSES, noise_um=0.4) for i, nest in enumerate(NESTS)]
+    runs = [r_test(machine, f"nest-{i + 1}", nest=nest, poses=POSES, noise_um=0.4, start_s=100.0 * i)
+            for i, nest in enumerate(NESTS)]  # fmt: skip
     write_concealed(
         folder, machine, [{**run, "mounting": SPINDLE if stayed else {}} for run in runs], errors, seed=seed
     )
@@ -136,6 +138,20 @@ def test_the_odds_that_a_ball_stayed_are_those_of_the_readings(tmp_path: Path) -
         found = _Comparison(fit).log_odds(_Group("tool_ball", tuple(run.id for run in runs.runs)))
         assert found == pytest.approx(densities[1] - densities[0], rel=0.01)
         assert (found > CERTAIN) == stayed
+
+
+def test_a_diagnosis_finds_what_is_missing_behind_a_ball_that_stays(tmp_path: Path) -> None:
+    drift = {
+        "effect": "thermal_drift",
+        "axis": None,
+        "direction": [0.0, 0.0, 1.0],
+        "amplitude": 8.0,
+        "time_constant_s": 60.0,
+    }
+    found = diagnose(concealed(tmp_path / "c", effects=(drift,)))
+    assert [finding.name for finding in found.findings] == ["thermal_drift"]
+    assert found.after.uncertainty("EX0B") == pytest.approx(17.9, abs=0.1)
+    assert diagnose(concealed(tmp_path / "clean")).findings == ()
 
 
 def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) -> None:
