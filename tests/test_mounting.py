@@ -33,11 +33,12 @@ def concealed(folder: Path, seed: int = 0, *, said: bool = True, stayed: bool = 
     machine = static_table()
     rng = np.random.default_rng(1000 + seed)
     errors = {name: rng.normal(0.0, term["sigma"]) for name, term in machine["errors"].items()}
-    runs = [r_test(machine, f"nest-{i + 1}", nest=nest, poses=POSES, noise_um=0.4, start_s=100.0 * i)
-            for i, nest in enumerate(NESTS)]  # fmt: skip
-    write_concealed(
-        folder, machine, [{**run, "mounting": SPINDLE if stayed else {}} for run in runs], errors, seed=seed
-    )
+    mounting = SPINDLE if stayed else {}
+    runs = [
+        {**r_test(machine, f"nest-{i}", nest=nest, poses=POSES, noise_um=0.4, start_s=100.0 * i), "mounting": mounting}
+        for i, nest in enumerate(NESTS, 1)
+    ]
+    write_concealed(folder, machine, runs, errors, effects=effects, seed=seed)
     campaign = read_campaign(folder)
     return campaign if said else replace(campaign, runs=tuple(replace(run, mounting={}) for run in campaign.runs))
 
