@@ -20,7 +20,7 @@ from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.identify._mounted import CERTAIN, _Comparison, _Group
 from symfive.model import Model
-from symfive.report import identification_report
+from symfive.report import diagnosis_text, identification_report
 
 NESTS = ((90.0, -20.0, 50.0), (-40.0, 60.0, 100.0), (30.0, -70.0, 150.0), (-80.0, -40.0, 70.0))
 POSES = np.array([(b, c) for b in (-60.0, 0.0, 60.0) for c in (0.0, 90.0, 180.0, 270.0)])
@@ -141,17 +141,21 @@ def test_the_odds_that_a_ball_stayed_are_those_of_the_readings(tmp_path: Path) -
         assert (found > CERTAIN) == stayed
 
 
-def test_a_diagnosis_finds_what_is_missing_behind_a_ball_that_stays(tmp_path: Path) -> None:
+def test_a_drift_that_new_set_up_errors_absorb_is_found_behind_a_ball_that_stays(tmp_path: Path) -> None:
     drift = {
         "effect": "thermal_drift",
         "axis": None,
         "direction": [0.0, 0.0, 1.0],
         "amplitude": 8.0,
-        "time_constant_s": 60.0,
+        "time_constant_s": 200.0,
     }
-    found = diagnose(concealed(tmp_path / "c", effects=(drift,)))
-    assert [finding.name for finding in found.findings] == ["thermal_drift"]
-    assert found.after.uncertainty("EX0B") == pytest.approx(17.9, abs=0.1)
+    told, silent = (diagnose(concealed(tmp_path / f"{said}", said=said, effects=(drift,))) for said in (True, False))
+    assert [finding.name for finding in told.findings] == ["thermal_drift"]
+    assert told.p_value < 1e-9
+    assert told.after.uncertainty("EX0B") == pytest.approx(17.9, abs=0.1)
+    assert silent.findings == ()
+    assert "if the tool ball stayed mounted" in " ".join(diagnosis_text(silent).split())
+    assert "stayed mounted" not in " ".join(diagnosis_text(told).split())
     assert diagnose(concealed(tmp_path / "clean")).findings == ()
 
 

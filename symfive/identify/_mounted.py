@@ -15,10 +15,10 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.identify._result import Identification
 from symfive.numbers import with_unit
+from symfive.runs import MOUNTED
 
 __all__ = ["mounting_notes"]
 
-QUANTITIES = {"tool_ball": "tool ball", "table_ball": "table ball", "length": "bar"}
 CERTAIN = float(np.log(0.95 / 0.05))
 """Log odds from which it is said, even odds before."""
 
@@ -33,7 +33,7 @@ class _Group:
     @property
     def words(self) -> str:
         runs = self.runs if len(self.runs) < 5 else (self.runs[0], "…", self.runs[-1])
-        return f"the {QUANTITIES[self.quantity]} in runs {', '.join(runs)}"
+        return f"the {MOUNTED[self.quantity]} in runs {', '.join(runs)}"
 
 
 class _Comparison:
@@ -80,7 +80,7 @@ class _Comparison:
 
 def mounting_notes(fit: Identification) -> tuple[str, ...]:
     """Said where the readings show that something stayed mounted, and 1σ of an error of the machine is then another one."""
-    alike = [_Group(quantity, runs) for quantity in QUANTITIES for runs in fit.model.campaign.alike(quantity)]
+    alike = [_Group(quantity, runs) for quantity in MOUNTED for runs in fit.model.campaign.alike(quantity)]
     if not alike:
         return ()
     comparison = _Comparison(fit)

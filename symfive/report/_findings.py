@@ -5,6 +5,7 @@ from __future__ import annotations
 from symfive.diagnose import EXPLAINED, Diagnosis
 from symfive.effects import effect_words, form_words
 from symfive.identify import wiring_doubts
+from symfive.runs import MOUNTED
 from symfive.screen import wrapped
 
 __all__ = ["FAINT_SIGMAS", "closing", "diagnosis_text"]
@@ -59,4 +60,11 @@ def _sight(diagnosis: Diagnosis) -> str:
     if diagnosis.classes:
         group = "group" if len(diagnosis.classes) == 1 else "groups"
         said += f"; {len(diagnosis.classes)} {group} of them cannot be separated"
-    return f"{said} (report.html lists all)"
+    said += " (report.html lists all)"
+    alike = [f"the {words}" for quantity, words in MOUNTED.items() if diagnosis.after.model.campaign.alike(quantity)]
+    if alike:
+        said += (
+            f". Set-up errors count as new in every run; if {' and '.join(alike)} stayed mounted in runs that state the same "
+            "place, say so (mounting in campaign.toml): then they absorb less"
+        )
+    return said
