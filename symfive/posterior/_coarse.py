@@ -21,11 +21,12 @@ from symfive.arrays import Array
 from symfive.identify import Identification
 from symfive.inference import whiten
 from symfive.model import Model
-from symfive.posterior._evidence import SHARE, STEPS, LogEvidence, beside, explained, log_evidence
+from symfive.posterior._evidence import SHARE, LogEvidence, beside, explained, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior
 from symfive.posterior._fit import fitted
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import Node
+from symfive.posterior._scale import STEPS
 from symfive.posterior._terms import UNIDENTIFIED
 
 __all__ = ["coarsened", "contradicted", "misfit"]

@@ -41,7 +41,7 @@ class Total:
         """The sum, of all rows too."""
         if self._rows:
             rows = np.concatenate(self._rows, axis=1)
-            product = np.swapaxes(rows, 1, 2) @ rows
+            product = products(rows)
             self._gram, self._rows = product if self._gram is None else self._gram + product, []
         assert self._gram is not None
         return self._gram
@@ -51,9 +51,17 @@ class Total:
         these than columns, and log|A| (J,)."""
         if self._gram is None and self._rows:
             rows, logs = eliminated_rows(np.concatenate(self._rows, axis=1), first, departure)
-            return np.swapaxes(rows, 1, 2) @ rows, rows, logs
+            return products(rows), rows, logs
         gram, logs = eliminated(self._multiplied(), first, departure)
         return gram, None, logs
+
+
+def products(rows: Array) -> Array:
+    """Gram matrices (J, m, m) of rows (J, n, m), one by one: so BLAS computes half of each and no more."""
+    found = np.empty((rows.shape[0], rows.shape[2], rows.shape[2]))
+    for own, out in zip(rows, found, strict=True):
+        np.matmul(own.T, own, out=out)
+    return found
 
 
 def eliminated_rows(rows: Array, first: int, departure: Array) -> tuple[Array, Array]:

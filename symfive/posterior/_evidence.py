@@ -21,9 +21,10 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.posterior._eliminate import eliminated_rows
 from symfive.posterior._moments import Moments
+from symfive.posterior._scale import settled, solved
 
 __all__ = [
-    "SHARE", "STEPS", "Blocks", "Equations", "LogEvidence", "Selected", "Turned", "beside", "discrepancies", "equations",
+    "SHARE", "Blocks", "Equations", "LogEvidence", "Selected", "Turned", "beside", "discrepancies", "equations",
     "evidence_of", "explained", "log_evidence", "solution",
 ]  # fmt: skip
 
@@ -35,8 +36,6 @@ SHARE = 0.3
 """1σ of a discrepancy as a share of its term: a form of the library is right to a third, or it is another form."""
 PLAIN = 1e10
 """Trace of H up to which its rounding, 1e-16 of it, is nothing beside the prior's 1."""
-STEPS = 3
-"""Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-2 or less."""
 
 
 @dataclass(frozen=True)
@@ -71,25 +70,17 @@ class Equations:
     aim: Indices
     weights: Array
 
-    def solved(self, kappa2: Array) -> Array:
-        """x (J, n) under the noise scales (J,)."""
-        return np.asarray(np.linalg.solve(self._a(kappa2), (self.g / kappa2[:, None] - self.d)[..., None])[..., 0])
-
-    def turned(self, x: Array) -> Array:
-        """H·x (J, n)."""
-        return np.asarray((self.h @ x[..., None])[..., 0])
+    def weighed(self, nodes: Indices, kappa2: Array) -> tuple[Array, Array]:
+        """What x leaves (j,) in some nodes (j,) under a noise scale each, and |x + d|² + log|A| (j,)."""
+        a, g, k = self.h[nodes], self.g[nodes], kappa2[:, None]
+        x, logdet = solved(a, g - k * self.d, kappa2)
+        left = self.q[nodes] + np.sum(x * ((a @ x[..., None])[..., 0] - k * x - 2.0 * g), axis=1)
+        return left, np.sum((x + self.d) ** 2, axis=1) + logdet
 
     def at(self, node: int, kappa2: float) -> Array:
         """x (n,) in one node, in units of the usual prior."""
         a = self.h[node] / kappa2 + np.eye(len(self.d))
         return np.asarray(np.linalg.solve(a, self.g[node] / kappa2 - self.d) * self.scale)
-
-    def logdet(self, kappa2: Array) -> Array:
-        """log|A| (J,)."""
-        return np.asarray(2.0 * np.log(np.diagonal(np.linalg.cholesky(self._a(kappa2)), axis1=1, axis2=2)).sum(axis=1))
-
-    def _a(self, kappa2: Array) -> Array:
-        return np.asarray(self.h / kappa2[:, None, None] + np.eye(len(self.d)))
 
 
 def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()) -> Equations:
@@ -111,7 +102,8 @@ def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()
         departure.append(np.zeros(len(own.where)))
     where, w, d = np.concatenate(columns), np.concatenate(scale), np.concatenate(departure)
     aim = np.flatnonzero(target)
-    h = moments.gram[:, where[:, None], where] * np.outer(w, w)
+    place, size = where[:, None] * moments.size + where, np.outer(w, w)
+    h = np.stack([gram.take(place) * size for gram in moments.gram])
     g = moments.gram[:, where[:, None], aim] @ target[aim] * w
     q = moments.gram[:, aim[:, None], aim] @ target[aim] @ target[aim]
     return Equations(where, w, d, h, g, q, aim, target[aim])
@@ -123,8 +115,8 @@ def beside(
     """What further `columns` (k,) find beside a subset under a noise scale: the eigenvalues of their information once the subset
     is eliminated, `power` (J, r), their slope (J, r) along its eigenvectors, and what the subset leaves, `left` (J,)."""
     s = equations(moments, members)
-    solved = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), s.g[:, :, None])[:, :, 0]
-    left = s.q + np.einsum("ji,jik,jk->j", solved, s.h, solved) - 2.0 * np.sum(solved * s.g, axis=1)
+    x = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), s.g[:, :, None])[:, :, 0]
+    left = s.q + np.einsum("ji,jik,jk->j", x, s.h, x) - 2.0 * np.sum(x * s.g, axis=1)
     if moments.rows is not None:  # there are fewer of them than columns
         own, others = moments.rows[:, :, s.columns] * (s.scale / kappa2**0.5), moments.rows[:, :, columns]
         rows = np.concatenate([own, others, (moments.rows[:, :, s.aim] @ s.weights)[:, :, None]], axis=2)
@@ -137,7 +129,7 @@ def beside(
     cross = moments.gram[:, s.columns[:, None], columns] * s.scale[:, None]
     taken = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), cross)
     power, axes = np.linalg.eigh(h - np.swapaxes(cross, 1, 2) @ taken)
-    slope = np.einsum("jki,jk->ji", axes, g - np.einsum("jik,ji->jk", cross, solved))
+    slope = np.einsum("jki,jk->ji", axes, g - np.einsum("jik,ji->jk", cross, x))
     return np.maximum(power, 0.0), slope, left
 
 
@@ -149,28 +141,19 @@ def log_evidence(moments: Moments, members: Iterable[Selected], blocks: Blocks =
 def evidence_of(moments: Moments, s: Equations) -> LogEvidence:
     """The evidence of the subset whose equations these are."""
     form = Turned.of(s) if np.trace(s.h, axis1=1, axis2=2).max() > PLAIN else s
-    kappa2 = np.maximum(1.0, s.q / moments.count)
-    for step in range(STEPS):
-        x = form.solved(kappa2)
-        left = s.q + np.sum(x * (form.turned(x) - 2.0 * form.g), axis=1)
-        if step == STEPS - 1:
-            break
-        before, kappa2 = kappa2, np.maximum(1.0, left / moments.count)
-        if np.array_equal(before, kappa2):
-            break
-    pull = np.sum((x + form.d) ** 2, axis=1)
-    cost = left / kappa2 + pull + moments.count * np.log(kappa2) + form.logdet(kappa2)
+    cost, kappa2 = settled(s.q, moments.count, form.weighed)
     by_node = -0.5 * (cost + moments.const) + moments.log_prior
     return LogEvidence(by_node, float(kappa2[np.argmax(by_node)]))
 
 
 @dataclass(frozen=True)
 class Turned:
-    """A subset in every node, turned into the eigenvectors `axes` (J, n, n) of its H: `power` Λ, `g` and `d` (J, n); no component
-    of g is beyond what Cauchy and Schwarz allow, as rounding would have it where H is far larger than the prior's 1."""
+    """A subset in every node, turned into the eigenvectors `axes` (J, n, n) of its H: `power` Λ, `g` and `d` (J, n), `q` (J,); no
+    component of g is beyond what Cauchy and Schwarz allow, as rounding would have it where H is far larger than the prior's 1."""
 
     power: Array
     g: Array
+    q: Array
     d: Array
     axes: Array
 
@@ -180,20 +163,14 @@ class Turned:
         power = np.maximum(power, 0.0)
         most = np.sqrt(power * np.maximum(s.q, 0.0)[:, None])  # Cauchy and Schwarz; beyond it is rounding
         g = np.clip(np.einsum("jki,jk->ji", axes, s.g), -most, most)
-        return cls(power, g, np.einsum("jki,k->ji", axes, s.d), axes)
+        return cls(power, g, s.q, np.einsum("jki,k->ji", axes, s.d), axes)
 
-    def solved(self, kappa2: Array) -> Array:
+    def weighed(self, nodes: Indices, kappa2: Array) -> tuple[Array, Array]:
         """As that of a subset."""
-        k = kappa2[:, None]
-        return np.asarray((self.g / k - self.d) / (self.power / k + 1.0))
-
-    def turned(self, x: Array) -> Array:
-        """As that of a subset."""
-        return self.power * x
-
-    def logdet(self, kappa2: Array) -> Array:
-        """As that of a subset."""
-        return np.asarray(np.log(self.power / kappa2[:, None] + 1.0).sum(axis=1))
+        power, g, d, k = self.power[nodes], self.g[nodes], self.d[nodes], kappa2[:, None]
+        x = (g / k - d) / (power / k + 1.0)
+        left = self.q[nodes] + np.sum(x * (power * x - 2.0 * g), axis=1)
+        return left, np.sum((x + d) ** 2 + np.log(power / k + 1.0), axis=1)
 
 
 def discrepancies(moments: Moments, members: Sequence[Selected], x: Array) -> Blocks:

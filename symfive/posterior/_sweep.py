@@ -1,25 +1,28 @@
 """Sweep: the evidence of a subset with each of many further terms, by one elimination of the subset.
 
-One eigen-decomposition H_SS = UΛUᵀ serves all: with P = (Λ/κ² + 1)^(-½)·UᵀH_St/κ² a term's Schur complement is H_tt/κ² + I - PᵀP.
+One eigen-decomposition H_SS = UΛUᵀ serves all: with C = H_tS·U a term's Schur complement is H_tt + κ² - C(Λ + κ²)⁻¹Cᵀ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, fields, replace
+from functools import cache, partial
 
 import numpy as np
 
-from symfive.arrays import Array
-from symfive.posterior._evidence import STEPS, Blocks, Equations, Selected, Turned, equations, evidence_of
+from symfive.arrays import Array, Flags, Indices
+from symfive.posterior._evidence import Blocks, Equations, Selected, Turned, equations, evidence_of
 from symfive.posterior._moments import Alike, Moments
+from symfive.posterior._scale import settled, solved
 
 __all__ = ["WIDTHS", "Sweep", "log_width", "nearest_width", "widths_of"]
 
 WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
 """Prior widths of amplitudes in units of the usual one, half a decade apart: nothing is capped by what machine tools usually
 have."""
+CHUNK = 1 << 17
+"""Numbers of a table at a time: what is at work stays in the processor's cache."""
 
 
 @cache
@@ -44,22 +47,19 @@ def nearest_width(size: float, widths: Sequence[float] = WIDTHS) -> float:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A subset with its `equations` `turned` into their eigenvectors, `cross` (J, m, n) all columns of the moments with these,
-    and `slope` (J, m) all columns with what stands for the residual."""
+    """A subset with its `equations` `turned` into their eigenvectors, and `slope` (J, m) all columns of the moments with what
+    stands for the residual."""
 
     moments: Moments
     equations: Equations
     turned: Turned
-    cross: Array
     slope: Array
 
     @classmethod
     def of(cls, moments: Moments, members: Sequence[Selected], blocks: Blocks = ()) -> Sweep:
         """Of a subset and its discrepancies."""
         s = equations(moments, members, blocks)
-        turned = Turned.of(s)
-        cross = np.swapaxes(moments.gram[:, s.columns], 1, 2) @ (s.scale[:, None] * turned.axes)
-        return cls(moments, s, turned, cross, moments.gram[:, :, s.aim] @ s.weights)
+        return cls(moments, s, Turned.of(s), moments.gram[:, :, s.aim] @ s.weights)
 
     def best(self, chosen: Sequence[int]) -> tuple[Array, list[float]]:
         """Log evidence (chosen,) with each of the `chosen` terms (not held) added, and the width of each: the most probable of
@@ -68,17 +68,23 @@ class Sweep:
         node = evidence_of(self.moments, self.equations).node
         nodes = (self.moments.log_prior - 0.5 * self.moments.const)[:, None]
         found, widths = np.zeros(len(chosen)), np.ones(len(chosen))
-        every, odds = np.array(WIDTHS), np.array([[log_width(width, WIDTHS)] for width in WIDTHS])
         for at, own in self._alike(chosen):
-            parts = self._parts(own)
-            gains, x = self._with_each(parts.under(node), np.where(own.amplitude, every[:, None, None], 1.0))
-            gains += odds
-            tried = [self._tried(t, x[0, k, own.amplitude[k]]) for k, t in enumerate(own.numbers)]
-            gains[[[width not in each for each in tried] for width in WIDTHS]] = -np.inf
-            widths[at] = every[np.argmax(gains, axis=0)]
-            each, _ = self._with_each(parts, np.where(own.amplitude, widths[at][:, None], 1.0))
-            found[at] = np.logaddexp.reduce(nodes + each, axis=0)
+            pairs, count = self._pairs(own), len(at)
+            widths[at] = self._widths(own, pairs.some(slice(node * count, (node + 1) * count)))
+            scale = np.where(own.amplitude, widths[at][:, None], 1.0)
+            each, _ = pairs.weighed(np.tile(scale, (len(nodes), 1)), self.moments.count)
+            found[at] = np.logaddexp.reduce(nodes + each.reshape(-1, count), axis=0)
         return found, [float(width) for width in widths]
+
+    def _widths(self, own: Alike, pairs: _Pairs) -> Array:
+        """The most probable width (T,) of each of some terms, in one node."""
+        terms = len(own.numbers)
+        scale = np.concatenate([np.where(own.amplitude, width, 1.0) for width in WIDTHS])
+        each, x = pairs.some(np.tile(np.arange(terms), len(WIDTHS))).weighed(scale, self.moments.count)
+        gains = each.reshape(-1, terms) + [[log_width(width, WIDTHS)] for width in WIDTHS]
+        tried = [self._tried(t, x[k, own.amplitude[k]]) for k, t in enumerate(own.numbers)]
+        gains[[[width not in each for each in tried] for width in WIDTHS]] = -np.inf
+        return np.asarray(np.array(WIDTHS)[np.argmax(gains, axis=0)])
 
     def _tried(self, number: int, narrow: Array) -> tuple[float, ...]:
         """The widths to try for a term, of which the narrowest leaves amplitudes of such a size. Slopes of which the readings are
@@ -96,62 +102,74 @@ class Sweep:
             if rows:
                 yield [place[alike.numbers[row]] for row in rows], alike.some(rows)
 
-    def _parts(self, own: Alike) -> _Parts:
-        """What the evidence of some terms of as many columns needs."""
-        gram, exact, where, turned = self.moments.gram, own.exact, own.where, self.turned
-        power, d, base = (part[:, None, :] for part in (turned.power, turned.d, turned.g))
-        q, g = np.repeat(self.equations.q[:, None], len(exact), axis=1), self.slope[:, where]
+    def _pairs(self, own: Alike) -> _Pairs:
+        """Some terms of as many columns in every node, one node after the other."""
+        gram, exact, where, s = self.moments.gram, own.exact, own.where, self.equations
+        axes = s.scale[:, None] * self.turned.axes
+        q, g = np.repeat(s.q[:, None], len(exact), axis=1), self.slope[:, where]
+        power, d, base = (
+            np.repeat(part[:, None], len(exact), axis=1) for part in (self.turned.power, self.turned.d, self.turned.g)
+        )
         if exact[0] >= 0:  # the residual is that less what the term adds beyond its slopes
             q = q - 2.0 * self.slope[:, exact] + gram[:, exact, exact]
             g = g - gram[:, where, exact[:, None]]
-            base = base - self.cross[:, exact]
-        return _Parts(own.departure, own.gram, q, g, np.swapaxes(self.cross[:, where], 2, 3), power, d, base)
-
-    def _with_each(self, parts: _Parts, scale: Array) -> tuple[Array, Array]:
-        """Log evidence (J, T), up to the nodes' constants, with each of some terms, these times `scale` (T, n); under one noise
-        (W, T), each of them in each of so many scales (W, T, n)."""
-        count, q, power, base = self.moments.count, parts.q, parts.power, parts.base
-        kappa2 = np.broadcast_to(np.maximum(1.0, q / count), scale.shape[:-1] if scale.ndim > 2 else q.shape)
-        for step in range(STEPS):
-            # what all scales share is computed once where they have the same noise
-            k = (kappa2[:1] if len(q) == 1 and np.all(kappa2 == kappa2[:1]) else kappa2)[..., None]
-            shrunk = 1.0 / np.sqrt(power / k + 1.0)
-            e = shrunk * (base / k - parts.d)
-            p = (shrunk / k)[..., None] * parts.cross
-            schur = parts.gram / k[..., None] - np.swapaxes(p, -1, -2) @ p
-            slope = parts.g / k - (e[..., None, :] @ p)[..., 0, :]
-            a = scale[..., :, None] * schur * scale[..., None, :] + np.eye(schur.shape[-1])
-            x = np.linalg.solve(a, (scale * slope - parts.departure)[..., None])[..., 0]
-            moved = (scale * x)[..., None]
-            y = shrunk * (e - (p @ moved)[..., 0])
-            pushed = (parts.gram @ moved)[..., 0] + 2.0 * ((y[..., None, :] @ parts.cross)[..., 0, :] - parts.g)
-            left = q + np.sum(y * (power * y - 2.0 * base), axis=-1) + np.sum(moved[..., 0] * pushed, axis=-1)
-            if step == STEPS - 1:
-                break
-            before, kappa2 = kappa2, np.maximum(1.0, left / count)
-            if np.array_equal(before, kappa2):
-                break
-        pull = np.sum((y + parts.d) ** 2, axis=-1) + np.sum((x + parts.departure) ** 2, axis=-1)
-        logdet = np.linalg.slogdet(a)[1] - 2.0 * np.log(shrunk).sum(axis=-1)
-        return np.asarray(-0.5 * (left / kappa2 + pull + count * np.log(kappa2) + logdet)), np.asarray(x)
+            base = base - gram[:, exact[:, None], s.columns] @ axes
+        cross, at = np.empty((len(gram), where.size, len(s.d))), where.reshape(-1, 1) * self.moments.size + s.columns
+        for node, out in enumerate(cross):
+            np.matmul(gram[node].take(at), axes[node], out=out)
+        cross = cross.reshape(*g.shape, len(s.d))
+        departure = np.broadcast_to(own.departure, g.shape)
+        by_node = departure, own.gram, q, g, cross, base, power, d
+        return _Pairs(*(part.reshape(q.size, *part.shape[2:]) for part in by_node))
 
 
 @dataclass(frozen=True)
-class _Parts:
-    """Some terms of as many columns beside a subset: their `departure` (T, n), their `gram` (J, T, n, n), what stands for the
-    residual with itself `q` (J, T) and with their columns `g` (J, T, n), the subset's columns with theirs `cross` (J, T, s, n),
-    with themselves `power` (J, 1, s), their departure `d` (J, 1, s), and with the residual `base`, (J, T, s) or (J, 1, s)."""
+class _Pairs:
+    """Terms of as many columns beside a subset, each in a node: their `departure` (P, n), their `gram` (P, n, n), what stands for
+    the residual with itself `q` (P,) and with their columns `g` (P, n), these with the subset's columns `cross` (P, n, s), and of
+    the latter that with the residual `base`, the `power` and the departure `d` (P, s)."""
 
     departure: Array
     gram: Array
     q: Array
     g: Array
     cross: Array
+    base: Array
     power: Array
     d: Array
-    base: Array
 
-    def under(self, node: int) -> _Parts:
-        """The same under one noise node, J = 1."""
-        by_node = self.gram, self.q, self.g, self.cross, self.power, self.d, self.base
-        return _Parts(self.departure, *(part[node : node + 1] for part in by_node))
+    def some(self, rows: Indices | Flags | slice) -> _Pairs:
+        """Those in some rows."""
+        return _Pairs(*(getattr(self, part.name)[rows] for part in fields(self)))
+
+    def weighed(self, scale: Array, count: int) -> tuple[Array, Array]:
+        """Log evidence (P,) with each of the terms times `scale` (P, n) added, up to the nodes' constants, of so many readings,
+        and x (P, n) of each."""
+        cost, x = np.empty(len(scale)), np.empty(scale.shape)
+        rows = max(1, CHUNK // max(1, self.cross[:1].size))
+        for first in range(0, len(scale), rows):
+            part = slice(first, first + rows)
+            pairs = self.some(part)._scaled(scale[part])
+            cost[part], _ = settled(pairs.q, count, partial(pairs._solved, x[part]))
+        return -0.5 * cost, x
+
+    def _scaled(self, scale: Array) -> _Pairs:
+        """The same with the terms' columns times a scale (P, n)."""
+        gram = self.gram * (scale[:, :, None] * scale[:, None, :])
+        return replace(self, gram=gram, g=self.g * scale, cross=self.cross * scale[:, :, None])
+
+    def _solved(self, found: Array, rows: Indices, kappa2: Array) -> tuple[Array, Array]:
+        """What is left (p,) in some rows (p,) under a noise scale each, and |x + d|² + log|A| (p,) of all columns; x of the term
+        is written into these rows of `found`."""
+        now, k = self if len(rows) == len(self.q) else self.some(rows), kappa2[:, None]
+        shrunk, pushed = 1.0 / (now.power + k), now.base - k * now.d
+        part = shrunk[:, None, :] * now.cross
+        schur = now.gram - part @ np.swapaxes(now.cross, 1, 2)
+        slope = now.g - (part @ pushed[..., None])[..., 0]
+        x, logdet = solved(schur, slope - k * now.departure, kappa2)
+        found[rows] = x
+        y = shrunk * (pushed - (x[:, None] @ now.cross)[:, 0])
+        turned = (now.gram @ x[..., None] + 2.0 * (now.cross @ y[..., None]))[..., 0] - 2.0 * now.g
+        left = now.q + np.sum(y * (now.power * y - 2.0 * now.base), axis=1) + np.sum(x * turned, axis=1)
+        pull = np.sum((y + now.d) ** 2, axis=1) + np.sum((x + now.departure) ** 2, axis=1)
+        return left, pull + logdet - np.log(shrunk * k).sum(axis=1)

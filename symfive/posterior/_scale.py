@@ -1,0 +1,54 @@
+"""The scale κ² of the noise by a fixed point, and the symmetric equations that it asks to solve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg.lapack import dposv
+
+from symfive.arrays import Array, Indices
+
+__all__ = ["STEPS", "settled", "solved"]
+
+STEPS = 3
+"""Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-2 or less."""
+SMALL = 8
+"""Columns up to which the LU factors of all matrices in one call cost less than a call of each one's Cholesky factor."""
+
+
+def settled(q: Array, count: int, weigh: Callable[[Indices, Array], tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Cost (P,) of problems whose residuals are `q` (P,) of `count` readings, and their κ² (P,).
+
+    `weigh` says of some problems (p,) under such scales (p,) what is left (p,) and the rest of the cost (p,). Those that have
+    reached their fixed point, as all do whose noise is as declared, are not solved again.
+    """
+    scale, cost, rows = np.maximum(1.0, q / count), np.empty(len(q)), np.arange(len(q))
+    for step in range(STEPS):
+        kappa2 = scale[rows]
+        left, rest = weigh(rows, kappa2)
+        cost[rows] = left / kappa2 + rest + count * np.log(kappa2)
+        after = np.maximum(1.0, left / count)
+        moves = after != kappa2
+        if step == STEPS - 1 or not moves.any():
+            break
+        rows = rows[moves]
+        scale[rows] = after[moves]
+    return cost, scale
+
+
+def solved(h: Array, b: Array, kappa2: Array) -> tuple[Array, Array]:
+    """(H + κ²)⁻¹·b (P, n) and log|H/κ² + I| (P,) of symmetric H (P, n, n), to whose diagonals κ² (P,) is added in place: of one
+    Cholesky factor each; of small matrices, and where rounding leaves one that has no such factor, of LU factors."""
+    n = b.shape[1]
+    h.reshape(len(h), -1)[:, :: n + 1] += kappa2[:, None]
+    if n > SMALL:
+        x, pivots = np.empty(b.shape), np.empty(b.shape)
+        for k, (matrix, right) in enumerate(zip(h, b, strict=True)):
+            factor, x[k], failed = dposv(matrix.T, right)  # in LAPACK's order, which of a symmetric matrix is the same
+            if failed:
+                break
+            pivots[k] = factor.diagonal()
+        else:
+            return x, 2.0 * np.log(pivots).sum(axis=1) - n * np.log(kappa2)
+    return np.asarray(np.linalg.solve(h, b[..., None])[..., 0]), np.linalg.slogdet(h)[1] - n * np.log(kappa2)
