@@ -25,6 +25,7 @@ from symfive.compiled._library import Library, compiled, found, interpretation_s
 __all__ = ["Mapped", "Status", "status"]
 
 BLOCK = 64
+"""Rows in one call of the interpreter, at most."""
 PIECE = 4096
 """Rows that are interpreted before the rule is applied again."""
 INTERPRETED_S = 5e-9
@@ -141,7 +142,8 @@ class Mapped:
         """Write these rows of the results; returns what an operation on one row has cost, s."""
         if last - first >= FEWEST and self._by_columns(given, results, first, last):
             return SHARE * INTERPRETED_S
-        block = min(BLOCK, 1 << max(0, last - first - 1).bit_length())
+        blocks = -(-(last - first) // BLOCK)
+        block = -(-(last - first) // blocks)
         with self._lock:
             trigger, sources, outputs = self._block(block)
             for i in self.held:
