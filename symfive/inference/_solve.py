@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from symfive.arrays import Array, Indices
 from symfive.errors import EvaluationError
@@ -96,8 +97,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
             best, last = values.copy(), total
             corrected &= damping > 0.0
             matrix, gradient = here, pull
-            variance = np.diag(np.linalg.inv(matrix[np.ix_(free, free)]))
-            sigma = np.sqrt(np.maximum(variance, np.finfo(float).tiny))  # rounding may leave less than nothing
+            sigma = _sigma(matrix[np.ix_(free, free)])
         step = _step(matrix, gradient, damping, free, lower - best, upper - best)
         expected = 2.0 * float(gradient @ step) - float(step @ matrix @ step)
         values = best + step
@@ -112,6 +112,15 @@ def _information(problem: Problem, values: Array) -> Information | None:
         return problem.information_at(values)
     except EvaluationError:
         return None
+
+
+def _sigma(matrix: Array) -> Array:
+    """Square roots of the inverse's diagonal: of M = LLᵀ the norms of the columns of L⁻¹, with a quarter of the operations."""
+    factor, failed = dpotrf(matrix, lower=True)
+    if failed or not matrix.size:
+        variance = np.diag(np.linalg.inv(matrix))
+        return np.sqrt(np.maximum(variance, np.finfo(float).tiny))  # rounding may leave less than nothing
+    return np.asarray(np.sqrt(np.sum(dtrtri(factor, lower=True)[0] ** 2, axis=0)))
 
 
 def _step(matrix: Array, gradient: Array, damping: float, free: Indices, lowest: Array, highest: Array) -> Array:
