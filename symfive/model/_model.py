@@ -200,12 +200,13 @@ class Model(OnScreen):
     def _evaluated(self, run: Run, vector: Array, *, slopes: bool) -> Array:
         """Readings (N, ny, 1) before their recorder, with slopes (N, ny, 1 + k), every column on its own clock."""
         function, arguments = self._arguments(run, vector)
-        place = {run.full_name(name): 1 + i for i, name in enumerate((*function.shared, *function.own))}
+        names = (*function.shared, *function.own)
+        place = {run.full_name(name): 1 + i for i, name in enumerate(names)} if slopes and function.moving else {}
         parts = []
         for columns, inputs, series in self._clocks(run, function, vector, slopes=slopes):
             table = function.evaluate(inputs, *arguments, slopes=slopes)
             if slopes:
-                table, by_input = np.split(table, [1 + len(place)], axis=2)
+                table, by_input = np.split(table, [1 + len(names)], axis=2)
                 for i, entry in enumerate(function.moving):
                     for name, slope in series[entry - 2].tangents.items():
                         full = run.full_name(name)

@@ -111,10 +111,10 @@ def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Ar
         wanted = [i for i in line.columns if model.parameters[i].name.startswith(stems)]
     else:
         wanted = [model.index[p.name] for p in _probe(channel).parameters(model.campaign)]
-    place = {int(number): k for k, number in enumerate(line.columns)}
-    if any(int(i) not in place for i in wanted):  # a run that does not read the channel
+    there = line.columns.tolist()
+    if any(i not in there for i in wanted):  # a run that does not read the channel
         return np.zeros((*line.jacobian.shape[:2], len(wanted)))
-    return np.asarray(line.jacobian[:, :, [place[int(i)] for i in wanted]])
+    return np.asarray(line.jacobian[:, :, [there.index(i) for i in wanted]])
 
 
 @dataclass(frozen=True)
