@@ -34,6 +34,11 @@ also = click.option("--with", "also", type=PATH, multiple=True, help="A further 
 @campaign_path
 @output_path
 @also
+@click.option(
+    "--effects",
+    type=PATH,
+    help="A JSON file whose effects are estimated too: plan.json of a plan in motion, model.json.",
+)
 @click.option("--noise", default="estimate", help="estimate, or declared (as on the data sheet).")
 @click.option("--loss", default="square", help="square, or huber (by IPOPT).")
 @click.option("--figures/--no-figures", default=True, help="Draw figures.")
@@ -44,6 +49,7 @@ def identify(
     campaign: Path,
     output: Path,
     also: tuple[Path, ...],
+    effects: Path | None,
     noise: str,
     loss: str,
     figures: bool,
@@ -53,6 +59,7 @@ def identify(
 ) -> None:
     """Identify the errors of a machine. Writes identification.json, model.json, identification.html and figures."""
     from symfive.identify import identify as identify_campaign
+    from symfive.model import effects_from_data, read_json
     from symfive.outputs import output_folder
     from symfive.report import identification_text
     from symfive.results import write_identification
@@ -60,7 +67,10 @@ def identify(
     progress = Progress(quiet)
     with output_folder(output, overwrite=overwrite) as folder:
         data = joined(campaign, also, quiet)
-        result = identify_campaign(data, noise=noise, loss=loss, progress=progress)
+        table = {} if effects is None else read_json(effects)
+        entries = table.get("effects", []) if isinstance(table, dict) else None
+        further = effects_from_data(entries, effects or "")
+        result = identify_campaign(data, effects=further, noise=noise, loss=loss, progress=progress)
         write_identification(result, folder, figures=figures, progress=progress)
     noted(result.notes, quiet)
     tell(result.to_data(), identification_text(result), as_json)

@@ -37,6 +37,7 @@ from symfive.cli._plan_words import (
     names_in,
     one_bar,
     part_of,
+    refuse_in_motion,
     refuse_with_several,
     rotary_of,
     setup_sigma_of,
@@ -145,6 +146,27 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     "--feed", "feeds", type=POSITIVE, multiple=True, help="With --circles: mm/min along the circle; may be repeated."
 )
 @click.option("--sweep", type=POSITIVE, help="With --circles iso-230-4: degree of the arc, 360 or less, as 220.")
+@click.option(
+    "--in-motion",
+    is_flag=True,
+    help="Instead of poses at rest, sweeps of the rotary axes in one recording of --minutes (default 8), R-test.",
+)
+@click.option(
+    "--speed",
+    "speeds",
+    type=POSITIVE,
+    multiple=True,
+    help="With --in-motion: °/s to choose from (5, 10, 20); may be repeated.",
+)
+@click.option(
+    "--slow-noise-um",
+    "coloured_um",
+    type=POSITIVE,
+    help="With --in-motion: 1σ of the slow noise (default: as --noise-um).",
+)
+@click.option(
+    "--correlation-s", type=POSITIVE, default=1.0, help="With --in-motion: correlation time of the slow noise."
+)
 @click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
 @click.option(
@@ -209,6 +231,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @gathered(
     "poses", "instrument", "points", "minutes", "setups", "repeats", "returns", "frame", "index", "survive", "starts", "seed",
 )  # fmt: skip
+@gathered("motion", "in_motion", "speeds", "coloured_um", "correlation_s")
 @gathered("part_options", "part_tool", "part_zero", "part_tool_centre", "part_datum")
 @gathered("sigmas", "tool_ball_sigma", "tool_length_sigma", "table_ball_sigma", "zero_sigma", "length_sigma")
 @gathered(
@@ -237,6 +260,7 @@ def plan(
     sweep: float | None,
     effects: tuple[str, ...],
     count: int,
+    motion: dict[str, Any],
     programs: dict[str, Any],
     no_proof: bool,
     workers: int,
@@ -246,7 +270,7 @@ def plan(
     quiet: bool,
 ) -> None:
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
-    from symfive.design import circular_test, plan_circles, plan_together, plan_until
+    from symfive.design import circular_test, plan_circles, plan_sweeps, plan_together, plan_until
     from symfive.design import plan as make_plan
     from symfive.errors import InputError
     from symfive.executors import executor
@@ -265,6 +289,7 @@ def plan(
         wished = until_of(until)
         if wished and circles is not None:
             raise InputError("circles have no --until", remedy="leave out --circles, or --until")
+        in_motion = motion.pop("in_motion")
         route = part_of(data, part, circles, **part_options)
         result: Any
         if circles == CIRCULAR_TEST:
@@ -277,6 +302,13 @@ def plan(
                 data, effects_of(effects, circles), family=circles, count=count, for_=names, criterion=criterion or "D",
                 robust=robust, per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
                 feeds=feeds or None, certify=not no_proof,
+            )  # fmt: skip
+        elif in_motion:
+            refuse_in_motion(click.get_current_context())
+            result = plan_sweeps(
+                data, instrument=poses["instrument"], minutes=poses["minutes"] or 8.0, criterion=criterion or "D", for_=names,
+                noise_um=noise_um, setup_sigma=setup_sigma_of(sigmas), certify=not no_proof,
+                **{name: value for name, value in motion.items() if value},
             )  # fmt: skip
         elif len(instruments) > 1:
             refuse_with_several(click.get_current_context())

@@ -18,14 +18,16 @@ if TYPE_CHECKING:
     from symfive.toolpath import ToolPath
 
 __all__ = [
-    "CIRCULAR_TEST", "NO_SHIFT", "bars_of", "effects_of", "names_in", "one_bar", "part_of", "refuse_with_several",
-    "rotary_of", "setup_sigma_of", "until_of",
+    "CIRCULAR_TEST", "NO_SHIFT", "bars_of", "effects_of", "names_in", "one_bar", "part_of", "refuse_in_motion",
+    "refuse_with_several", "rotary_of", "setup_sigma_of", "until_of",
 ]  # fmt: skip
 
 NO_SHIFT = "0,0,0"
 CIRCULAR_TEST = "iso-230-4"
 ALONE = ("part", "until", "per_minute", "bars", "points", "setups", "repeats", "frame", "index", "survive", "robust")
 """Options of a plan with one instrument."""
+AT_REST = (*ALONE, "given", "returns", "circles", "starts", "seed", "workers")
+"""Options of a plan at rest, and of circles."""
 
 
 def names_in(words: str) -> tuple[str, ...]:
@@ -37,12 +39,27 @@ def refuse_with_several(context: click.Context) -> None:
     """Refuse options that a plan with several instruments has not, and one without minutes to share. Raises `InputError`."""
     from symfive.errors import InputError
 
-    for parameter in context.command.params:
-        if parameter.name in ALONE and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE:
-            option = parameter.opts[0]
-            raise InputError(f"{option} is for one instrument", remedy=f"leave out {option}, or name one instrument")
+    for option in _given(context, ALONE):
+        raise InputError(f"{option} is for one instrument", remedy=f"leave out {option}, or name one instrument")
     if context.params["minutes"] is None:
         raise InputError("several instruments need minutes to share", remedy="add --minutes, as --minutes 20")
+
+
+def refuse_in_motion(context: click.Context) -> None:
+    """Refuse options that a plan in motion has not. Raises `InputError`."""
+    from symfive.errors import InputError
+
+    for option in _given(context, AT_REST):
+        raise InputError(f"a plan in motion has no {option}", remedy=f"leave out {option}, or --in-motion")
+
+
+def _given(context: click.Context, names: Sequence[str]) -> list[str]:
+    """Options of these names that the command line has."""
+    return [
+        parameter.opts[0]
+        for parameter in context.command.params
+        if parameter.name in names and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
+    ]
 
 
 def part_of(

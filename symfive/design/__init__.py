@@ -19,13 +19,15 @@ from symfive.design._dynamic import Circle, CirclePlan, best_ratio, circle_infor
 from symfive.design._joint_certificate import JointCertificate, certify_joint
 from symfive.design._paths import FAMILIES
 from symfive.design._plan import Plan, plan
+from symfive.design._sweep_plan import SweepCertificate, SweepPlan, plan_sweeps
 from symfive.design._together import JointPlan, plan_together
 from symfive.design._until import plan_until
 from symfive.design._write import write_test
 
 __all__ = [
     "APART", "CRITERIA", "FAMILIES", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "CircularTest",
-    "Criterion", "Discrimination", "JointCertificate", "JointPlan", "Plan", "Separation", "assess", "assessment_data",
-    "best_ratio", "certify_joint", "circle_information", "circular_test", "criterion_of", "discriminate",
-    "in_addition", "in_common", "plan", "plan_circles", "plan_together", "plan_until", "write_test",
+    "Criterion", "Discrimination", "JointCertificate", "JointPlan", "Plan", "Separation", "SweepCertificate", "SweepPlan",
+    "assess", "assessment_data", "best_ratio", "certify_joint", "circle_information", "circular_test", "criterion_of",
+    "discriminate", "in_addition", "in_common", "plan", "plan_circles", "plan_sweeps", "plan_together", "plan_until",
+    "write_test",
 ]  # fmt: skip

@@ -20,7 +20,7 @@ from symfive.disk import new_table, release
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import campaign_given
-from symfive.inference import Confounding, confounded_combinations, data_rank, windows_of
+from symfive.inference import Confounding, Noise, Whitening, confounded_combinations, data_rank, windows_of
 from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model
@@ -140,13 +140,14 @@ def _spans(lines: Indices) -> str:
 
 @one_thread
 def assess(
-    campaign: Campaign | Path | str, *, effects: Iterable[Effect] = (), given: Campaign | Path | str | None = None
-) -> Assessment:
+    campaign: Campaign | Path | str, *, effects: Iterable[Effect] = (), given: Campaign | Path | str | None = None,
+    noise: Noise | None = None,
+) -> Assessment:  # fmt: skip
     """Assess a plan or a campaign (its readings do not matter), or the one in a folder. `given`: one that was measured
-    before, on this machine."""
+    before, on this machine; `noise` of recordings where its rows are correlated (`coloured` in proportion to `white`)."""
     campaign = campaign_given(campaign)
     model = Model(campaign, effects)
-    seen, margins = _data_information(model), dict[str, int]()
+    seen, margins = _data_information(model, noise), dict[str, int]()
     matrix = sum(seen.values(), np.zeros((len(model.parameters), len(model.parameters))))
     machine = np.array([p.kind != "setup" for p in model.parameters])
     if given is not None:
@@ -156,7 +157,10 @@ def assess(
     covariance = inverse(matrix + precision)
     chosen = np.flatnonzero(machine)
     value = _volume(matrix + precision, chosen, model.prior_sigma)
-    worth = {run.id: _worth(model, run, covariance, matrix + precision, chosen, margins) for run in model.campaign.runs}
+    worth = {
+        run.id: _worth(model, run, covariance, matrix + precision, chosen, margins, noise)
+        for run in model.campaign.runs
+    }
     whole = {run: _volume(matrix - mine + precision, chosen, model.prior_sigma) - value for run, mine in seen.items()}
     return Assessment(
         parameters=model.parameters, covariance=covariance, rank=data_rank(matrix, model.prior_sigma),
@@ -166,26 +170,32 @@ def assess(
     )  # fmt: skip
 
 
-def _data_information(model: Model) -> dict[str, Array]:
-    """Run → Σ JᵀJ/σ² (k, k) of the declared white noise."""
+def _data_information(model: Model, noise: Noise | None = None) -> dict[str, Array]:
+    """Run → Σ JᵀJ (k, k) of the slopes over the noise."""
     size, margins = len(model.parameters), dict[str, int]()
     found = {}
     for run in model.campaign.runs:
         found[run.id] = np.zeros((size, size))
-        for _, columns, rows in _whitened(model, run, margins):
+        for _, columns, rows in _whitened(model, run, margins, noise):
             flat = rows.reshape(-1, len(columns))
             found[run.id][np.ix_(columns, columns)] += flat.T @ flat
     return found
 
 
-def _whitened(model: Model, run: Run, margins: dict[str, int]) -> Iterator[tuple[slice, Indices, Array]]:
-    """A run by windows: which rows, which parameters (c,) they depend on, and the sensitivities over the noise (n, ny, c)."""
+def _whitened(
+    model: Model, run: Run, margins: dict[str, int], noise: Noise | None
+) -> Iterator[tuple[slice, Indices, Array]]:  # fmt: skip
+    """A run by windows: which rows, which parameters (c,) they depend on, and the sensitivities over the noise (n, ny, c), the
+    declared white one or, of a recording, `noise`."""
     names = [i.name for i in instruments_of(run) for _ in i.columns(run, model.machine)]
     driven = "encoder" in run.instrument and run.options.get("motion_from") == "encoder"
     weights = np.array([not (driven and name == "encoder") for name in names]) / model.noise(run)
+    correlated = noise if noise is not None and run.dynamic else Noise(1.0)
+    white, whitening = correlated.white, Whitening(correlated, run.interval)
     for window in windows_of(model, run, model.start, margins):
         assert window.jacobian is not None
-        yield window.rows, window.columns, window.jacobian[window.inside] * weights[:, None]
+        rows = window.jacobian[window.inside] * (white * weights)[:, None]
+        yield window.rows, window.columns, whitening(rows)
 
 
 def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
@@ -217,15 +227,16 @@ def _volume(information: Array, chosen: Indices, sigma: Array) -> float:
 
 
 def _worth(
-    model: Model, run: Run, covariance: Array, information: Array, chosen: Indices, margins: dict[str, int]
-) -> Array:
+    model: Model, run: Run, covariance: Array, information: Array, chosen: Indices, margins: dict[str, int],
+    noise: Noise | None,
+) -> Array:  # fmt: skip
     """How much ψ of D rises when one row is taken out (N,): log det(I - J C Jᵀ) less that of what does not count."""
     other = np.setdiff1d(np.arange(len(covariance)), chosen)
     of_other = np.zeros_like(covariance)
     if other.size:
         of_other[np.ix_(other, other)] = inverse(information[np.ix_(other, other)])
     found: Array = new_table(1, run.rows)[0]
-    for place, columns, rows in _whitened(model, run, margins):
+    for place, columns, rows in _whitened(model, run, margins, noise):
         turned, inner = rows.transpose(0, 2, 1), np.ix_(columns, columns)
         lost = _log_det_minus(rows @ of_other[inner] @ turned) - _log_det_minus(rows @ covariance[inner] @ turned)
         found[place] = np.maximum(lost, 0.0) / max(len(chosen), 1)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -37,6 +37,13 @@ DENSE, NEAR = 6, 5
 ROUNDS, NARROW = 8, 0.1
 STEPS, GAP = 1000, 2e-3
 SUPPORT = 0.01
+
+
+class Informative(Protocol):
+    """What adds information: `matrices` (k, k), file units, at every draw from the prior."""
+
+    @property
+    def matrices(self) -> tuple[Array, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -191,9 +198,9 @@ def _points(size: int, power: int) -> Array:
     return np.asarray(qmc.Sobol(size, seed=0).random_base2(power))
 
 
-def relaxed_bound(goal: Goal, circles: Sequence[Circle], costs: Array, budget: float) -> tuple[Array, float]:
-    """Weights (n,) on circles, by multiplicative steps (D. M. Titterington 1976), of the costs (n,) that add up to a budget, and
-    the lowest ψ that any such weights can have."""
+def relaxed_bound(goal: Goal, circles: Sequence[Informative], costs: Array, budget: float) -> tuple[Array, float]:
+    """Weights (n,) on circles or sweeps, by multiplicative steps (D. M. Titterington 1976), of the costs (n,) that add up to a
+    budget, and the lowest ψ that any such weights can have."""
     draws = 1 if goal.robust == "nominal" else len(circles[0].matrices)
     flat = [
         np.array([c.matrices[d].ravel() / cost for c, cost in zip(circles, costs, strict=True)]) for d in range(draws)

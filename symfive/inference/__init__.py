@@ -6,11 +6,11 @@ from symfive.inference._noise import Block, square_of
 from symfive.inference._outliers import Outlier
 from symfive.inference._problem import Problem
 from symfive.inference._solve import gauss_newton, halved, solve
-from symfive.inference._whitening import Noise, whiten
+from symfive.inference._whitening import Noise, Whitening, whiten
 from symfive.inference._windows import windows_of
 
 __all__ = [
-    "Block", "Confounding", "Information", "Noise", "Outlier", "Problem", "confounded_combinations", "data_rank",
+    "Block", "Confounding", "Information", "Noise", "Outlier", "Problem", "Whitening", "confounded_combinations", "data_rank",
     "gauss_newton", "halved", "solve", "square_of", "whiten",
     "windows_of",
 ]  # fmt: skip

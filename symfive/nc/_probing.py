@@ -21,8 +21,9 @@ from symfive.instruments import touches_of
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, program_name
 from symfive.nc._post import Post
+from symfive.nc._recording import STANDSTILL
 from symfive.nc._touch import Cycle, Move, Probing, Touch, probing_of
-from symfive.nc._writer import STANDSTILL, Writer
+from symfive.nc._writer import Writer
 
 __all__ = ["ProbeWays", "cycle_of", "probing_steps"]
 

@@ -9,6 +9,7 @@ ball's place where the control follows it: linear axes that follow a turning tab
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -19,8 +20,10 @@ from symfive.nc._arc import Circle
 from symfive.nc._base import Step
 from symfive.procedures import FEED_IN_MM, Nominal
 
-__all__ = ["CHORD_DEG", "CHORD_MM", "circular", "pulled_out", "said", "straight_blocks"]
+__all__ = ["CHORD_DEG", "CHORD_MM", "STANDSTILL", "circular", "pulled_out", "said", "straight_blocks"]
 
+STANDSTILL = 1e-4
+"""mm or degree: the last digit that every control reads."""
 CHORD_MM, CHORD_DEG = 5e-4, 1e-3
 """How far a block may lead the tool ball from its path in the workpiece frame, and a rotary axis from its position."""
 BEFORE_FEED_IN_S = 1.0
@@ -102,6 +105,9 @@ def _chord(run: Run, nominal: Nominal, places: Array, *, centred: bool) -> Calla
     def error(first: int, last: int) -> float:
         if last - first < 2:
             return 0.0
+        moved = [np.ptp(q[first : last + 1]) for q in run.commands.values()]
+        if max(abs(q[last] - q[first]) for q in run.commands.values()) < STANDSTILL <= max(moved):
+            return math.inf  # out and back: a block that leads nowhere takes no time
         rows = slice(first + 1, last)
         share = (time[rows] - time[first]) / (time[last] - time[first])
 

@@ -15,9 +15,9 @@ from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
 from symfive.nc._post import Post
 from symfive.nc._probing import ProbeWays
-from symfive.nc._recording import pulled_out
+from symfive.nc._recording import STANDSTILL, pulled_out
 from symfive.nc._route import Positions
-from symfive.nc._writer import LETTERS, ORIENT_S, STANDSTILL, Writer
+from symfive.nc._writer import LETTERS, ORIENT_S, Writer
 
 __all__ = ["arrival_times", "outside_s", "program_steps", "series_of", "series_steps"]
 

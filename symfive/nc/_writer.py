@@ -26,12 +26,12 @@ from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
 from symfive.nc._pace import CAUTION, pace, spread, tenths
 from symfive.nc._post import Post
-from symfive.nc._recording import circular, pulled_out, said, straight_blocks
+from symfive.nc._recording import STANDSTILL, circular, pulled_out, said, straight_blocks
 from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_the_top, upright_axis, usual_lift
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal
 
-__all__ = ["LETTERS", "ORIENT_S", "STANDSTILL", "Writer"]
+__all__ = ["LETTERS", "ORIENT_S", "Writer"]
 
 LETTERS = "XYZABCUVW"
 CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
@@ -40,8 +40,6 @@ HAND_S = 30.0
 """Time that a stop takes at which the operator takes a bar off or puts it on."""
 ORIENT_S = 5.0
 """Time in which the spindle turns by half a turn and is held; an operator who turns it needs `HAND_S`."""
-STANDSTILL = 1e-4
-"""mm or degree: the last digit that every control reads."""
 
 
 class Writer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.machine import Machine
 
-__all__ = ["DIRECTIONS", "along", "check_spacing", "ramp_of", "senses"]
+__all__ = ["DIRECTIONS", "along", "check_spacing", "ramp_of", "senses", "through"]
 
 DWELL_S = 0.3
 """Rest at the end of a recording, in which the drives come to their command."""
@@ -67,6 +68,28 @@ def along(length: float, speed: float, run_up: float, rate_hz: float) -> tuple[A
 
     way = np.where(time < end / 2.0, from_rest(time), length - from_rest(np.maximum(end - time, 0.0)))
     return time, way
+
+
+SOFT_S = 0.5
+"""In which an axis gets up to the speed of a sweep: ten time constants of a slow position loop (20 1/s)."""
+
+
+def through(stops: Array, speed: float, rate_hz: float) -> tuple[Array, Array]:
+    """Times (N,) s and positions (N, axes), degree, on straight ways through different `stops` (n, axes), at rest for a moment at
+    each.
+
+    The axis that turns most on a way does so at `speed` degree/s. The last `DWELL_S` are a rest.
+    """
+    parts = [stops[:1]]
+    for before, after in itertools.pairwise(stops):
+        length = float(np.abs(after - before).max())
+        _, turned = along(np.radians(length), np.radians(speed), np.radians(0.5 * SOFT_S * speed), rate_hz)
+        share = turned / turned[-1]
+        rows = int(np.argmax(share >= 1.0 - 1e-12)) + 1
+        parts.append(before + share[1:rows, None] * (after - before))
+    parts.append(np.tile(stops[-1:], (round(DWELL_S * rate_hz), 1)))
+    positions = np.concatenate(parts)
+    return np.arange(len(positions)) / rate_hz, positions
 
 
 def check_spacing(speed: float, rate_hz: float) -> None:

@@ -1,0 +1,218 @@
+"""The way of one recording: straight sweeps through positions of the rotary axes, the most informative in the time.
+
+Every sweep between two positions of a grid adds its information (`_sweeps`) and takes its seconds. A way grows by the position
+that lowers ψ most per time, wherever it is put in; then positions are exchanged, put in and left out as long as ψ falls and the
+time lasts. Changes are ranked by their first order, ⟨-dψ/dM, change⟩, and the best of them computed. At last the positions leave
+the grid, by halved steps.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symfive.arrays import Array, Flags
+from symfive.design._circles import Goal
+from symfive.design._sweeps import Sweep, Sweeps
+
+__all__ = ["Grid", "best_way", "grid_of", "positions_of", "refined_way"]
+
+MOST_POSITIONS = 48
+"""Positions of the grid: all sweeps between two of them are offered."""
+EXACT = 6
+"""Changes of a way that are computed, of all that are ranked."""
+LEAST_GAIN = 1e-6
+SHAKES, MOST_LEFT_OUT = 60, 6
+"""How often part of the best way is left out, and how many of its positions at most."""
+HALVINGS = 4
+WORTH = 1e-3
+"""By how much ψ falls in a round of steps that is followed by another of the same size."""
+DIGITS = 2
+"""Angles are rounded to 0.01°."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Positions (n, axes), degree, with the information (n, n, k, k) and the seconds (n, n) of the sweeps between them,
+    infinite where there is none; `step` (axes,) degree between positions; `ends` (n,) where the instrument can be mounted."""
+
+    positions: Array
+    matrices: Array
+    seconds: Array
+    step: Array
+    ends: Flags
+
+    def without(self, sweeps: Sequence[tuple[int, int]]) -> None:
+        """Some sweeps, and their reverses, are no longer offered."""
+        for a, b in sweeps:
+            self.seconds[a, b] = self.seconds[b, a] = math.inf
+
+
+def positions_of(sweeps: Sweeps) -> tuple[Array, Array]:
+    """A grid of positions (n, axes), degree, inside all limits, with the ends of every range; its steps (axes,)."""
+    space = sweeps.space
+    low, high = (np.degrees(bounds[: space.poses]) for bounds in (space.lower, space.upper))
+    per_axis = 3
+    while True:
+        levels = [np.linspace(*pair, per_axis + 2) for pair in zip(low, high, strict=True)]
+        finer = np.array(list(itertools.product(*levels)))
+        finer = finer[sweeps.reachable(finer)]
+        if len(finer) > MOST_POSITIONS and per_axis > 3:
+            break
+        found, steps = finer, np.array([level[1] - level[0] for level in levels])
+        per_axis += 2
+        if len(finer) > MOST_POSITIONS or per_axis > MOST_POSITIONS:
+            break
+    return np.round(found, DIGITS), steps
+
+
+def grid_of(sweeps: Sweeps, positions: Array, step: Array, ends: Flags, speed: float) -> Grid:
+    """All sweeps between positions of a grid."""
+    n, k = len(positions), len(sweeps.start)
+    matrices, seconds = np.zeros((n, n, k, k)), np.full((n, n), math.inf)
+    for a, b in itertools.permutations(range(n), 2):
+        found = sweeps.between(positions[a], positions[b], speed)
+        if found is not None:
+            matrices[a, b], seconds[a, b] = found.matrix, found.seconds
+    return Grid(positions, matrices, seconds, step, ends)
+
+
+class _Way:
+    """A way through positions of a grid, and what changing it does."""
+
+    def __init__(self, grid: Grid, goal: Goal, way: Sequence[int]) -> None:
+        self.grid, self.goal, self.way = grid, goal, list(way)
+        pairs = list(itertools.pairwise(self.way))
+        self.seconds = float(sum(grid.seconds[pair] for pair in pairs))
+        self.total = np.sum([grid.matrices[pair] for pair in pairs], axis=0)
+
+    @property
+    def value(self) -> float:
+        """ψ of the recording."""
+        return self.goal.psi(self.total)
+
+    def rate(self, seconds: float) -> float:
+        """ψ if the recording were repeated for so many seconds."""
+        return self.goal.psi(self.total * (seconds / self.seconds))
+
+    def changed(self, first: int, last: int, between: Sequence[int]) -> _Way:
+        """Another way: `between` takes the place of the positions from number `first` up to `last`, without it."""
+        return _Way(self.grid, self.goal, [*self.way[:first], *between, *self.way[last:]])
+
+    def changes(
+        self, pull: Array, room: float, *, grow: bool
+    ) -> Iterator[tuple[float, float, tuple[int, int, list[int]]]]:
+        """First-order gain, seconds and change: a position put in anywhere and, unless the way has only to `grow`, put in the
+        place of another or left out."""
+        n = len(self.grid.positions)
+        gain = np.tensordot(self.grid.matrices, pull, 2)
+        seconds, none = self.grid.seconds, np.zeros(n)
+        for place in range(len(self.way) + 1):
+            for wide in (0,) if grow else (0, 1):
+                last = place + wide
+                if last > len(self.way):
+                    continue
+                old = list(itertools.pairwise(self.way[max(place - 1, 0) : last + 1]))
+                a = self.way[place - 1] if place else None
+                b = self.way[last] if last < len(self.way) else None
+                cost = (none if a is None else seconds[a]) + (none if b is None else seconds[:, b])
+                won = (none if a is None else gain[a]) + (none if b is None else gain[:, b])
+                cost = cost - sum(seconds[pair] for pair in old)
+                won = won - sum(gain[pair] for pair in old)
+                ends = self.grid.ends if a is None or b is None else np.ones(n, dtype=bool)
+                for j in np.flatnonzero(ends & np.isfinite(cost) & (cost <= room)):
+                    yield float(won[j]), float(cost[j]), (place, last, [int(j)])
+                if wide and self._short(a, b) and len(self.way) > 2:
+                    joined = (0.0, 0.0) if a is None or b is None else (seconds[a, b], gain[a, b])
+                    less = joined[0] - sum(seconds[pair] for pair in old)
+                    if math.isfinite(less) and less <= room:
+                        yield float(joined[1] - sum(gain[pair] for pair in old)), float(less), (place, last, [])
+
+    def _short(self, a: int | None, b: int | None) -> bool:
+        """Whether the position between two may be left out."""
+        if a is None or b is None:
+            return bool(self.grid.ends[a if b is None else b])
+        return a != b
+
+
+def best_way(grid: Grid, goal: Goal, seconds: float, start: Sequence[int] = ()) -> list[int]:
+    """Numbers of the positions of the most informative way found in at most so many seconds: parts of the best one are left out
+    at random and grown anew (iterated local search, H. R. Lourenço et al. 2003)."""
+    generator = np.random.default_rng(0)
+    best = _exchanged(_grown(_Way(grid, goal, start or _first(grid, goal, seconds)), seconds), seconds)
+    for _ in range(SHAKES):
+        size = int(generator.integers(1, MOST_LEFT_OUT + 1))
+        place = int(generator.integers(0, max(len(best.way) - size, 0) + 1))
+        left = [*best.way[:place], *best.way[place + size :]]
+        joined = all(math.isfinite(grid.seconds[pair]) for pair in itertools.pairwise(left))
+        if len(left) < 2 or not (joined and grid.ends[left[0]] and grid.ends[left[-1]]):
+            continue
+        other = _exchanged(_grown(_Way(grid, goal, left), seconds), seconds)
+        if other.value < best.value - LEAST_GAIN:
+            best = other
+    return best.way
+
+
+def _grown(way: _Way, seconds: float) -> _Way:
+    """Positions put in until no more fits into the time."""
+    while True:
+        pull = way.goal.pull(way.total * (seconds / way.seconds))
+        mean = float(np.sum(pull * way.total)) / way.seconds
+        found = sorted(way.changes(pull, seconds - way.seconds, grow=True), key=lambda c: c[1] * mean - c[0])
+        tried = [way.changed(*change) for *_, change in found[:EXACT]]
+        if not tried:
+            return way
+        way = min(tried, key=lambda other: other.rate(seconds))
+
+
+def _exchanged(way: _Way, seconds: float) -> _Way:
+    """Positions exchanged, put in and left out until ψ falls no more."""
+    while True:
+        now, pull = way, way.goal.pull(way.total)
+        found = sorted(now.changes(pull, seconds - now.seconds, grow=False), key=lambda c: -c[0])
+        way = min([now, *(now.changed(*change) for *_, change in found[:EXACT])], key=lambda other: other.value)
+        if way.value > now.value - LEAST_GAIN:
+            return now
+
+
+def _first(grid: Grid, goal: Goal, seconds: float) -> Sequence[int]:
+    """The most informative sweep per second between two positions at which the instrument can be mounted."""
+    fits = np.isfinite(grid.seconds) & (grid.seconds <= seconds) & grid.ends[:, None] & grid.ends[None, :]
+    ways = [_Way(grid, goal, pair) for pair in np.argwhere(fits).tolist()]
+    return min(ways, key=lambda way: way.rate(seconds)).way
+
+
+def refined_way(
+    sweeps: Sweeps, goal: Goal, stops: Sequence[Array], step: Array, speed: float, seconds: float
+) -> list[Array]:  # fmt: skip
+    """The stops, but for the two ends, moved off the grid where that lowers ψ within so many seconds."""
+    way = list(stops)
+    parts = [_known(sweeps, pair, speed) for pair in itertools.pairwise(way)]
+    total, used = np.sum([p.matrix for p in parts], axis=0), sum(p.seconds for p in parts)
+    value = goal.psi(total)
+    signs = [sign * axis for axis in np.eye(len(step)) for sign in (1.0, -1.0)]
+    halving = 1
+    while halving <= HALVINGS:
+        before = value
+        for i, sign in itertools.product(range(1, len(way) - 1), signs):
+            moved = np.round(way[i] + sign * step * 0.5**halving, DIGITS)
+            fresh = [sweeps.between(way[i - 1], moved, speed), sweeps.between(moved, way[i + 1], speed)]
+            new = [part for part in fresh if part is not None]
+            if len(new) < len(fresh):
+                continue
+            then = total + sum(p.matrix for p in new) - parts[i - 1].matrix - parts[i].matrix
+            time = used + sum(p.seconds for p in new) - parts[i - 1].seconds - parts[i].seconds
+            if time <= seconds and (psi := goal.psi(then)) < value - LEAST_GAIN:
+                way[i], parts[i - 1 : i + 1], total, used, value = moved, new, then, time, psi
+        halving += value > before - WORTH
+    return way
+
+
+def _known(sweeps: Sweeps, pair: tuple[Array, Array], speed: float) -> Sweep:
+    found = sweeps.between(*pair, speed)
+    assert found is not None  # it is of the grid
+    return found
