@@ -1,7 +1,8 @@
 """`plan_sweeps`: an R-test read on the way, as one recording of one mounting in given minutes.
 
 The rotary axes turn straight from stop to stop at a constant speed, one alone or several together, and the linear axes keep the
-ball in its nest. Decided are the stops, their order, and the speed (`_sweep_search`). The certificate compares the recording with
+ball in its nest. The mounting is the best one for
+poses at rest. Decided are the stops, their order, and the speed (`_sweep_search`). The certificate compares the recording with
 optimal seconds on a dense set of sweeps (`relaxed_bound`), as for circles: what lies between these is not proved.
 """
 
@@ -53,8 +54,9 @@ SLOW_S = 1.0
 `identify` finds in circular tests. State your own: `identify` prints it for every recording."""
 ROUNDS = 2
 POSES = 200
-SAMPLE = 100
-"""Sweeps at every speed by which the speed is chosen."""
+SAMPLE = 60
+"""Sweeps by which speeds are compared."""
+REMEDY = "what helps: a lower speed, a longer tool, more travel, a lower sigma of the errors"
 SLACK = 0.01
 """Share of the time that is left to moving the stops off the grid."""
 
@@ -177,22 +179,22 @@ def plan_sweeps(
     space = make_space(machine, "r_test", noise_um=noise_um, setup_sigma=setup_sigma)
     names = [p.name for p in space.shared]
     task = task_of(space, criterion, interest_of(names, tuple(for_)), None)
-    (setup,), _ = best_setups(space, task, 1, POSES, pose_grid(space, POSES))
-    sweeps = Sweeps(space, setup, noise, rate_hz)
-    goal = Goal(
-        task.criterion, np.array([sweeps.model.index[names[i]] for i in task.interest]), sweeps.model.prior_sigma
-    )
     seconds = 60.0 * minutes - SETUP_S - DWELL_S
     if seconds < 2.0 * SHORTEST * correlation_s:
         raise InputError(
             f"{minutes:g} min leave no time beside the mounting, {SETUP_S / 60.0:g} min", remedy="give more minutes"
         )
+    (setup,), _ = best_setups(space, task, 1, POSES, pose_grid(space, POSES))
+    sweeps = Sweeps(space, setup, noise, rate_hz)
+    goal = Goal(
+        task.criterion, np.array([sweeps.model.index[names[i]] for i in task.interest]), sweeps.model.prior_sigma
+    )
     speed, stops = _searched(sweeps, goal, sorted(speeds), seconds)
     run, information = sweeps.recorded(stops, speed)
     value = goal.psi(information)
     certificate = _certified(sweeps, goal, value, run.duration, tuple(sorted(speeds))) if certify else None
     campaign = campaign_of(machine, (run,), "sweeps")
-    at_rest = _at_rest(space, task, setup, run.duration)
+    at_rest = _at_rest(space, task, sweeps.setup, run.duration)
     return SweepPlan(
         campaign, criterion, tuple(sweeps.rotary), np.stack(stops), speed, sweeps.effects, noise, value, certificate,
         math.exp(at_rest - value), assess(campaign, effects=sweeps.effects, noise=noise), tuple(_notes(sweeps, speed, speeds)),
@@ -206,6 +208,13 @@ def _noise_of(white: float, coloured: float | None, correlation_s: float) -> Noi
     return Noise(white, slow, correlation_s, white)
 
 
+def _sample(positions: Array) -> Array:
+    """Some pairs of positions (n, 2, axes)."""
+    pairs = np.array(list(itertools.permutations(range(len(positions)), 2))).reshape(-1, 2)
+    drawn: Array = positions[np.random.default_rng(0).permutation(pairs)[:SAMPLE]]
+    return drawn
+
+
 def _searched(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: float) -> tuple[float, list[Array]]:
     """Speed and stops of the best recording found. Raises `InputError` where no sweep is possible."""
     positions, step = positions_of(sweeps)
@@ -214,7 +223,7 @@ def _searched(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: floa
     for _ in range(ROUNDS):
         grid = grid_of(sweeps, positions, step, _ends(sweeps, positions), speed)
         if not np.isfinite(grid.seconds[np.ix_(grid.ends, grid.ends)]).any():
-            raise InputError("no sweep is clear of all limits", remedy="lower the speed, or use a longer tool")
+            raise InputError("no sweep is clear of all limits", remedy=REMEDY)
         stops = _clear_way(sweeps, goal, grid, stops, speed, seconds)
         positions = _about(sweeps, goal, stops, seconds, len(positions))
     return speed, stops
@@ -222,14 +231,10 @@ def _searched(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: floa
 
 def _best_speed(sweeps: Sweeps, goal: Goal, positions: Array, speeds: Sequence[float], seconds: float) -> float:
     """The speed on which the best weights spend most of the time, of some sweeps at every speed."""
-    pairs = np.array(list(itertools.permutations(range(len(positions)), 2)))
-    drawn = np.random.default_rng(0).permutation(pairs)[:SAMPLE]
-    for a, b in drawn:
+    for a, b in _sample(positions):
         for speed in speeds:
-            sweeps.between(positions[a], positions[b], speed)
+            sweeps.between(a, b, speed)
     offered = sweeps.offered
-    if not offered:
-        raise InputError("no sweep is clear of all limits", remedy="lower the speed, or use a longer tool")
     weights, _ = _weighed(goal, [sweep for _, _, sweep in offered], seconds)
     spent = {speed: sum(w for w, (_, own, _) in zip(weights, offered, strict=True) if own == speed) for speed in speeds}
     return max(spent, key=lambda speed: spent[speed])
