@@ -1,9 +1,9 @@
 """`plan_sweeps`: an R-test read on the way, as one recording of one mounting in given minutes.
 
 The rotary axes turn straight from stop to stop at a constant speed, one alone or several together, and the linear axes keep the
-ball in its nest. The mounting is the best one for
-poses at rest. Decided are the stops, their order, and the speed (`_sweep_search`). The certificate compares the recording with
-optimal seconds on a dense set of sweeps (`relaxed_bound`), as for circles: what lies between these is not proved.
+ball in its nest. The mounting is the best one for poses at rest. Decided are the stops, their order, and the speed
+(`_sweep_search`). The certificate compares the recording with optimal seconds on a dense set of sweeps (`relaxed_bound`), as for
+circles: what lies between these is not proved.
 """
 
 from __future__ import annotations
@@ -235,6 +235,8 @@ def _best_speed(sweeps: Sweeps, goal: Goal, positions: Array, speeds: Sequence[f
         for speed in speeds:
             sweeps.between(a, b, speed)
     offered = sweeps.offered
+    if not offered:
+        raise InputError("no sweep is clear of all limits", remedy=REMEDY)
     weights, _ = _weighed(goal, [sweep for _, _, sweep in offered], seconds)
     spent = {speed: sum(w for w, (_, own, _) in zip(weights, offered, strict=True) if own == speed) for speed in speeds}
     return max(spent, key=lambda speed: spent[speed])

@@ -1,0 +1,229 @@
+"""R-tests in motion: plans, their programs, and readings of the independent plant with lag, delay and slow noise."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plant import NoiseOptions, simulate_run
+from scipy.stats import chi2
+
+from symfive.campaign import Campaign, SetupSigma, read_campaign
+from symfive.cli import main
+from symfive.design import SweepPlan, assess, plan_sweeps
+from symfive.errors import InputError
+from symfive.identify import identify
+from symfive.inference import Noise
+from symfive.machine import preset
+from symfive.nc import program
+from symfive.procedures import DWELL_S, through
+from tests.plan_checker import check
+
+MACHINE = "nutating-table"
+MINUTES, SPEED, SLOW = 7.0, 20.0, NoiseOptions(coloured_um=0.3, correlation_s=1.0)
+DRAWN, FINE = 4, 20
+"""Machines, and instants per row at which the plant moves: it shifts readings by a delay along straight lines between these."""
+
+
+@pytest.fixture(scope="module")
+def made() -> SweepPlan:
+    return plan_sweeps(MACHINE, minutes=MINUTES, speeds=(SPEED,), rate_hz=10.0)
+
+
+@pytest.fixture(scope="module")
+def folder(made: SweepPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    target = tmp_path_factory.mktemp("plan") / "sweeps"
+    made.write(target, nc=("linuxcnc", "heidenhain"))
+    return target
+
+
+def test_ways_through_stops_keep_the_speed_of_the_axis_that_turns_most() -> None:
+    stops = np.array([[0.0, 0.0], [30.0, -90.0], [30.0, 0.0]])
+    time, q = through(stops, 10.0, 50.0)
+    assert time[-1] == pytest.approx(9.5 + 9.5 + DWELL_S, abs=0.05)  # a ramp of 0.5 s each way costs half of itself
+    rate = np.abs(np.diff(q, axis=0)) * 50.0
+    assert rate.max() == pytest.approx(10.0, abs=1e-6) and rate[:, 0].max() == pytest.approx(10.0 / 3.0, abs=1e-6)
+    corner = int(np.argmin(q[:, 1]))
+    assert q[corner] == pytest.approx(stops[1], abs=1e-9) and q[-1] == pytest.approx(stops[2], abs=1e-9)
+    assert rate[[0, corner - 1, corner, -1]].max() < 0.2  # at rest at every stop
+    assert np.abs(np.diff(rate, axis=0)).max() * 50.0 < 1.51 * 10.0 / 0.5  # acceleration of the smooth ramp
+
+
+def test_plan_keeps_the_minutes_and_states_certificate_and_gain(made: SweepPlan) -> None:
+    assert MINUTES - 0.3 < made.minutes <= MINUTES + 0.01
+    assert made.certificate is not None
+    assert 0.9 < made.certificate.efficiency <= 1.0
+    assert "searched over a dense set" in made.certificate.says and "same recording time" in made.certificate.says
+    assert made.at_rest > 1.5
+    turned = [np.abs(b - a).max() for a, b in itertools.pairwise(made.stops)]
+    assert min(turned) >= 2.0 * SPEED  # two correlation times
+    both_ways = {(bool(s > 0)) for s in np.diff(made.stops[:, -1]) if s}
+    assert both_ways == {True, False}
+
+
+def test_value_is_that_of_the_assessment(made: SweepPlan) -> None:
+    """ψ by the assessment of the finished plan is what the search computed, and half of the recording has more."""
+    run = made.campaign.runs[0]
+    names = [p.name for p in made.assessment.parameters if p.kind not in ("setup", "effect")]
+
+    def size(campaign: Campaign) -> float:
+        found = assess(campaign, effects=made.effects, noise=made.noise)
+        index = [p.name for p in found.parameters]
+        place = [index.index(name) for name in names]
+        scale = np.array([found.parameters[i].sigma for i in place])
+        return float(np.linalg.slogdet(found.covariance[np.ix_(place, place)] / np.outer(scale, scale))[1]) / len(place)
+
+    assert size(made.campaign) == pytest.approx(made.value, abs=0.01)
+    half = run.part(0, run.rows // 2)
+    assert size(Campaign(machine=made.campaign.machine, runs=(half,))) > made.value + 0.1
+
+
+def test_reading_faster_promises_hardly_more(made: SweepPlan) -> None:
+    """White noise halves with four times the rows; slow noise does not."""
+    machine, slow, white = preset(MACHINE), Noise(0.3, 0.3, 1.0), Noise(0.3)
+    run = made.campaign.runs[0]
+
+    def gain(noise: Noise) -> float:
+        every = Campaign(machine=machine, runs=(run,))
+        rows = slice(None, None, 4)
+        commands = {name: q[rows] for name, q in run.commands.items()}
+        few = Campaign(
+            machine=machine, runs=(type(run)(**{**_fields(run), "time": run.time[rows], "commands": commands}),)
+        )
+        sigma = [assess(c, effects=made.effects, noise=noise).sigma["EC0X"] for c in (few, every)]
+        return sigma[0] / sigma[1]
+
+    assert gain(white) == pytest.approx(2.0, abs=0.1)
+    assert gain(slow) < 1.4
+
+
+def _fields(run: object) -> dict[str, object]:
+    names = ("id", "instrument", "sampling", "table_ball", "tool_ball", "noise_um", "setup_sigma_um")
+    return {name: getattr(run, name) for name in names}
+
+
+def test_folder_is_in_order_and_its_programs_reach_every_stop(folder: Path, made: SweepPlan) -> None:
+    assert [str(finding) for finding in check(folder)] == []
+    data = json.loads((folder / "plan.json").read_text())
+    assert data["certificate"]["efficiency"] == pytest.approx(made.certificate.efficiency, rel=1e-5)
+    assert data["stops_deg"] == made.stops.tolist()
+    assert {e["effect"] for e in data["effects"]} == {"latency", "servo_mismatch"}
+    assert "efficiency" in (folder / "setup.html").read_text()
+    assert read_campaign(folder).runs[0].rows == made.campaign.runs[0].rows
+
+
+def test_out_and_back_on_one_way_is_programmed_up_to_its_turn(made: SweepPlan) -> None:
+    """A block from the row before the turn to the one after would lead nowhere, and its time went to the next one."""
+    before, turn = made.stops[0], made.stops[1]
+    run = made.campaign.runs[0]
+    rows = int(round(np.argmin(np.abs(run.commands[made.rotary[-1]] - turn[-1])))) + 1
+    commands = {name: np.concatenate([q[:rows], q[: rows - 1][::-1]]) for name, q in run.commands.items()}
+    there = type(run)(**{**_fields(run), "time": np.arange(2 * rows - 1) * 0.1, "commands": commands})
+    text = program(preset(MACHINE), there, "linuxcnc")
+    assert before[-1] != turn[-1]
+    words = " ".join(f"{name}{value:.5f}" for name, value in sorted(zip(made.rotary, turn, strict=True)))
+    assert words in text
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"minutes": 5.0}, "no time beside the mounting"),
+        ({"instrument": "ball_bar"}, "sweeps with ball_bar"),
+        ({"speeds": (0.0,)}, "not positive"),
+        ({"correlation_s": 0.0}, "noise"),
+        ({"speeds": (5000.0,)}, "no sweep"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(options: dict[str, object], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        plan_sweeps(MACHINE, **options)
+
+
+def test_command_line_refuses_options_of_poses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", MACHINE, "-o", str(tmp_path / "p"), "--in-motion", "--points", "20"]) == 2
+    assert "--points" in capsys.readouterr().err
+
+
+def _motion(terms: dict[str, float]) -> Callable[[np.ndarray], np.ndarray]:
+    """Harmonics of a turn, µm or µrad at degrees."""
+    waves = {"cos": np.cos, "sin": np.sin}
+    return lambda q: sum(size * waves[name[:3]](int(name[3:]) * np.radians(q)) for name, size in terms.items())
+
+
+def measured(folder: Path, seed: int) -> tuple[Campaign, dict[str, float]]:
+    """The plan read by the plant: errors, set-up and drives drawn from their priors, delay, slow noise."""
+    generator, plan = np.random.default_rng(seed), read_campaign(folder)
+    table, run = tomllib.loads((folder / "machine.toml").read_text(encoding="utf-8")), plan.runs[0]
+    expected = json.loads((folder / "plan.json").read_text())["expected"]
+    names = [name for name in expected if not name.startswith(("setup.", "latency.", "servo_mismatch."))]
+    truth = {name: float(expected[name]["prior_std"] * generator.standard_normal()) for name in names}
+    for axis in table["axes"].values():
+        axis["drive"]["position_gain"] *= 1.0 + 0.1 * generator.standard_normal()
+    motions = {
+        component: _motion({name.partition(".")[2]: v for name, v in truth.items() if name.startswith(f"{component}.")})
+        for component in {name.partition(".")[0] for name in names if "." in name}
+    }
+    sigma = run.setup_sigma_um
+    assert isinstance(sigma, SetupSigma)
+    spec = {
+        "id": run.id, "instrument": "r_test", "sampling": "dynamic", "t_s": run.time, "command": run.commands,
+        "table_ball": run.table_ball, "tool_ball": run.tool_ball, "noise_um": run.noise_um,
+        "setup_um": {
+            "table_ball": [0.0] * 3, "length": 0.0, "zero": list(150.0 * generator.standard_normal(3)),
+            "tool_ball": list(sigma.tool * generator.standard_normal(3)),
+        },
+    }  # fmt: skip
+    delay = {"effect": "latency", "delay_ms": 5.0 * generator.standard_normal()}
+    location = {name: value for name, value in truth.items() if "." not in name}
+    read = simulate_run(table, spec, location, motions, [delay], seed=seed, noise_options=SLOW, oversample=FINE).values
+    readings = dict(zip(("dx_um", "dy_um", "dz_um"), read.T, strict=True))
+    return Campaign(machine=plan.machine, runs=(run.with_readings(readings),)), truth
+
+
+def test_plant_is_identified_within_the_stated_uncertainty(folder: Path, made: SweepPlan) -> None:
+    """χ² of all errors of the machine by their joint covariance, over some machines; and what the plan promised."""
+    distance, size, promised = 0.0, 0, []
+    for seed in range(DRAWN):
+        campaign, truth = measured(folder, seed)
+        found = identify(campaign, effects=made.effects)
+        place = [found.model.index[name] for name in truth]
+        off = np.array([found[name] - value for name, value in truth.items()])
+        distance += float(off @ np.linalg.solve(found.covariance[np.ix_(place, place)], off))
+        size += len(off)
+        promised += [found.uncertainty(name) / made.assessment.sigma[name] for name in truth]
+    assert chi2(size).cdf(distance) == pytest.approx(0.5, abs=0.499)
+    assert np.array(promised) == pytest.approx(1.0, abs=0.35)
+
+
+def test_without_lag_the_geometry_is_wrong(folder: Path, made: SweepPlan) -> None:
+    campaign, truth = measured(folder, 0)
+    blind, seeing = identify(campaign), identify(campaign, effects=made.effects)
+    off = [max(abs(found[n] - v) / made.assessment.sigma[n] for n, v in truth.items()) for found in (blind, seeing)]
+    assert off[0] > 10.0 * off[1]
+
+
+def test_command_line_frees_the_effects_of_the_plan(folder: Path, tmp_path: Path) -> None:
+    from symfive.campaign import write_campaign_files
+
+    campaign, truth = measured(folder, 1)
+    (tmp_path / "measured").mkdir()
+    write_campaign_files(campaign, tmp_path / "measured")
+    arguments = [
+        "identify",
+        str(tmp_path / "measured"),
+        "-o",
+        str(tmp_path / "r"),
+        "--effects",
+        str(folder / "plan.json"),
+    ]
+    assert main([*arguments, "--no-figures", "--quiet"]) == 0
+    found = json.loads((tmp_path / "r" / "identification.json").read_text())["parameters"]
+    assert "latency.delay_ms" in found
+    off = [(found[name]["value"] - value) / found[name]["std"] for name, value in truth.items()]
+    assert np.sqrt(np.mean(np.square(off))) < 2.0
