@@ -7,13 +7,14 @@ import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from plant import NoiseOptions, simulate_run
 from scipy.stats import chi2
 
-from symfive.campaign import Campaign, SetupSigma, read_campaign
+from symfive.campaign import Campaign, Run, SetupSigma, read_campaign
 from symfive.cli import main
 from symfive.design import SweepPlan, assess, plan_sweeps
 from symfive.errors import InputError
@@ -21,7 +22,7 @@ from symfive.identify import identify
 from symfive.inference import Noise
 from symfive.machine import preset
 from symfive.nc import program
-from symfive.procedures import DWELL_S, through
+from symfive.procedures import DWELL_S, Nominal, through
 from tests.plan_checker import check
 
 MACHINE = "nutating-table"
@@ -92,9 +93,7 @@ def test_reading_faster_promises_hardly_more(made: SweepPlan) -> None:
         every = Campaign(machine=machine, runs=(run,))
         rows = slice(None, None, 4)
         commands = {name: q[rows] for name, q in run.commands.items()}
-        few = Campaign(
-            machine=machine, runs=(type(run)(**{**_fields(run), "time": run.time[rows], "commands": commands}),)
-        )
+        few = Campaign(machine=machine, runs=(Run(**{**_fields(run), "time": run.time[rows], "commands": commands}),))
         sigma = [assess(c, effects=made.effects, noise=noise).sigma["EC0X"] for c in (few, every)]
         return sigma[0] / sigma[1]
 
@@ -102,7 +101,7 @@ def test_reading_faster_promises_hardly_more(made: SweepPlan) -> None:
     assert gain(slow) < 1.4
 
 
-def _fields(run: object) -> dict[str, object]:
+def _fields(run: Run) -> dict[str, Any]:
     names = ("id", "instrument", "sampling", "table_ball", "tool_ball", "noise_um", "setup_sigma_um")
     return {name: getattr(run, name) for name in names}
 
@@ -119,13 +118,14 @@ def test_folder_is_in_order_and_its_programs_reach_every_stop(folder: Path, made
 
 def test_out_and_back_on_one_way_is_programmed_up_to_its_turn(made: SweepPlan) -> None:
     """A block from the row before the turn to the one after would lead nowhere, and its time went to the next one."""
-    before, turn = made.stops[0], made.stops[1]
-    run = made.campaign.runs[0]
-    rows = int(round(np.argmin(np.abs(run.commands[made.rotary[-1]] - turn[-1])))) + 1
-    commands = {name: np.concatenate([q[:rows], q[: rows - 1][::-1]]) for name, q in run.commands.items()}
-    there = type(run)(**{**_fields(run), "time": np.arange(2 * rows - 1) * 0.1, "commands": commands})
-    text = program(preset(MACHINE), there, "linuxcnc")
-    assert before[-1] != turn[-1]
+    run, turn = made.campaign.runs[0], made.stops[1]
+    time, q = through(made.stops[[0, 1, 0]], SPEED, 50.0)
+    turned = dict(zip(made.rotary, q.T, strict=True))
+    commands = Nominal(preset(MACHINE)).follow(
+        np.tile(run.table_ball, (len(q), 1)), run.tool_ball, turned, "out and back"
+    )
+    back = Run(**{**_fields(run), "time": time, "commands": commands})
+    text = program(preset(MACHINE), back, "linuxcnc")
     words = " ".join(f"{name}{value:.5f}" for name, value in sorted(zip(made.rotary, turn, strict=True)))
     assert words in text
 
