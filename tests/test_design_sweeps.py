@@ -118,8 +118,8 @@ def test_folder_is_in_order_and_its_programs_reach_every_stop(folder: Path, made
 
 def test_out_and_back_on_one_way_is_programmed_up_to_its_turn(made: SweepPlan) -> None:
     """A block from the row before the turn to the one after would lead nowhere, and its time went to the next one."""
-    run, turn = made.campaign.runs[0], made.stops[1]
-    time, q = through(made.stops[[0, 1, 0]], SPEED, 50.0)
+    run, start, turn = made.campaign.runs[0], np.zeros(2), np.array([20.0, 60.0])
+    time, q = through(np.stack([start, turn, start]), SPEED, 50.0)
     turned = dict(zip(made.rotary, q.T, strict=True))
     commands = Nominal(preset(MACHINE)).follow(
         np.tile(run.table_ball, (len(q), 1)), run.tool_ball, turned, "out and back"
