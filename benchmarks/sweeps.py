@@ -46,7 +46,8 @@ def read(plant: Plant, made: SweepPlan, names: list[str], seed: int) -> tuple[Ca
     generator, run = np.random.default_rng(seed), made.campaign.runs[0]
     truth, data = plant.drawn(names, generator), copy.deepcopy(plant.data)
     for axis in data["axes"].values():
-        axis["drive"]["position_gain"] *= 1.0 + GAIN * generator.standard_normal()
+        if "drive" in axis:
+            axis["drive"]["position_gain"] *= 1.0 + GAIN * generator.standard_normal()
     spec = {
         "id": run.id, "instrument": "r_test", "sampling": "dynamic", "t_s": run.time, "command": run.commands,
         "table_ball": run.table_ball, "tool_ball": run.tool_ball, "noise_um": run.noise_um,

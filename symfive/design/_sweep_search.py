@@ -21,8 +21,8 @@ from symfive.design._sweeps import Sweep, Sweeps
 
 __all__ = ["Grid", "best_way", "grid_of", "positions_of", "refined_way"]
 
-MOST_POSITIONS = 48
-"""Positions of the grid: all sweeps between two of them are offered."""
+MOST_POSITIONS, FEWEST_LEVELS = 48, 5
+"""Positions of the grid, between any two of which a sweep is offered, and of every axis."""
 EXACT = 6
 """Changes of a way that are computed, of all that are ranked."""
 LEAST_GAIN = 1e-6
@@ -56,18 +56,16 @@ def positions_of(sweeps: Sweeps) -> tuple[Array, Array]:
     """A grid of positions (n, axes), degree, inside all limits, with the ends of every range; its steps (axes,)."""
     space = sweeps.space
     low, high = (np.degrees(bounds[: space.poses]) for bounds in (space.lower, space.upper))
-    per_axis = 3
-    while True:
-        levels = [np.linspace(*pair, per_axis + 2) for pair in zip(low, high, strict=True)]
+    found, steps = np.zeros((0, space.poses)), np.zeros(space.poses)
+    for count in range(FEWEST_LEVELS, MOST_POSITIONS + 1, 2):
+        levels = [np.linspace(*pair, count) for pair in zip(low, high, strict=True)]
         finer = np.array(list(itertools.product(*levels)))
         finer = finer[sweeps.reachable(finer)]
-        if len(finer) > MOST_POSITIONS and per_axis > 3:
+        if len(finer) > MOST_POSITIONS and len(found):
             break
         found, steps = finer, np.array([level[1] - level[0] for level in levels])
-        per_axis += 2
-        if len(finer) > MOST_POSITIONS or per_axis > MOST_POSITIONS:
-            break
-    return np.round(found, DIGITS), steps
+    picked = np.sort(np.random.default_rng(0).permutation(len(found))[:MOST_POSITIONS])
+    return np.round(found[picked], DIGITS), steps
 
 
 def grid_of(sweeps: Sweeps, positions: Array, step: Array, ends: Flags, speed: float) -> Grid:

@@ -51,9 +51,14 @@ class Sweep:
 
 
 def nuisances(machine: Machine) -> tuple[Effect, ...]:
-    """Delay of the instrument's clock, and lag of every axis whose drive the machine file describes."""
+    """Delay of the instrument's clock, and lag of every axis whose drive the machine file describes, where its model has none."""
+    held = {(entry.effect, entry.axis) for entry in machine.effects}
     drives = [name for name, axis in machine.axes.items() if axis.drive is not None]
-    return (make_effect("latency"), *(make_effect("servo_mismatch", name, gains=("position_gain",)) for name in drives))
+    found = [
+        make_effect("latency"),
+        *(make_effect("servo_mismatch", name, gains=("position_gain",)) for name in drives),
+    ]
+    return tuple(effect for effect in found if (effect.id, effect.axis) not in held)
 
 
 class Sweeps:
