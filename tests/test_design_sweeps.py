@@ -21,7 +21,7 @@ from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.inference import Noise
 from symfive.machine import preset
-from symfive.nc import program
+from symfive.nc import Post, program
 from symfive.procedures import DWELL_S, Nominal, through
 from tests.plan_checker import check
 
@@ -114,6 +114,15 @@ def test_folder_is_in_order_and_its_programs_reach_every_stop(folder: Path, made
     assert {e["effect"] for e in data["effects"]} == {"latency", "servo_mismatch"}
     assert "efficiency" in (folder / "setup.html").read_text()
     assert read_campaign(folder).runs[0].rows == made.campaign.runs[0].rows
+
+
+def test_one_block_of_the_control_is_checked_along_its_way(made: SweepPlan, tmp_path: Path) -> None:
+    """Under tool-centre control a whole sweep may be one block, along which no axis moves straight."""
+    made.write(tmp_path / "centred", nc=("iso",), post=Post(tool_centre=True))
+    assert [str(finding) for finding in check(tmp_path / "centred")] == []
+    assert (
+        len((tmp_path / "centred" / "nc" / "iso" / "sweeps.nc").read_text().splitlines()) < made.campaign.runs[0].rows
+    )
 
 
 def test_out_and_back_on_one_way_is_programmed_up_to_its_turn(made: SweepPlan) -> None:

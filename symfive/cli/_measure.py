@@ -292,7 +292,14 @@ def plan(
         in_motion = motion.pop("in_motion")
         route = part_of(data, part, circles, **part_options)
         result: Any
-        if circles == CIRCULAR_TEST:
+        if in_motion:
+            refuse_in_motion(click.get_current_context())
+            result = plan_sweeps(
+                data, instrument=poses["instrument"], minutes=poses["minutes"] or 8.0, criterion=criterion or "D", for_=names,
+                noise_um=noise_um, setup_sigma=setup_sigma_of(sigmas), certify=not no_proof,
+                **{name: value for name, value in motion.items() if value},
+            )  # fmt: skip
+        elif circles == CIRCULAR_TEST:
             result = circular_test(
                 data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=one_bar(bars), sweep_deg=sweep,
                 noise_um=noise_um,
@@ -302,13 +309,6 @@ def plan(
                 data, effects_of(effects, circles), family=circles, count=count, for_=names, criterion=criterion or "D",
                 robust=robust, per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
                 feeds=feeds or None, certify=not no_proof,
-            )  # fmt: skip
-        elif in_motion:
-            refuse_in_motion(click.get_current_context())
-            result = plan_sweeps(
-                data, instrument=poses["instrument"], minutes=poses["minutes"] or 8.0, criterion=criterion or "D", for_=names,
-                noise_um=noise_um, setup_sigma=setup_sigma_of(sigmas), certify=not no_proof,
-                **{name: value for name, value in motion.items() if value},
             )  # fmt: skip
         elif len(instruments) > 1:
             refuse_with_several(click.get_current_context())

@@ -27,7 +27,7 @@ class Step:
     `feed` mm/min along the path, of moves whose speed is part of the result: a program that has one is written with feeds, not
     with times of blocks. An `arc` names the two axes of its plane in `positions` (XY, YZ, ZX, in this order), `centre` of the
     circle in the same words, the signed `sweep` in degree, positive from the first to the second axis, and the positions of all
-    axes on its `way` by row of the run. `orient` turns the spindle to `text` degree. `contour` calls
+    axes on its `way` by row of the run; so does a block along which the control itself keeps the tool's centre. `orient` turns the spindle to `text` degree. `contour` calls
     the plane named by `text` and the contouring mode.
     """
 
@@ -46,8 +46,9 @@ class Step:
 
     @property
     def straight(self) -> tuple[Step, ...]:
-        """The step itself, or an arc as the straight feed moves between the positions on its way."""
-        if self.kind != "arc":
+        """The step itself, or an arc or a block whose path is the control's as straight feed moves between the positions on its
+        way."""
+        if not self.way:
             return (self,)
         return tuple(replace(self, kind="feed", commands=there, towards=row) for row, there in self.way.items())
 

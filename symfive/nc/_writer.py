@@ -251,7 +251,12 @@ class Writer:
         if self.circle is not None:
             return circular(self.run, self.circle, bar=self.bar)
         blocks = straight_blocks(self.run, self.nominal, self.places, centred=self.post.centred)
-        return [Step(kind="comment", text=said(blocks)), *(self._pose(row, seconds) for row, seconds in blocks)]
+        found, first = [Step(kind="comment", text=said(blocks))], 0
+        for row, seconds in blocks:
+            way = {r: self._commands(r) for r in range(first + 1, row + 1)} if self.post.centred else {}
+            found.append(replace(self._pose(row, seconds), way=way))
+            first = row
+        return found
 
     def _entry(self, row: int) -> Positions:
         """Where the instrument is seated and freed: the pose itself, or before and after a bar's circle pulled out from it."""
