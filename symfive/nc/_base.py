@@ -27,8 +27,8 @@ class Step:
     `feed` mm/min along the path, of moves whose speed is part of the result: a program that has one is written with feeds, not
     with times of blocks. An `arc` names the two axes of its plane in `positions` (XY, YZ, ZX, in this order), `centre` of the
     circle in the same words, the signed `sweep` in degree, positive from the first to the second axis, and the positions of all
-    axes on its `way` by row of the run; so does a block along which the control itself keeps the tool's centre. `orient` turns the spindle to `text` degree. `contour` calls
-    the plane named by `text` and the contouring mode.
+    axes on its `way` by row of the run; so does a block along which the control keeps the tool's centre. `orient` turns the
+    spindle to `text` degree. `contour` calls the plane named by `text` and the contouring mode.
     """
 
     kind: str

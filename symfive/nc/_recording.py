@@ -101,12 +101,13 @@ def _ends(last: int, error: Callable[[int, int], float]) -> list[int]:
 def _chord(run: Run, nominal: Nominal, places: Array, *, centred: bool) -> Callable[[int, int], float]:
     """Error of one straight block between two rows as a share of what is allowed, at the rows between them."""
     time, rotary = run.time, nominal.machine.rotary_axes
+    named = [run.commands[name] for name in (rotary if centred else run.commands)]
+    words = np.stack([*named, *(places.T if centred else ())], axis=1)
 
     def error(first: int, last: int) -> float:
         if last - first < 2:
             return 0.0
-        moved = [np.ptp(q[first : last + 1]) for q in run.commands.values()]
-        if max(abs(q[last] - q[first]) for q in run.commands.values()) < STANDSTILL <= max(moved):
+        if np.abs(words[last] - words[first]).max() < STANDSTILL <= np.ptp(words[first : last + 1], axis=0).max():
             return math.inf  # out and back: a block that leads nowhere takes no time
         rows = slice(first + 1, last)
         share = (time[rows] - time[first]) / (time[last] - time[first])
