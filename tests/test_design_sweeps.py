@@ -112,7 +112,9 @@ def test_folder_is_in_order_and_its_programs_reach_every_stop(folder: Path, made
     assert data["certificate"]["efficiency"] == pytest.approx(made.certificate.efficiency, rel=1e-5)
     assert data["stops_deg"] == made.stops.tolist()
     assert {e["effect"] for e in data["effects"]} == {"latency", "servo_mismatch"}
-    assert "efficiency" in (folder / "setup.html").read_text()
+    sheet = (folder / "setup.html").read_text()
+    assert "efficiency" in sheet
+    assert "Start the recording there" in sheet
     assert read_campaign(folder).runs[0].rows == made.campaign.runs[0].rows
 
 

@@ -156,9 +156,11 @@ def _place(run: Run, stands: str) -> list[str]:
 def _start(sheet: Sheet, run: Run) -> list[str]:
     """How the program is started, and what comes back from it."""
     if "r_test" in run.instrument:
+        record = ["Start the recording there, then let the program go on."] if run.dynamic else []
         return [
             f"Nest and tool ball are mounted before the program of run {run.id} starts. It stops with the ball away from the "
             "nest, and again where you seat the ball and set its readings to zero.",
+            *record,
             _signs(run),
         ]
     if "touch_probe" not in run.instrument:
