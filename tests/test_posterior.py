@@ -42,6 +42,7 @@ from symfive.posterior import (
     refitted,
     widths_of,
 )
+from symfive.posterior._scale import solved
 from symfive.simulate import simulate
 
 NOISE = 0.3
@@ -422,3 +423,21 @@ def test_readings_left_out_are_predicted_better_with_the_finding() -> None:
 def test_open_campaigns(name: str, expected: set[tuple[str, str | None]]) -> None:
     result = diagnose(read_campaign(CAMPAIGNS / name / "fit"))
     assert {(f.name, f.axis) for f in result.findings} == expected
+
+
+@pytest.mark.parametrize("columns", [3, 20])
+@pytest.mark.parametrize("definite", [True, False])
+def test_a_subset_is_solved_whatever_its_size_and_where_rounding_leaves_no_cholesky_factor(
+    columns: int, definite: bool
+) -> None:
+    rng = np.random.default_rng(columns)
+    rows = rng.standard_normal((4, 50, columns))
+    h = np.swapaxes(rows, 1, 2) @ rows
+    if not definite:
+        h[2, 0, 0] = -1e6  # as no product of rows is
+    b, kappa2 = rng.standard_normal((4, columns)), rng.uniform(1.0, 2.0, 4)
+    x, log_det = solved(h.copy(), b, kappa2)
+    for k in range(4):
+        whole = h[k] + kappa2[k] * np.eye(columns)
+        np.testing.assert_allclose(whole @ x[k], b[k], atol=1e-9)
+        assert log_det[k] == pytest.approx(np.linalg.slogdet(whole / kappa2[k])[1])
