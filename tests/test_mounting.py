@@ -179,6 +179,7 @@ def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) 
     [
         ({"mounting": {"tool_ball": "a.b"}}, "is not a plain name"),
         ({"mounting": {"spindle": "1"}}, "its instruments have no error"),
+        ({"mounting": {"extra": "1"}}, "its instruments have no error"),
         ({"mounting": "1"}, "is not a table"),
         ({"mounting": SPINDLE, "tool_ball": (0.0, 0.0, -120.0)}, "is not that of run nest-1"),
     ],

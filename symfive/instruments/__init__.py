@@ -73,7 +73,7 @@ def check_mounting(run: Run, machine: Machine) -> None:
     """Raise `InputError` where a run names a mounting of something that its instruments have no error of."""
     own = {p.quantity.partition(".")[0] for i in instruments_of(run) for p in i.parameters(run, machine) if p.of_setup}
     for quantity in run.mounting:
-        if quantity not in own and not hasattr(run.setup_sigma_um, quantity):
+        if quantity not in own and getattr(run.setup_sigma_um, quantity, None) != 0.0:  # 0: known exactly
             problem = f"run {run.id}: mounting names {quantity}, of which its instruments have no error"
             remedy = f"name one of {', '.join(sorted(own))}"
             raise InputError(problem, remedy=remedy, keys=("mounting", quantity))
