@@ -136,7 +136,7 @@ def test_the_odds_that_a_ball_stayed_are_those_of_the_readings(tmp_path: Path) -
             covariance = slopes @ prior @ slopes.T + np.eye(len(slopes))
             spread = np.linalg.slogdet(covariance)[1]
             densities.append(-0.5 * float(spread + readings @ np.linalg.solve(covariance, readings)))
-        found = _Comparison(fit).log_odds(_Group("tool_ball", tuple(run.id for run in runs.runs)))
+        found = _Comparison(fit.problem(), fit).log_odds(_Group("tool_ball", tuple(run.id for run in runs.runs)))
         assert found == pytest.approx(densities[1] - densities[0], rel=0.01)
         assert (found > CERTAIN) == stayed
 

@@ -88,7 +88,7 @@ def identify(
     result = summarise(problem, values, converged, tuple(notes))
     held = [f"run {run} was held in memory as a whole: its rows depend on rows far away" for run in problem.held_whole]
     doubts = wiring_doubts(result) or tension_notes(result)
-    return replace(result, notes=(*result.notes, *held, *doubts, *mounting_notes(result)))
+    return replace(result, notes=(*result.notes, *held, *doubts, *mounting_notes(problem, result)))
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

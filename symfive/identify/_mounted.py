@@ -14,7 +14,9 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.identify._result import Identification
+from symfive.inference import Problem
 from symfive.numbers import with_unit
+from symfive.parameters import Parameter
 from symfive.runs import MOUNTED
 
 __all__ = ["mounting_notes"]
@@ -39,10 +41,10 @@ class _Group:
 class _Comparison:
     """A fit whose set-up errors may be shared; parameters in units of their prior 1σ."""
 
-    def __init__(self, fit: Identification) -> None:
-        self._model, self._free = fit.model, np.flatnonzero(fit.std > 0.0)
+    def __init__(self, problem: Problem, fit: Identification) -> None:
+        self._model, self._free = fit.model, np.flatnonzero(problem.free)
         sigma = fit.model.prior_sigma[self._free]
-        matrix = fit.problem().information_at(fit.values).matrix
+        matrix = problem.information_at(fit.values).matrix
         self._gram = matrix[np.ix_(self._free, self._free)] * np.outer(sigma, sigma)
         self._away = (fit.values - fit.model.prior_mean)[self._free] / sigma
         self._apart = self._gram + np.eye(len(self._free))
@@ -58,14 +60,14 @@ class _Comparison:
         one = 2.0 * away @ step - step @ gram @ step - middle @ middle + rest @ np.linalg.solve(joined, rest)
         return 0.5 * float(one + away @ away - _log_det(joined) + _log_det(self._apart))
 
-    def times_sigma(self, groups: Sequence[_Group]) -> tuple[str, float]:
+    def times_sigma(self, groups: Sequence[_Group]) -> tuple[Parameter | None, float]:
         """The parameter of the machine whose 1σ grows most if the groups have one error each, and by which factor."""
         merge, place = self._merged(groups)
         after = np.diag(np.linalg.inv(merge.T @ self._gram @ merge + np.eye(merge.shape[1])))[place]
         ratio = np.sqrt(after / np.diag(np.linalg.inv(self._apart)))
-        names = [self._model.parameters[i] for i in self._free]
-        found = [(p.name, float(r)) for p, r in zip(names, ratio, strict=True) if not p.of_setup]
-        return max(found, key=lambda entry: entry[1], default=("", 1.0))
+        free = [self._model.parameters[i] for i in self._free]
+        found = [(p, float(r)) for p, r in zip(free, ratio, strict=True) if not p.of_setup]
+        return max(found, key=lambda entry: entry[1], default=(None, 1.0))
 
     def _merged(self, groups: Sequence[_Group]) -> tuple[Array, Indices]:
         """T (k, q) from shared errors to all, and where in the shared ones each stands (k,)."""
@@ -78,24 +80,27 @@ class _Comparison:
         return np.eye(len(shared))[place], place
 
 
-def mounting_notes(fit: Identification) -> tuple[str, ...]:
-    """Said where the readings show that something stayed mounted, and 1σ of an error of the machine is then another one."""
+def mounting_notes(problem: Problem, fit: Identification) -> tuple[str, ...]:
+    """Said of a fit and the problem that it solves, where the readings show that something stayed mounted and 1σ of an error of
+    the machine is then another one."""
     alike = [_Group(quantity, runs) for quantity in MOUNTED for runs in fit.model.campaign.alike(quantity)]
     if not alike:
         return ()
-    comparison = _Comparison(fit)
+    comparison = _Comparison(problem, fit)
     groups = [group for group in alike if comparison.log_odds(group) > CERTAIN]
     if not groups:
         return ()
-    name, factor = comparison.times_sigma(groups)
-    unit, std = fit.parameters[fit.model.index[name]].unit if name else "", fit.uncertainty(name) if name else 0.0
-    before, after = with_unit(std, unit), with_unit(std * factor, unit)
+    worst, factor = comparison.times_sigma(groups)
+    if worst is None:
+        return ()
+    std = fit.uncertainty(worst.name)
+    before, after = with_unit(std, worst.unit), with_unit(std * factor, worst.unit)
     if before == after:
         return ()
     stayed = " and ".join(group.words for group in groups)
     return (
-        f"the readings show that {stayed} stayed mounted; 1σ of {name} is then {after}, not {before}: write the same name into "
-        f'these runs of campaign.toml, as mounting = {{ {groups[0].quantity} = "1" }}',
+        f"the readings show that {stayed} stayed mounted; 1σ of {worst.name} is then {after}, not {before}: write the same name "
+        f'into these runs of campaign.toml, as mounting = {{ {groups[0].quantity} = "1" }}',
     )
 
 
