@@ -71,6 +71,8 @@ def fitted_parts(run: Run, machine: Machine) -> list[tuple[str, slice]]:
 
 def check_mounting(run: Run, machine: Machine) -> None:
     """Raise `InputError` where a run names a mounting of something that its instruments have no error of."""
+    if not run.mounting:
+        return
     own = {p.quantity.partition(".")[0] for i in instruments_of(run) for p in i.parameters(run, machine) if p.of_setup}
     for quantity in run.mounting:
         if quantity not in own and getattr(run.setup_sigma_um, quantity, None) != 0.0:  # 0: known exactly

@@ -81,8 +81,8 @@ class Model(OnScreen):
                 found |= {p.name: p for p in effect.starts(run) if effect.applies(run)}
             for instrument in instruments_of(run):
                 instrument.check(run, self.machine)
-                check_mounting(run, self.machine)
                 found |= {p.name: p for p in instrument.parameters(run, self.machine) if p.name not in found}
+            check_mounting(run, self.machine)
             if run.clock_sigma_ms and has_clock_of_its_own(run):
                 clock = setup_parameter(run, CLOCK, "ms", run.clock_sigma_ms)
                 found[clock.name] = clock
