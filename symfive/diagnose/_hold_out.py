@@ -135,9 +135,7 @@ def _set_up(model: Model, known: Mapping[str, float], strange: Sequence[str]) ->
     part = Model(campaign, [e for e in model.added if any(map(e.applies, campaign.runs))])
     problem = Problem.of(part)
     others = [run for run in model.campaign.runs if run.id not in strange]
-    problem.free = np.array(
-        [p.of_setup and all(r.full_name(f"setup.{p.quantity}") != p.name for r in others) for p in part.parameters]
-    )
+    problem.free = np.array([p.of_setup and not any(run.owns(p) for run in others) for p in part.parameters])
     values = part.vector({name: value for name, value in known.items() if name in part.index})
     if problem.free.any():
         values, _ = gauss_newton(problem, values, TOLERANCE)

@@ -90,7 +90,7 @@ class BallInstrument(Instrument):
 
 def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: Any) -> Parameter:
     """A nuisance `setup.RUN.name` of a run, or `mounting.NAME.name` of the runs that share the mounting."""
-    mounting = run.mounting.get(name.partition(".")[0])
+    mounting = run.mounted(name)
     return Parameter(
         name=run.full_name(f"setup.{name}"), unit=unit, sigma=sigma, kind="setup",
         run=run.id if mounting is None else None, mounting=mounting, **more,

@@ -87,7 +87,7 @@ def assembled(
     machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool
 ) -> RowFunction:
     """`assemble`, once for all runs and models of a machine that ask for the same: a search tries each effect many times."""
-    own = tuple((p.quantity, p.scale) for p in parameters if _belongs(p, run))
+    own = tuple((p.quantity, p.scale) for p in parameters if run.owns(p))
     shared = tuple((p.name, p.scale) for p in parameters if not p.of_setup)
     options = repr(sorted(run.options.items(), key=lambda item: item[0]))
     turned = run.spindle is not None
@@ -112,7 +112,7 @@ def assemble(
     signals: list[Signal] = [Position(name) for name in machine.axis_names]
     wanted = [s for i in instruments for s in i.signals(run, machine)] + [s for e in effects for s in e.signals()]
     signals += [signal for signal in dict.fromkeys(wanted) if signal not in signals]
-    common, mine = [p for p in parameters if not p.of_setup], [p for p in parameters if _belongs(p, run)]
+    common, mine = [p for p in parameters if not p.of_setup], [p for p in parameters if run.owns(p)]
     shared, own = tuple(p.name for p in common), tuple(f"setup.{p.quantity}" for p in mine)
     constants: dict[str, float] = {}
     for instrument in instruments:
@@ -152,11 +152,6 @@ def assemble(
     slopes.append(ca.densify(ca.jacobian(readings, z[list(moving)])) if moving else ca.SX(len(columns), 0))
     function = ca.Function("row_slopes", arguments, [readings, *slopes])
     return RowFunction(columns, tuple(signals), shared, own, tuple(constants), moving, value, function)
-
-
-def _belongs(parameter: Parameter, run: Run) -> bool:
-    """Whether a parameter is one of a run's set-up, its own or shared with other runs."""
-    return parameter.of_setup and run.full_name(f"setup.{parameter.quantity}") == parameter.name
 
 
 def sensed_columns(run: Run, machine: Machine) -> tuple[int, ...]:

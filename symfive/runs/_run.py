@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import PureWindowsPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from symfive.runs._options import check_options
 from symfive.runs._piece import Piece
 from symfive.screen import OnScreen, plural
 from symfive.validation import finite, freeze, is_number, numbers, one_of
+
+if TYPE_CHECKING:
+    from symfive.parameters import Parameter
 
 __all__ = ["FIRST_LINE", "Run", "SetupSigma", "file_identity"]
 
@@ -247,8 +250,16 @@ class Run(OnScreen):
         kind, _, quantity = name.partition(".")
         if kind != "setup":
             return name
-        mounting = self.mounting.get(quantity.partition(".")[0])
+        mounting = self.mounted(quantity)
         return f"setup.{self.id}.{quantity}" if mounting is None else f"mounting.{mounting}.{quantity}"
+
+    def mounted(self, quantity: str) -> str | None:
+        """The mounting by which it shares a set-up error with other runs, as `tool_ball.x`; None if it has its own."""
+        return self.mounting.get(quantity.partition(".")[0])
+
+    def owns(self, parameter: Parameter) -> bool:
+        """Whether a parameter is one of its set-up, its own or shared with other runs."""
+        return parameter.of_setup and self.full_name(f"setup.{parameter.quantity}") == parameter.name
 
     @cached_property
     def steps(self) -> Indices:
