@@ -54,6 +54,11 @@ class Parameter:
         return self.run if self.mounting is None else self.mounting
 
     @property
+    def owner_words(self) -> str:
+        """The run or `mounting …` that it belongs to, as a heading."""
+        return str(self.run) if self.mounting is None else f"mounting {self.mounting}"
+
+    @property
     def quantity(self) -> str:
         """Its name without its run or mounting: `tool_ball.x`."""
         return self.name.removeprefix(f"{'setup' if self.mounting is None else 'mounting'}.{self.owner}.")

@@ -109,10 +109,10 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         steps += _place(run, stands)
         end = "Reading head" if "grid_encoder" in run.instrument else "Tool ball"
         steps.append(f"{end} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
-    if stands and again is None and (before := _same_tool(sheet.campaign.runs, run)) is not None:
+    if stands and again is None and (before := _same_tool(sheet.campaign, run)) is not None:
         anew = "Calibrate it again" if "touch_probe" in run.instrument else "Take it out of the spindle and put it back"
         steps.append(
-            f"{anew}: expected uncertainties count on a new error of it. If it stays as in run {before.id}, write "
+            f"{anew}: expected uncertainties count on a new error of it. If it stays as in run {before}, write "
             'mounting = { tool_ball = "1" } into both runs in campaign.toml.'
         )
     if run.length is not None and not stays:
@@ -133,10 +133,9 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     return steps + _moves(machine, sheet.post)
 
 
-def _same_tool(runs: Sequence[Run], run: Run) -> Run | None:
+def _same_tool(campaign: Campaign, run: Run) -> str | None:
     """The first of the earlier runs with the same tool ball, whose error a campaign takes for another one."""
-    earlier = runs[: [r.id for r in runs].index(run.id)]
-    return next((r for r in earlier if r.tool_ball == run.tool_ball and not r.mounting.get("tool_ball")), None)
+    return next((ids[0] for ids in campaign.alike("tool_ball") if run.id in ids[1:]), None)
 
 
 def _place(run: Run, stands: str) -> list[str]:

@@ -84,7 +84,7 @@ def _groups(identification: Identification) -> list[Group]:
         if not parameter.of_setup:
             machine[1].append((parameter.name, place))
         else:
-            heading = str(parameter.run) if parameter.mounting is None else f"mounting {parameter.mounting}"
+            heading = parameter.owner_words
             owners.setdefault(heading, (heading, []))[1].append((parameter.quantity, place))
     return [group for group in (machine, *owners.values()) if group[1]]
 

@@ -120,8 +120,7 @@ def setup_table(identification: Identification) -> Markup:
         value, std = identification[p.name], identification.uncertainty(p.name)
         known = "" if determined(identification, p) else " *"
         said = f"{rounded(value, std, p.unit)} ± {rounded(std, std, p.unit)}{known}"
-        owner = str(p.run) if p.mounting is None else f"mounting {p.mounting}"
-        entries.setdefault(owner, {})[p.quantity] = Cell(said, value)
+        entries.setdefault(p.owner_words, {})[p.quantity] = Cell(said, value)
         units.setdefault(p.quantity, unit_words(p.unit))
     rows: list[list[str | Cell]] = []
     for run, found in entries.items():
