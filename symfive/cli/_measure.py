@@ -165,7 +165,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     help="With --in-motion: 1σ of the slow noise (default: as --noise-um).",
 )
 @click.option(
-    "--correlation-s", type=POSITIVE, default=1.0, help="With --in-motion: correlation time of the slow noise."
+    "--correlation-s", type=POSITIVE, help="With --in-motion: correlation time of the slow noise (default 1)."
 )
 @click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
