@@ -18,34 +18,6 @@ from symfive.version import __version__
 if TYPE_CHECKING:
     from symfive.campaign import Campaign
 
-__all__ = [
-    "COUNT",
-    "MOST",
-    "PATH",
-    "POSITIVE",
-    "SEED",
-    "Number",
-    "Progress",
-    "app",
-    "as_json",
-    "campaign_path",
-    "cut",
-    "dialects",
-    "dialects_of",
-    "gathered",
-    "joined",
-    "noted",
-    "numbers_of",
-    "output_path",
-    "overwrite",
-    "point_of",
-    "quiet",
-    "read",
-    "scheduler",
-    "tell",
-    "written",
-]  # fmt: skip
-
 
 class Number(click.ParamType[float]):
     """A number from `low` to `high`, neither NaN nor infinity nor beyond all machines."""

@@ -25,8 +25,6 @@ from symfive.cli._common import (
     tell,
 )
 
-__all__ = ["diagnose", "fleet", "identify", "predict"]
-
 also = click.option("--with", "also", type=PATH, multiple=True, help="A further campaign of the same machine.")
 
 

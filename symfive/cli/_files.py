@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from symfive.importers import Matched, Probed
     from symfive.machine import Machine
 
-__all__ = ["codegen", "convert", "import_mtconnect", "import_polar", "import_rests", "import_touches"]
-
 
 @app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
 @click.argument("model", help="A fitted model.json, a machine file, or the name of a preset.")

@@ -9,8 +9,6 @@ import click
 
 from symfive.cli._common import PATH, Number, Progress, app, as_json, noted, numbers_of, overwrite, quiet, tell
 
-__all__ = ["history"]
-
 where = click.option(
     "--history", "index", type=PATH, default="history", envvar="SYMFIVE_HISTORY", help="The folder of the index."
 )

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from symfive.importers import Meaning, Table
     from symfive.machine import Machine
 
-__all__ = ["import_table"]
-
 
 @app.command(
     name="import",

@@ -47,8 +47,6 @@ from symfive.cli._plan_words import (
 if TYPE_CHECKING:
     from symfive.effects import Effect
 
-__all__ = ["assess", "check", "plan", "simulate", "truth_of"]
-
 
 @app.command(epilog="Example: symfive check machine.toml")
 @click.argument("path", type=PATH, help="A machine file, or a campaign's folder.")

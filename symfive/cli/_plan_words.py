@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
     from symfive.toolpath import ToolPath
 
-__all__ = [
-    "CIRCULAR_TEST", "NO_SHIFT", "bars_of", "effects_of", "names_in", "one_bar", "part_of", "refuse_in_motion",
-    "refuse_with_several", "rotary_of", "setup_sigma_of", "until_of",
-]  # fmt: skip
-
 NO_SHIFT = "0,0,0"
 CIRCULAR_TEST = "iso-230-4"
 ALONE = ("part", "until", "per_minute", "bars", "points", "setups", "repeats", "frame", "index", "survive", "robust")

@@ -8,8 +8,6 @@ import click
 
 from symfive.cli._common import PATH, app, as_json, campaign_path, numbers_of, quiet, read, tell
 
-__all__ = ["standards"]
-
 
 @app.command(epilog='Example: symfive standards measured/ --tolerance "G(b)=10" --tolerance E=6')
 @campaign_path

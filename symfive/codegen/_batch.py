@@ -8,8 +8,6 @@ from functools import cached_property
 from symfive.codegen._sources import Sources, filled
 from symfive.compiled.vector import HELPERS, LANES, Rows, indented, plain_lines
 
-__all__ = ["Batch"]
-
 BLOCK = 4
 L2_BYTES = 96_000
 VECTOR_BYTES = 64

@@ -18,8 +18,6 @@ from symfive.codegen._subject import Subject
 from symfive.kinematics import Pose, angles, axis_pose
 from symfive.machine import Machine
 
-__all__ = ["Chain", "chain_of"]
-
 Symbol = Any
 Columns = dict[tuple[str, str], tuple[Symbol, Symbol]]
 TOOL_AXIS = (0.0, 0.0, 1.0)

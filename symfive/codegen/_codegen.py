@@ -19,8 +19,6 @@ from symfive.machine import Machine
 from symfive.model import FittedModel
 from symfive.outputs import output_folder, write_text
 
-__all__ = ["TARGETS", "codegen"]
-
 Target = Callable[[Subject, str], dict[str, str]]
 
 TARGETS: dict[str, Target] = {

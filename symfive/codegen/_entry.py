@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["COVERAGE", "Change", "digits_of"]
-
 COVERAGE = 2.0
 
 

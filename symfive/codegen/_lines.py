@@ -14,8 +14,6 @@ from symfive.codegen._subject import Subject
 from symfive.errors import InputError
 from symfive.kinematics import Pose, axis_pose
 
-__all__ = ["AxisLine", "axis_lines", "lines_by_parameters", "table_axes"]
-
 
 @dataclass(frozen=True)
 class AxisLine:

@@ -9,8 +9,6 @@ from symfive.codegen._batch import Batch
 from symfive.codegen._sources import Sources, filled
 from symfive.drawing import PAGE_STYLE
 
-__all__ = ["loader", "page"]
-
 _SAYS = (
     ("parameters", "the identified values of p"),
     ("parameter_name", "name of a parameter"),

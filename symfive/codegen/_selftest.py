@@ -9,8 +9,6 @@ from symfive.codegen._sources import Sources, filled
 from symfive.codegen._vectors import spread_vectors
 from symfive.compiled.scalar import number
 
-__all__ = ["selftest"]
-
 
 def selftest(sources: Sources) -> str:
     """The text of `…_selftest.c`."""

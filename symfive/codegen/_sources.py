@@ -16,8 +16,6 @@ from symfive.compiled.graph import Graph, graph_of
 from symfive.compiled.scalar import CALLS, Body, number, scalar_body
 from symfive.machine import Machine
 
-__all__ = ["FUNCTIONS", "Sources", "filled", "solved_axes", "turning_axes"]
-
 REAL_BYTES = 8
 FRAME_BYTES = 256
 _CHAIN = ("position", "direction")

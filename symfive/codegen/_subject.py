@@ -22,8 +22,6 @@ from symfive.motion import Position
 from symfive.parameters import Parameter
 from symfive.row import Row
 
-__all__ = ["Subject", "subject_of"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Subject:

@@ -12,8 +12,6 @@ from symfive.codegen._chain import TOOL_AXIS
 from symfive.codegen._subject import Subject
 from symfive.kinematics import ball_in_workpiece, chain_poses
 
-__all__ = ["Vectors", "reference", "spread_vectors"]
-
 GOLDEN = 0.6180339887498949
 
 

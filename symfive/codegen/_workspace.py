@@ -13,8 +13,6 @@ from symfive.codegen._chain import chain_of
 from symfive.codegen._sources import solved_axes
 from symfive.codegen._subject import Subject
 
-__all__ = ["Poses", "workspace_poses"]
-
 RADIUS, HEIGHTS, TOOL = 100.0, (0.0, 150.0), 150.0
 
 

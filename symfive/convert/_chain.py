@@ -9,8 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from symfive.arrays import Array
 
-__all__ = ["Vector", "axes_of_modified_dh", "forward", "placement", "rounded"]
-
 Vector = tuple[float, float, float]
 
 

@@ -16,19 +16,6 @@ from symfive.errors import InputError
 from symfive.files import read_text
 from symfive.machine import ErrorTerm
 
-__all__ = [
-    "Channel",
-    "Log",
-    "array",
-    "files",
-    "location_errors",
-    "positive_name",
-    "read_columns",
-    "read_log",
-    "sampling_times",
-    "table",
-]
-
 STEADY = 20.0  # resolutions a sample: from there on a lost sample shows in the value
 _NO_VALUE = ("***", "<undefined>")
 

@@ -18,8 +18,6 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.files import read_text, shown
 
-__all__ = ["iso230_axis", "iso230_run"]
-
 _RATIO = re.compile(r"^Target Position \| Reference \| *([-+.0-9eE]+)", re.MULTILINE)
 _ENTRY = re.compile(r"(TGT_DATA|REF_DATA_FWD|REF_DATA_BWD)\[(\d{1,9})(?:,(\d{1,9}))?\]=(\S+)")
 _TARGET = re.compile(r"TGT_SET_PV=.*:(?:([A-Z])-|Axis)")

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
-__all__ = ["LINKS", "STAGES", "Effect"]
-
 STAGES = ("drive", "axis", "structure", "reading", "recording")
 """In which order effects enter: inside the position loop, behind the drive, in the structure, in the
 instrument's reading of a row, in what its recorder makes of all rows together."""

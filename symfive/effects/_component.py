@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from symfive.errors import InputError
 from symfive.machine import ErrorTerm, Machine, unknown_axis
 
-__all__ = ["Component", "component_of", "location_of"]
-
 
 @dataclass(frozen=True)
 class Component:

@@ -14,11 +14,6 @@ from symfive.runs import Run
 if TYPE_CHECKING:
     from symfive.row import Row
 
-__all__ = [
-    "ACCELERATION", "ROW", "SIGN", "SINCE", "VELOCITY", "coordinate_in", "coordinate_values", "owner", "signals_of", "steps",
-    "usual_span",
-]  # fmt: skip
-
 VELOCITY, ACCELERATION = " velocity", " acceleration"
 SINCE = " since reversal"
 SIGN = " velocity sign"

@@ -11,8 +11,6 @@ from symfive.instruments.drive_force import DriveForce, driven_axis
 if TYPE_CHECKING:
     from symfive.runs import Campaign
 
-__all__ = ["FORCE_SHARE", "driven_axes", "usual_force"]
-
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""
 

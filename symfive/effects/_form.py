@@ -16,11 +16,6 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
     from symfive.runs import Campaign, Run
 
-__all__ = [
-    "AXIS", "BALL", "CARRIED", "FORCE", "TOOL", "Form", "Forms", "Scan", "Tone", "across", "goes_round", "moving",
-    "own_component", "reversing", "revisited",
-]  # fmt: skip
-
 TOOL, AXIS, CARRIED, BALL, FORCE = "tool", "axis", "carried", "ball", "force"
 """Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3);
 a force in the recording of an axis' drive."""

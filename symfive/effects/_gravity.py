@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
     from symfive.row import Row
 
-__all__ = ["DOWN", "carriers", "gravity_seen", "later_axes", "rotary_chain"]
-
 DOWN = (0.0, 0.0, -1.0)
 """Direction of gravity in the machine frame where nothing else is said."""
 

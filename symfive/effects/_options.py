@@ -8,8 +8,6 @@ from typing import Any, Union, get_args, get_origin
 
 from symfive.validation import is_number
 
-__all__ = ["fits"]
-
 
 def fits(value: Any, kind: Any) -> bool:
     """Whether a value from a file, lists as tuples, is of this type: text, number, whole number, truth, tuples, unions."""

@@ -17,8 +17,6 @@ from symfive.parameters import Parameter
 if TYPE_CHECKING:
     from symfive.row import Row
 
-__all__ = ["READINGS", "check_period", "described", "series_parameters", "sines"]
-
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""
 

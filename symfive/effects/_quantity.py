@@ -13,19 +13,6 @@ from symfive.arrays import Array
 from symfive.parameters import Parameter
 from symfive.validation import as_lists
 
-__all__ = [
-    "Covariance",
-    "Quantity",
-    "Values",
-    "amplitude_and_phase",
-    "known_part",
-    "length_and_direction",
-    "length_spread",
-    "own_quantity",
-    "propagate",
-    "seen_length",
-]
-
 KNOWN = 0.5
 """Of a direction of amplitudes the readings say more than the prior where they leave less than this share of its variance."""
 UNSEEN = 0.3

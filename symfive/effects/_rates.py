@@ -8,8 +8,6 @@ the last one's.
 
 from __future__ import annotations
 
-__all__ = ["rate_of"]
-
 _LISTED = (
     "backlash", "friction", "lateral_play", "transmission_error", "servo_mismatch", "scale_error", "location_error",
     "error_motion",

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["share_of"]
-
 _ORDER = re.compile(r"(?:P|T|cos|sin)(\d+)(?![\d.^])")
 
 

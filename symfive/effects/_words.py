@@ -6,8 +6,6 @@ import re
 
 from symfive.machine import Machine
 
-__all__ = ["coordinate_words", "effect_words", "form_words"]
-
 _QUANTITIES = {
     "velocity sign": "the direction of {}", "velocity": "the velocity of {}", "acceleration": "the acceleration of {}",
     "since reversal": "the path of {} since its reversal", "": "the position of {}",

@@ -23,8 +23,6 @@ from symfive.history._filter import Steps
 from symfive.history._limits import WEIGHT, Limits
 from symfive.history._usual import Predictive, Usual
 
-__all__ = ["Alarm", "Cause", "Watch", "causes_of"]
-
 PRESENT = 0.05
 """An error with a smaller share in the determined directions is no candidate: the visits hardly determine it."""
 NAMED = 0.05

@@ -20,8 +20,6 @@ from symfive.history._visit import Visit
 from symfive.parameters import DETERMINED
 from symfive.version import __version__
 
-__all__ = ["FACTOR", "PLACES", "PROBABILITY", "TO_FILL", "UNITS", "Office", "certificate"]
-
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 VERSION, LANGUAGE = "3.3.0", "en"
 FACTOR, PROBABILITY = 2.0, 0.9545

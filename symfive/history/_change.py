@@ -28,8 +28,6 @@ from symfive.history._information import information_of
 from symfive.history._visit import Finding, Visit
 from symfive.numbers import power_of_ten, with_std
 
-__all__ = ["ITSELF", "Change", "FindingChange", "Scatter", "change_between"]
-
 ITSELF = 0.9
 """An error is compared by itself where so much of it lies in the directions that both visits determine."""
 

@@ -15,8 +15,6 @@ from symfive.history._forecast import YEAR, Forecast
 from symfive.history._trend import Trend
 from symfive.numbers import plain_number, rounded, unit_words
 
-__all__ = ["Chart", "Mark", "Spark", "charts_of", "spark"]
-
 Place = Callable[[Any], Any]
 """Where a time or a value (any shape) stands in the drawing."""
 WIDE, TALL = 340.0, 150.0

@@ -19,8 +19,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.history._information import Information
 
-__all__ = ["Readings", "readings_of"]
-
 DETERMINED = 0.5
 
 

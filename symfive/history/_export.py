@@ -12,8 +12,6 @@ from symfive.errors import InputError
 from symfive.history._visit import Visit
 from symfive.separated import plain_cell
 
-__all__ = ["COLUMNS", "FORMATS", "write_table"]
-
 COLUMNS = (
     "machine", "serial", "structure", "key", "when", "stage", "instrument", "operator", "temperature_C", "note", "version",
     "results", "manifest", "folder", "name", "value", "std", "prior", "unit", "rms", "rms_unit", "chi2_dof", "converged",

@@ -18,8 +18,6 @@ from scipy.special import gammaln
 
 from symfive.arrays import Array, Flags
 
-__all__ = ["MEMORIES", "REFERENCE", "SPAN", "Course", "State", "Steps", "follow"]
-
 MEMORIES = (np.inf, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
 """Years, by octaves: from a machine that never forgets to one that a season renews."""
 REFERENCE, SPAN = 20.0, 10.0

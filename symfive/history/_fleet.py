@@ -10,8 +10,6 @@ from symfive.history._visit import MachineId
 from symfive.numbers import with_std, with_unit
 from symfive.screen import OnScreen, aligned, listed, plural
 
-__all__ = ["SCHEMA", "MachineRow", "MachineTable", "row_of"]
-
 SCHEMA = "symfive.history/1"
 
 

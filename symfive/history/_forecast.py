@@ -15,8 +15,6 @@ from symfive.history._filter import State
 from symfive.history._information import Information
 from symfive.history._visit import time_text
 
-__all__ = ["BAND", "YEAR", "Forecast", "errors_at", "forecasts_of", "years_ahead"]
-
 YEAR = 365.25 * 86400.0
 BAND = 0.95
 POINTS = 400

@@ -25,8 +25,6 @@ from symfive.history._watched import Watched
 from symfive.outputs import output_file, write_text
 from symfive.screen import plural
 
-__all__ = ["FOLDER", "Added", "History", "Rebuilt", "rebuilt"]
-
 FOLDER = "history"
 """Where the index lies unless another folder is named."""
 Progress = Callable[[str], None]

@@ -21,8 +21,6 @@ from symfive.history._take import RECORD, read_record, record_bytes
 from symfive.history._visit import STAGES, Event, MachineId, Visit
 from symfive.outputs import write_bytes, write_json
 
-__all__ = ["FILE", "Index"]
-
 FILE, EVENTS = "index.sqlite", "events"
 Keep = Callable[[Sequence[Visit], Sequence[Event]], tuple[Mapping[str, Any], bytes]]
 """What is kept of a machine, from its visits and events: its state for the fleet's table, and what was watched."""

@@ -20,8 +20,6 @@ from symfive.arrays import Array, Flags
 from symfive.history._visit import Visit
 from symfive.history._zero import shifts
 
-__all__ = ["FLAT", "Information", "information_of"]
-
 FLAT = 1e3
 """1σ that stands for no prior, in the parameter's own 1σ: it outweighs no data."""
 

@@ -16,8 +16,6 @@ from scipy.special import ndtr, ndtri
 
 from symfive.arrays import Array
 
-__all__ = ["RATE", "WEIGHT", "Limits", "ewma_run_length"]
-
 RATE = 0.1
 """False alarms of a machine and year: one in ten years."""
 WEIGHT = 0.2

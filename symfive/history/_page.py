@@ -17,8 +17,6 @@ from symfive.history._words import advice, alarm_sentence, forecast_sentence, sm
 from symfive.numbers import plain_number, with_std, with_unit
 from symfive.screen import plural
 
-__all__ = ["fleet_page", "machine_page"]
-
 SHOWN = 60
 """Visits in the open table; the older ones are folded away."""
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from symfive.errors import InputError
 
-__all__ = ["MIGRATIONS", "NEWEST", "broken", "connect", "damaged", "put_damaged_aside"]
-
 MIGRATIONS = (
     # 1: every record by its folder, every event; a folder stands in `pending` while its record is being written
     """

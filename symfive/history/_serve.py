@@ -15,8 +15,6 @@ from symfive.errors import InputError
 from symfive.history._history import History
 from symfive.version import __version__
 
-__all__ = ["Server"]
-
 LOOPBACK, COOKIE = "127.0.0.1", "symfive-history"
 SILENT_S = 10.0
 """A connection that says nothing for so long is closed."""

@@ -17,8 +17,6 @@ from symfive.files import read_bytes, shown
 from symfive.history._visit import Finding, MachineId, Visit
 from symfive.outputs import MANIFEST
 
-__all__ = ["RECORD", "Details", "is_result", "read_record", "record_bytes", "taken"]
-
 RECORD = "visit.json"
 """Lies among the results: what the index reads of them, and what nobody but the user knows."""
 RESULTS = ("model.json", "identification.json", "diagnosis.json")

@@ -22,8 +22,6 @@ from symfive.history._visit import Event, MachineId, Visit, time_text
 from symfive.history._watched import Watched, watch_visits
 from symfive.validation import as_lists
 
-__all__ = ["Trend", "alarm_data", "trend_of"]
-
 SPARK_POINTS = 60
 
 

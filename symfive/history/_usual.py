@@ -28,8 +28,6 @@ from scipy.special import chdtrc, fdtrc, gammaln, ndtr, softmax, stdtr
 
 from symfive.arrays import Array, Flags
 
-__all__ = ["Predictive", "Updates", "Usual"]
-
 Indices = NDArray[np.intp]
 DEGREES = np.array([1.0, 4.0, 16.0, 64.0])
 """How many visits' worth the likeness of errors of one kind is, beside without end."""

@@ -21,8 +21,6 @@ from symfive.numbers import with_std
 from symfive.separated import LARGEST
 from symfive.validation import as_lists
 
-__all__ = ["EVENT", "KINDS", "STAGES", "VISIT", "Event", "Finding", "MachineId", "Visit", "instant", "time_text"]
-
 VISIT, EVENT = "symfive.visit/1", "symfive.event/1"
 STAGES = ("", "as-found", "as-left")
 """Of one day the state that was found lies before the one that was left."""

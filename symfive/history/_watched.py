@@ -20,8 +20,6 @@ from symfive.history._forecast import YEAR
 from symfive.history._information import Information
 from symfive.history._visit import Event, Visit
 
-__all__ = ["Watched", "watch_visits"]
-
 STRETCH = 64
 """Visits that go through filter and watch at once."""
 COURSE = 1

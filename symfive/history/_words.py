@@ -9,8 +9,6 @@ from symfive.history._visit import time_text
 from symfive.numbers import plain_number, unit_words, with_std
 from symfive.screen import listed, plural
 
-__all__ = ["advice", "alarm_sentence", "forecast_sentence", "smallest_step", "trend_text"]
-
 
 def trend_text(trend: Trend) -> str:
     """The machine, its alarms, its errors now with their rates, and when to come back."""

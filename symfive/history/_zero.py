@@ -10,8 +10,6 @@ from symfive.arrays import Array
 from symfive.history._visit import Visit
 from symfive.machine import Structure
 
-__all__ = ["shifts"]
-
 MICRO = 1e3, 1e6
 """µm in a mm, µrad in a rad."""
 

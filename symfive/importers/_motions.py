@@ -10,8 +10,6 @@ from symfive.arrays import Array
 from symfive.files import shown
 from symfive.importers._xml import Element, vector
 
-__all__ = ["Motions"]
-
 MAX_CHAIN = 50
 
 

@@ -14,8 +14,6 @@ from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import read_text, shown
 
-__all__ = ["Element", "number", "read_xml", "vector"]
-
 MAX_BYTES, MAX_DEPTH, MOST = 5_000_000, 100, 1e15
 REMEDY = "check that it is the right file"
 

@@ -14,8 +14,6 @@ import numpy as np
 from symfive.campaign import Run
 from symfive.machine import Machine
 
-__all__ = ["Circle", "circle_of"]
-
 PLANES = ("XY", "YZ", "ZX")
 SAME_MM = 1e-5
 """What moves by less stands still, and lies on the circle: positions in a file have six decimals."""

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symfive.nc._touch import Cycle
 
-__all__ = ["Block", "Dialect", "Step", "plain", "program_name", "render", "word"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Step:

@@ -9,8 +9,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.machine import Axis, Machine
 
-__all__ = ["CAUTION", "able", "pace", "spread", "tenths"]
-
 CAUTION = 0.5
 """Share of an axis' greatest feed and acceleration that a program asks for."""
 

@@ -9,8 +9,6 @@ from symfive.errors import InputError
 from symfive.nc._base import Dialect
 from symfive.nc._route import Way
 
-__all__ = ["Post", "worded"]
-
 RETRACT_MM = 50.0
 DWELL_S = 2.0
 READ_S = 10.0

@@ -25,8 +25,6 @@ from symfive.nc._recording import STANDSTILL
 from symfive.nc._touch import Cycle, Move, Probing, Touch, probing_of
 from symfive.nc._writer import Writer
 
-__all__ = ["ProbeWays", "cycle_of", "probing_steps"]
-
 LINE_BYTES = 64
 """Of one touch in a log, at most."""
 STARTS_S = 0.5

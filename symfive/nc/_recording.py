@@ -20,8 +20,6 @@ from symfive.nc._arc import Circle
 from symfive.nc._base import Step
 from symfive.procedures import FEED_IN_MM, Nominal
 
-__all__ = ["CHORD_DEG", "CHORD_MM", "STANDSTILL", "circular", "pulled_out", "said", "straight_blocks"]
-
 STANDSTILL = 1e-4
 """mm or degree: the last digit that every control reads."""
 CHORD_MM, CHORD_DEG = 5e-4, 1e-3

@@ -11,11 +11,6 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures import Nominal, home
 
-__all__ = [
-    "Positions", "Way", "at_the_top", "lifts", "one_by_one", "out_to_the_top", "over_the_top", "top_of", "turned_home",
-    "upright_axis", "usual_lift",
-]  # fmt: skip
-
 Positions = Mapping[str, float]
 Way = tuple[Positions, ...]
 """Positions of all axes on a way out of the nest, one after the other, which differ in one axis: which way several take in a

@@ -13,8 +13,6 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures import Nominal
 
-__all__ = ["Leg", "Seat"]
-
 CHORD_SHARE = 0.05
 """A straight block may leave the true path by this share of the sensor's range or the bar's stroke."""
 MOST_BLOCKS = 4096

@@ -19,8 +19,6 @@ from symfive.nc._recording import STANDSTILL, pulled_out
 from symfive.nc._route import Positions
 from symfive.nc._writer import LETTERS, ORIENT_S, Writer
 
-__all__ = ["arrival_times", "outside_s", "program_steps", "series_of", "series_steps"]
-
 SHORT_REST_S = 0.1
 
 

@@ -10,19 +10,6 @@ from symfive.errors import InputError
 from symfive.nc._base import Dialect, word
 from symfive.nc._post import Post
 
-__all__ = [
-    "NO_CONTACT",
-    "NO_LOG",
-    "ON_ITS_WAY",
-    "STORED",
-    "Cycle",
-    "Move",
-    "Probing",
-    "Touch",
-    "probing_of",
-    "touch_reach",
-]
-
 ON_ITS_WAY, NO_CONTACT, NO_LOG = "PROBE TOUCHED ON ITS WAY", "NO CONTACT", "LOG NOT WRITTEN"
 """What the control shows; 26 characters at most."""
 STORED = {"X": "#5061", "Y": "#5062", "Z": "#5063"}

@@ -7,8 +7,6 @@ from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._post import Post
 
-__all__ = ["UNCHECKED", "collision_warning", "which_point"]
-
 UNCHECKED = "Collisions were not checked"
 CARE = "Run the program slowly, one hand on the feed override."
 RECORDED = "Measure at feed override 100 percent: the feed is part of the result."

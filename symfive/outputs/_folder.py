@@ -15,8 +15,6 @@ from symfive.outputs._manifest import MANIFEST, SCHEMA, command, cut, digest_of,
 from symfive.outputs._place import Output, alone, before_of, being_written, put, swap, sync, writing
 from symfive.version import __version__
 
-__all__ = ["output_file", "output_folder", "write_bytes", "write_json", "write_parts", "write_text"]
-
 
 def write_bytes(path: Path, data: bytes, *, to_edit: bool = False) -> None:
     """Write a file: as part of the output that is open, else by itself, whole or not at all. `to_edit`: people change it."""

@@ -12,8 +12,6 @@ from typing import Any
 
 from symfive.errors import InputError
 
-__all__ = ["MANIFEST", "SCHEMA", "by_command", "command", "cut", "digest_of", "manifest_of"]
-
 MANIFEST = "manifest.json"
 SCHEMA = "symfive.manifest/1"
 command: ContextVar[str] = ContextVar("command", default="Python")

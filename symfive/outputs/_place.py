@@ -13,8 +13,6 @@ from pathlib import Path
 
 from symfive.errors import InputError
 
-__all__ = ["Output", "alone", "before_of", "being_written", "exchanged", "put", "swap", "sync", "writing"]
-
 EXCHANGE = 2  # renameat2's flag (Linux)
 
 

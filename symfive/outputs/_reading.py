@@ -12,8 +12,6 @@ from symfive.errors import InputError
 from symfive.outputs._manifest import MANIFEST, cut, manifest_of
 from symfive.outputs._place import being_written
 
-__all__ = ["Reading", "own_data"]
-
 
 @contextmanager
 def own_data() -> Iterator[None]:

@@ -15,8 +15,6 @@ from symfive.procedures._nominal import Nominal
 from symfive.procedures._path import DIRECTIONS, along, check_spacing, senses
 from symfive.procedures._setting import BALL_SETUP, circle_radius, one_after_another, table_ball_of, tool_ball_of
 
-__all__ = ["cone_circle"]
-
 SENSITIVE = ("base", "surface")
 
 

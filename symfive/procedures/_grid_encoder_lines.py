@@ -14,8 +14,6 @@ from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
 from symfive.procedures._setting import heights, one_after_another, tool_ball_of, vector
 
-__all__ = ["grid_encoder_lines"]
-
 HALF_LINE = 200.0
 """Half the usual length of a line, mm."""
 

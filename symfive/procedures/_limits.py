@@ -9,8 +9,6 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Axis, Machine
 
-__all__ = ["checked"]
-
 TOLERANCE = 1e-6
 
 

@@ -14,8 +14,6 @@ from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
 from symfive.procedures._setting import BALL_SETUP, pose_times, tool_ball_of
 
-__all__ = ["linear_positioning"]
-
 GOLDEN = 0.6180339887498949
 SHARE = 0.3
 """Targets are moved by up to ± this share of their interval, so that a periodic error is met at every phase."""

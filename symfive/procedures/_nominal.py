@@ -16,8 +16,6 @@ from symfive.errors import InputError
 from symfive.kinematics import Pose, axis_pose, chain_poses
 from symfive.machine import Axis, Machine
 
-__all__ = ["Commands", "Fixed", "Nominal", "home"]
-
 Commands = dict[str, Array]
 Fixed = Mapping[str, float | Array]
 REACHED_MM = 1e-7

@@ -12,8 +12,6 @@ from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.machine import Machine
 
-__all__ = ["DIRECTIONS", "along", "check_spacing", "ramp_of", "senses", "through"]
-
 DWELL_S = 0.3
 """Rest at the end of a recording, in which the drives come to their command."""
 

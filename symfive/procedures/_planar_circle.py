@@ -26,8 +26,6 @@ from symfive.procedures._setting import (
     vector,
 )
 
-__all__ = ["FEED_IN_MM", "PLANES", "planar_circle"]
-
 PLANES = {"XY": (0, 1), "YZ": (1, 2), "ZX": (2, 0)}
 FEED_IN_MM = 1.5
 """How far a bar is pulled out when it is put on: its software sees the way into the circle and out of it."""

@@ -24,8 +24,6 @@ from symfive.procedures._setting import (
     vector,
 )
 
-__all__ = ["r_test_grid"]
-
 
 def r_test_grid(
     machine: Machine,

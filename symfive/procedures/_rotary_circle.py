@@ -27,8 +27,6 @@ from symfive.procedures._setting import (
     whole_turn,
 )
 
-__all__ = ["rotary_circle"]
-
 ARRANGEMENTS = ("radial", "tangential", "axial")
 ON_AXIS_MM = 1e-6
 

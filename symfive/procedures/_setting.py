@@ -13,11 +13,6 @@ from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.errors import InputError
 from symfive.machine import Axis, Machine
 
-__all__ = [
-    "BALL_SETUP", "Vector", "bar_length", "campaign_of", "circle_radius", "heights", "one_after_another", "pose_times",
-    "rotary_axes", "serpentine", "table_ball_of", "tool_ball_of", "turning_axis", "whole_turn",
-]  # fmt: skip
-
 Vector = tuple[float, float, float]
 BALL_SETUP = SetupSigma()
 """Set-up of balls by hand: 20 µm each, 0.5 µm of bar length."""

@@ -25,8 +25,6 @@ from symfive.procedures._setting import (
     vector,
 )
 
-__all__ = ["static_ball_bar"]
-
 
 def static_ball_bar(
     machine: Machine,

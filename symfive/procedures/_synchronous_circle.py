@@ -25,8 +25,6 @@ from symfive.procedures._setting import (
     vector,
 )
 
-__all__ = ["CircleFrame", "circle_frame", "polar_angle", "synchronous_circle"]
-
 SAME_MM = 1e-9
 
 

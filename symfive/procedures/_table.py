@@ -19,8 +19,6 @@ from symfive.procedures._rotary_circle import rotary_circle
 from symfive.procedures._static_ball_bar import static_ball_bar
 from symfive.procedures._synchronous_circle import synchronous_circle
 
-__all__ = ["PROCEDURES", "Procedure", "make_procedure", "procedures_for"]
-
 Make = Callable[..., tuple[Run, ...]]
 
 

@@ -13,8 +13,6 @@ from symfive.numbers import unit_words
 from symfive.report._palette import DIVERGING, SEQUENTIAL
 from symfive.report._style import blank, footnote, styled
 
-__all__ = ["error_motion_bands"]
-
 COLUMNS = 3
 NORMAL_95 = 1.959964
 

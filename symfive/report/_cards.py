@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from markupsafe import Markup
+
 from symfive.diagnose import Diagnosis, Finding, RivalName, facts_of
 from symfive.effects import Quantity
 from symfive.machine import Machine
 from symfive.numbers import in_words, percent, plain_number, rounded, unit_words
 from symfive.report._geometry import moved_table
 from symfive.report._tables import Cell, table
-from symfive.report._template import Markup, fragment
-
-__all__ = ["card"]
+from symfive.report._template import fragment
 
 MOST_RIVALS = 6
 LEAST_RIVAL = 1e-4

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from markupsafe import Markup
+
 from symfive.diagnose import Finding, place_words
 from symfive.machine import Machine
-from symfive.report._template import Markup, fragment
-
-__all__ = ["affected_link", "chain_picture"]
+from symfive.report._template import fragment
 
 BOX, GAP, TALL = 78, 34, 44
 DRIVE, BODY, INSTRUMENT = 112, 34, 190

@@ -15,8 +15,6 @@ from symfive.machine import Machine
 from symfive.numbers import unit_words
 from symfive.report._traces import folded
 
-__all__ = ["Coordinate", "coordinates_of"]
-
 MOST = 2
 MINUTES_FROM_S = 600.0
 

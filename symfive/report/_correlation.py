@@ -15,8 +15,6 @@ from symfive.identify import Identification
 from symfive.report._palette import DIVERGING
 from symfive.report._style import blank, footnote, short, styled
 
-__all__ = ["correlation_matrix"]
-
 Group = tuple[str, list[tuple[str, int]]]
 MOST_SINGLE = 70
 NUMBERED = 26

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from symfive.arrays import Array
@@ -28,10 +29,8 @@ from symfive.report._save import FIGURES, keep
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
-from symfive.report._template import Markup, fragment
+from symfive.report._template import fragment
 from symfive.report._visible import visible_parts
-
-__all__ = ["diagnosis_report"]
 
 NAME = "report.html"
 IN_SHORT = ("where", "how large", "how sure", "costs")

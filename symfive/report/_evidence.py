@@ -11,8 +11,6 @@ from symfive.numbers import expected_ratio, plain_number, power_of_ten
 from symfive.report._findings import FAINT_SIGMAS
 from symfive.report._tables import Cell, table
 
-__all__ = ["fit_table", "gap_table", "observability_table", "suspects_table", "tests_table"]
-
 GAP = 1.5
 MOST_GAPS = 500
 

@@ -21,8 +21,6 @@ from symfive.report._over_coordinates import means_along
 from symfive.report._style import Tips, blank, footnote, robust_limit, short, styled
 from symfive.report._traces import Trace, direction_of, running_mean, spread, traces_of
 
-__all__ = ["finding_figure"]
-
 MOST_COLUMNS = 3
 MOST_POINTS = 5000
 FEW_ROWS = 1500

@@ -8,8 +8,6 @@ from symfive.identify import wiring_doubts
 from symfive.runs import MOUNTED
 from symfive.screen import wrapped
 
-__all__ = ["FAINT_SIGMAS", "closing", "diagnosis_text"]
-
 FAINT_SIGMAS = 5.0
 """σ below which an effect of usual size would hardly be found."""
 SHOWN_FAINT = 8

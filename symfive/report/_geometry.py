@@ -18,8 +18,6 @@ from symfive.report._style import blank, footnote, named_rows, styled
 from symfive.report._tables import Cell, table
 from symfive.report._words import meaning
 
-__all__ = ["geometry_chart", "geometry_table", "moved_table"]
-
 MOST_ROWS = 60
 
 

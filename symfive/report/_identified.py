@@ -8,8 +8,6 @@ from symfive.report._words import confounded_machine, meaning, verdict
 from symfive.screen import aligned, wrapped
 from symfive.worth import location_worths, worth_text
 
-__all__ = ["identification_text"]
-
 
 def identification_text(identification: Identification) -> str:
     """The verdict, value ± 1σ of the machine's parameters, fit, what the readings cannot separate, and what correcting each

@@ -20,8 +20,6 @@ from symfive.report._over_time import FEW_ROWS
 from symfive.report._style import blank, footnote, robust_limit, short, styled
 from symfive.report._traces import Trace, direction_of, folded, moving_axes, spread, traces_of
 
-__all__ = ["coordinates_with_tips", "means_along", "residuals_over_coordinates"]
-
 MOST_POINTS = 6000
 MOST_ROWS = 8
 BINS = 48

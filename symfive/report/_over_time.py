@@ -19,8 +19,6 @@ from symfive.numbers import plain_number, unit_words, with_unit
 from symfive.report._style import blank, footnote, robust_limit, short, styled
 from symfive.report._traces import Trace, by_panel, running_mean, spread, traces_of
 
-__all__ = ["FEW_ROWS", "residuals_over_time", "residuals_with_tips"]
-
 FEW_ROWS = 100
 """Runs of fewer rows are drawn as single readings: a line between them would show nothing that was measured."""
 APART = 0.24

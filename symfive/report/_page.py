@@ -7,15 +7,14 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAPER, page
 from symfive.drawing import SCRIPT as POSES
 from symfive.outputs import write_text
 from symfive.report._style import Tips, rendered
-from symfive.report._template import Markup, asset, fragment
-
-__all__ = ["embedded", "sentences", "write_page"]
+from symfive.report._template import asset, fragment
 
 _THEME = {INK: "var(--ink)", FAINT: "var(--faint)", GRID: "var(--grid)", PAPER: "var(--card)", BLUE: "var(--blue)",
           ORANGE: "var(--orange)"}  # fmt: skip

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from matplotlib.colors import LinearSegmentedColormap
 
-__all__ = ["DIVERGING", "SEQUENTIAL"]
-
 DIVERGING = LinearSegmentedColormap.from_list(
     "symfive_diverging", ["#00568a", "#5aa6d6", "#f7f8f9", "#e8935a", "#b84f00"]
 )

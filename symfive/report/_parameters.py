@@ -15,8 +15,6 @@ from symfive.numbers import rounded
 from symfive.parameters import DETERMINED, Parameter
 from symfive.report._style import blank, footnote, named_rows, styled
 
-__all__ = ["parameters_chart"]
-
 MOST_ROWS = 90
 
 

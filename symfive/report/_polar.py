@@ -21,8 +21,6 @@ from symfive.numbers import plain_number
 from symfive.report._style import blank, footnote, short, styled
 from symfive.report._traces import Condensed, chosen_runs, condensed, condensed_of, running_mean, spread
 
-__all__ = ["polar_trace"]
-
 MOST_GROUPS = 8
 MOST_POINTS = 4000
 SMOOTH_POINTS = 720

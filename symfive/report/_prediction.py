@@ -16,8 +16,6 @@ from symfive.report._over_time import FEW_ROWS
 from symfive.report._style import blank, footnote, styled
 from symfive.report._traces import spread
 
-__all__ = ["prediction_chart"]
-
 MOST_POINTS = 12_000
 MOST_COLUMNS = 6
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from markupsafe import Markup
+
 from symfive.drawing import poses_figure
 from symfive.identify import Identification
 from symfive.numbers import expected_ratio, with_unit
@@ -12,10 +14,8 @@ from symfive.report._page import embedded, sentences, write_page
 from symfive.report._save import drawings, keep
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
-from symfive.report._template import Markup, fragment
+from symfive.report._template import fragment
 from symfive.report._words import confounded_machine, confounded_setup, fits, verdict
-
-__all__ = ["identification_report"]
 
 NAME = "identification.html"
 HEADLINES = {

@@ -20,8 +20,6 @@ from symfive.report._polar import polar_trace
 from symfive.report._spectrum import residual_spectrum
 from symfive.report._style import Tips, rendered
 
-__all__ = ["FIGURES", "Drawing", "drawings", "keep", "save_figures"]
-
 FORMATS = ("png", "svg", "pdf")
 
 

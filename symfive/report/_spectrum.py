@@ -21,8 +21,6 @@ from symfive.numbers import unit_words
 from symfive.report._style import blank, footnote, plain_log, short, styled
 from symfive.report._traces import Trace, by_panel, traces_of
 
-__all__ = ["residual_spectrum"]
-
 LEVEL = 0.01
 LEAST_ROWS = 64
 BLOCK_ROWS = 1 << 14

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from markupsafe import Markup
+
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.numbers import plain_number, rounded, unit_words
 from symfive.report._tables import Cell, table
-from symfive.report._template import Markup, fragment
+from symfive.report._template import fragment
 from symfive.standards import StandardValue, squareness_values, standard_values
 from symfive.worth import LONGEST, effect_worths, location_worths, signed
-
-__all__ = ["standards_section", "worth_section"]
 
 MOST_VALUES, MOST_LIMITS = 200, 40
 COMMON = ("tool reference", "evaluation")

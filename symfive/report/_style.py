@@ -17,10 +17,6 @@ from symfive.arrays import Array
 from symfive.drawing import FAINT, GRID, INK, PAPER, render
 from symfive.numbers import unit_words
 
-__all__ = [
-    "Tips", "blank", "footnote", "label_of", "named_rows", "plain_log", "rendered", "robust_limit", "short", "styled",
-]  # fmt: skip
-
 _LOOK: Any = {
     "font.family": "sans-serif", "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0,
     "xtick.labelsize": 8.0, "ytick.labelsize": 8.0, "legend.fontsize": 8.0, "figure.titlesize": 11.0,

@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 
 from symfive.campaign import FIRST_LINE
 from symfive.identify import Identification
 from symfive.inference import square_of
 from symfive.numbers import plain_number, rounded, unit_words
-from symfive.report._template import Markup, fragment
+from symfive.report._template import fragment
 from symfive.report._traces import traces_of
 from symfive.report._words import determined, meaning
-
-__all__ = ["Cell", "noise_table", "outlier_table", "parameter_table", "setup_table", "table"]
 
 MOST_OUTLIERS = 500
 LONG = 48

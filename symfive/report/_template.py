@@ -8,8 +8,6 @@ from markupsafe import Markup
 
 from symfive.drawing import templates
 
-__all__ = ["Markup", "asset", "fragment"]
-
 
 def fragment(template: str, /, **values: object) -> Markup:
     """The template `templates/NAME.html` filled with `values`."""

@@ -21,11 +21,6 @@ from symfive.instruments import fitted_parts
 from symfive.machine import Axis, Machine
 from symfive.report._style import label_of
 
-__all__ = [
-    "Condensed", "Trace", "by_panel", "chosen_runs", "condensed", "condensed_of", "direction_of", "folded", "moving_axes",
-    "running_mean", "spread", "traces_of",
-]  # fmt: skip
-
 BLOCKS = 1 << 14
 """A recording of more than twice as many rows is drawn by this many blocks: ten to a pixel of a wide figure."""
 READ_ROWS = 1 << 16

@@ -10,8 +10,6 @@ from symfive.machine import Machine
 from symfive.numbers import expected_ratio, with_unit
 from symfive.parameters import DETERMINED, Parameter
 
-__all__ = ["confounded_machine", "confounded_setup", "determined", "fits", "meaning", "verdict"]
-
 LEVEL = 1e-3
 """How rarely declared noise alone may lead to "does not fit"."""
 NEAR = 1.1

@@ -9,8 +9,6 @@ from dataclasses import replace
 from symfive.errors import InputError
 from symfive.standards._value import StandardValue
 
-__all__ = ["FAIL", "PASS", "UNDECIDED", "decided", "decision", "matching", "with_uncertainties"]
-
 PASS, FAIL, UNDECIDED = "pass", "fail", "cannot be decided at this uncertainty"
 
 

@@ -11,8 +11,6 @@ from symfive.disk import release
 from symfive.machine import Machine
 from symfive.numbers import plain_number
 
-__all__ = ["moved", "place_of"]
-
 STILL = 1e-6
 """An axis that moves less (mm, degree) stands still."""
 

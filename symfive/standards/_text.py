@@ -8,8 +8,6 @@ from typing import Any
 from symfive.numbers import plain_number, unit_words
 from symfive.standards._value import StandardValue
 
-__all__ = ["SCHEMA", "standards_data", "standards_text"]
-
 SCHEMA = "symfive.standards/1"
 NONE = "No number of a standard can be evaluated from these readings (a circle, a positioning test, a rotary test)."
 Decisions = Mapping[int, tuple[float, str]]

@@ -9,8 +9,6 @@ from typing import Any
 
 from symfive.numbers import rounded, unit_words
 
-__all__ = ["COVERAGE", "StandardValue"]
-
 COVERAGE = 2.0
 """Coverage factor k of an expanded uncertainty U (ISO 14253-1 and ISO/TR 230-9)."""
 

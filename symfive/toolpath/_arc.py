@@ -9,8 +9,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.errors import InputError
 
-__all__ = ["PLANES", "arc"]
-
 PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
 CENTRE = {"X": "I", "Y": "J", "Z": "K"}
 OFF_MM, OFF_SHARE = 0.01, 1e-3

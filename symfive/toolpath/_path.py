@@ -15,8 +15,6 @@ from symfive.screen import OnScreen
 from symfive.separated import LARGEST
 from symfive.validation import finite, positive
 
-__all__ = ["PROGRAM_LINEAR", "STEP_DEG", "STEP_MM", "ToolPath"]
-
 PROGRAM_LINEAR = ("X", "Y", "Z")
 STEP_MM, STEP_DEG = 2.0, 2.0
 """Between two places: a second harmonic of a turn, sampled every 2°, has its maximum within (2°)²/2 = 0.06 % of a place's."""

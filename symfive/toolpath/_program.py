@@ -16,8 +16,6 @@ from symfive.toolpath._arc import PLANES, arc
 from symfive.toolpath._path import PROGRAM_LINEAR, STEP_DEG, STEP_MM, ToolPath
 from symfive.toolpath._words import AXES, Block, block_of
 
-__all__ = ["read_program"]
-
 MOTIONS = ("G0", "G1", "G2", "G3")
 OFFSETS = ("G54", "G55", "G56", "G57", "G58", "G59")
 HARMLESS = (

@@ -13,8 +13,6 @@ from symfive.toolpath._program import read_program
 from symfive.toolpath._table import read_poses
 from symfive.validation import finite, positive
 
-__all__ = ["read_tool_path"]
-
 TABLES = (".csv", ".tsv")
 USUAL_TOOL_MM = (100.0, 200.0)
 

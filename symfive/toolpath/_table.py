@@ -12,8 +12,6 @@ from symfive.machine import Machine
 from symfive.separated import Marks, cells_of, sign_of
 from symfive.toolpath._path import ToolPath
 
-__all__ = ["read_poses"]
-
 TIME = "t_s"
 
 

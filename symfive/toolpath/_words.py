@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from symfive.errors import InputError
 from symfive.files import shown
 
-__all__ = ["Block", "block_of"]
-
 AXES = "XYZABCUVW"
 _WORD = re.compile(r"\s*([A-Z])\s*([+-]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
