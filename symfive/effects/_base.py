@@ -37,9 +37,9 @@ class Effect:
 
     `id` is its name, `reported_as` the word of the vocabulary (docs/conventions.md, section 7) for it where
     that is another one, `stage` one of `STAGES`, `axis` the axis it belongs to (None: no axis). Further
-    fields of a subclass say which of several forms is meant (a component, a run, a shape); `tag` tells two
-    effects of one kind and axis apart. A field `component` (`EYX`, `EA0C`) is the error to which it adds.
-    `spread` multiplies the prior 1σ of its amplitudes.
+    fields of a subclass say which of several forms is meant (a component, a run, a shape), `choices` what
+    they may be; `tag` distinguishes two effects of one kind and axis. A field `component` (`EYX`, `EA0C`) is the
+    error to which it adds. `spread` multiplies the prior 1σ of its amplitudes.
 
     `says` what it does, `hidden_by` what absorbs it and `action` what a service engineer does about it are sentences of the
     report, without a capital and a full stop.
@@ -51,11 +51,14 @@ class Effect:
 
     id: ClassVar[str]
     stage: ClassVar[str] = "structure"
+    acts_in: ClassVar[str] = ""
     says: ClassVar[str] = ""
     hidden_by: ClassVar[str] = ""
     action: ClassVar[str] = ""
     reported_as: ClassVar[str] = ""
+    choices: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = ()
     needs_axis: ClassVar[bool] = False
+    needs_drive: ClassVar[bool] = False
     dynamic_only: ClassVar[bool] = False
     departs: ClassVar[bool] = False
     unidentified: ClassVar[bool] = False
@@ -81,8 +84,8 @@ class Effect:
 
     @property
     def link(self) -> str:
-        """The affected link of the chain, one of `LINKS`: that of its stage."""
-        return _LINKS[self.stage]
+        """The affected link of the chain, one of `LINKS`: the one it `acts_in`, else that of its stage."""
+        return self.acts_in or _LINKS[self.stage]
 
     @property
     def in_the_drive(self) -> bool:
@@ -124,15 +127,22 @@ class Effect:
     def prepare(self, campaign: Campaign) -> Self:
         """This effect with all that it takes from the campaign written into its fields.
 
-        Raises `InputError` where it cannot join: an axis or a drive is missing, the baseline already holds
-        it.
+        Raises `InputError` where it cannot join: an axis or a drive is missing, an option is none of its `choices`, the
+        baseline already holds it.
         """
+        for option, allowed in self.choices:
+            value = getattr(self, option)
+            if value not in allowed:
+                problem = f"effect {self.id}: {option} {value!r} is unknown"
+                raise InputError(problem, remedy=f"use one of {', '.join(allowed)}")
         if self.needs_axis and self.axis is None:
             raise InputError(
                 f"effect {self.id} belongs to an axis", remedy=f'write axis = "X" with effect = "{self.id}"'
             )
         if self.axis is not None and self.axis not in campaign.machine.axes:
             raise unknown_axis(f"effect {self.id}", self.axis, campaign.machine.axes)
+        if self.needs_drive and self.its_axis(campaign).drive is None:
+            raise InputError(f"{self.key} needs the drive of axis {self.axis}", remedy=f"add [axes.{self.axis}.drive]")
         return self
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
@@ -250,11 +260,3 @@ class Effect:
     def clock_span(self, campaign: Campaign) -> float:
         """How long the campaign's clock runs, s (at least 1)."""
         return max([1.0, *(run.start_s + float(run.time[-1]) for run in campaign.runs if run.has_clock)])
-
-    def choose(self, field: str, allowed: tuple[str, ...]) -> None:
-        """Raise `InputError` where the option `field` is not one of `allowed`."""
-        value = getattr(self, field)
-        if value not in allowed:
-            raise InputError(
-                f"effect {self.id}: {field} {value!r} is unknown", remedy=f"use one of {', '.join(allowed)}"
-            )

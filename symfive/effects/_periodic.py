@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
+import numpy as np
 
 from symfive.effects._base import Effect
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase, own_quantity
@@ -16,52 +18,76 @@ from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
     from symfive.row import Row
+    from symfive.runs import Campaign, Run
 
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""
 
 
-def check_period(effect: Effect, period: float, harmonics: int) -> None:
-    """Raise `InputError` where a period or a number of harmonics is none."""
-    if not (period > 0.0 and math.isfinite(period)):
-        raise InputError(f"effect {effect.id} needs its period", remedy="write period = … in mm or degree")
-    if not 1 <= harmonics <= 20:
-        raise InputError(f"effect {effect.id}: harmonics {harmonics} is not from 1 to 20", remedy="correct it")
+@dataclass(frozen=True, kw_only=True)
+class Periodic(Effect):
+    """Σ amplitude_n·sin(2πn·q/period + phase_n), n = 1…`harmonics`, q the position of its axis.
+
+    Estimated as amplitudes of sine and cosine, so that it is linear but for the `period` (mm or degree; 1σ `period_sigma`; 0:
+    known and fixed).
+    """
+
+    needs_axis = True
+    period: float = 0.0
+    period_sigma: float | None = 0.0
+    harmonics: int = 1
+
+    def prepare(self, campaign: Campaign) -> Self:
+        if not (self.period > 0.0 and math.isfinite(self.period)):
+            raise InputError(f"effect {self.id} needs its period", remedy="write period = … in mm or degree")
+        if not 1 <= self.harmonics <= 20:
+            raise InputError(f"effect {self.id}: harmonics {self.harmonics} is not from 1 to 20", remedy="correct it")
+        return super().prepare(campaign)
+
+    @property
+    def _sigma(self) -> float:
+        return self.period_sigma or 0.0
+
+    @property
+    def _orders(self) -> tuple[tuple[int, str], ...]:
+        """Harmonics with the ending of their parameters' names; the first has none."""
+        return tuple((n, "" if n == 1 else str(n)) for n in range(1, self.harmonics + 1))
+
+    def series(self, campaign: Campaign, unit: str, sigma: float) -> tuple[Parameter, ...]:
+        """Its parameters, the amplitudes in `unit` with the prior 1σ `sigma`."""
+        found = [self.own(f"{f}{end}", unit, sigma) for _, end in self._orders for f in ("sin", "cos")]
+        if self._sigma:
+            own_unit = self.its_axis(campaign).unit
+            found.append(self.own("period", own_unit, self._sigma, mean=self.period, lower=0.5 * self.period))
+        return tuple(found)
+
+    def sines(self, row: Row) -> Iterator[Any]:
+        """The terms of the series at a row."""
+        axis = row.machine.axes[str(self.axis)]
+        length = self.parameter(row, "period") if self._sigma else self.period * axis.to_internal
+        angle = 2.0 * math.pi * row.signal(Position(axis.name)) / length
+        for order, end in self._orders:
+            yield self.parameter(row, f"sin{end}") * ca.sin(order * angle)
+            yield self.parameter(row, f"cos{end}") * ca.cos(order * angle)
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """Period, amplitudes and phases."""
+        own = {p.name.removeprefix(self.key + "."): p for p in self.parameters(campaign)}
+        known = Quantity(self.period, 0.0, self.its_axis(campaign).unit)
+        found = {"period": own_quantity(own["period"], values, covariance) if "period" in own else known}
+        for _, end in self._orders:
+            sine, cosine = own[f"sin{end}"], own[f"cos{end}"]
+            amplitude, phase = amplitude_and_phase(sine.name, cosine.name, sine.unit, values, covariance)
+            found |= {f"amplitude{end}": amplitude, f"phase{end}": phase}
+        return found
 
 
-def _orders(harmonics: int) -> tuple[tuple[int, str], ...]:
-    """Harmonics with the ending of their parameters' names; the first has none."""
-    return tuple((n, "" if n == 1 else str(n)) for n in range(1, harmonics + 1))
-
-
-def series_parameters(
-    effect: Effect, harmonics: int, unit: str, sigma: float, period: tuple[float, float, str]
-) -> tuple[Parameter, ...]:
-    """Amplitudes of sine and cosine, so that it is linear but for the `period` (value, 1σ, unit), a parameter unless 1σ is 0."""
-    found = [effect.own(f"{f}{end}", unit, sigma) for _, end in _orders(harmonics) for f in ("sin", "cos")]
-    value, spread, own_unit = period
-    if spread:
-        found.append(effect.own("period", own_unit, spread, mean=value, lower=0.5 * value))
-    return tuple(found)
-
-
-def sines(effect: Effect, row: Row, harmonics: int, period: float | None) -> Iterator[Any]:
-    """The terms of the series at a row; `period` file units where it is known, None where it is a parameter."""
-    axis = row.machine.axes[str(effect.axis)]
-    length = effect.parameter(row, "period") if period is None else period * axis.to_internal
-    angle = 2.0 * math.pi * row.signal(Position(axis.name)) / length
-    for order, end in _orders(harmonics):
-        yield effect.parameter(row, f"sin{end}") * ca.sin(order * angle)
-        yield effect.parameter(row, f"cos{end}") * ca.cos(order * angle)
-
-
-def described(
-    parameters: Mapping[str, Parameter], period: Quantity, harmonics: int, values: Values, covariance: Covariance
-) -> dict[str, Quantity]:
-    """Period, amplitudes and phases, of `parameters` by the effect's own names; `period` where it is none of these."""
-    found = {"period": own_quantity(parameters["period"], values, covariance) if "period" in parameters else period}
-    for _, end in _orders(harmonics):
-        sine, cosine = parameters[f"sin{end}"], parameters[f"cos{end}"]
-        amplitude, phase = amplitude_and_phase(sine.name, cosine.name, sine.unit, values, covariance)
-        found |= {f"amplitude{end}": amplitude, f"phase{end}": phase}
-    return found
+def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:
+    """How far an axis goes in some runs, and the shortest period that their readings resolve; mm or degree, (0, 0) where it
+    stands."""
+    ways = [np.asarray(run.commands[axis]) for run in runs]
+    steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
+    if not (steps > 0.0).any():
+        return 0.0, 0.0
+    reach = max(float(way.max()) for way in ways) - min(float(way.min()) for way in ways)
+    return reach, READINGS * float(np.median(steps[steps > 0.0]))

@@ -44,11 +44,11 @@ class AxisGrowth(Effect):
     coordinate = "{axis}, t"
     reported_as = "thermal_drift"
     needs_axis = True
+    choices = (("shape", SHAPES),)
     shape: str = "exponential"
     span_s: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
         effect = super().prepare(campaign)
         if self.its_axis(campaign).rotary:
             raise InputError(f"{self.key}: a rotary axis does not grow along its way", remedy="use thermal_drift")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Forms, reversing
@@ -44,11 +44,8 @@ class Backlash(Effect):
     )
     coordinate = "{axis} velocity sign"
     needs_axis = True
+    choices = (("shape", SHAPES),)
     shape: str = "play"
-
-    def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
-        return super().prepare(campaign)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import casadi as ca
 
@@ -34,11 +34,8 @@ class BarTemperature(Effect):
     action = "let the bar reach the machine's temperature, calibrate its length, repeat the test; the machine needs no repair"
     coordinate = "t"
     reported_as = "thermal_drift"
+    choices = (("clock", CLOCKS),)
     clock: str = "run"
-
-    def prepare(self, campaign: Campaign) -> Self:
-        self.choose("clock", CLOCKS)
-        return super().prepare(campaign)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

@@ -29,6 +29,7 @@ class ForceDelay(Effect):
 
     id = "force_delay"
     stage = "reading"
+    acts_in = INSTRUMENT
     says = "a delay between recorded force and recorded motion"
     hidden_by = "mass, where the axis accelerates by steps only"
     action = "correct the time stamps of the recording; the machine needs no repair"
@@ -37,11 +38,6 @@ class ForceDelay(Effect):
     needs_axis = True
     dynamic_only = True
     cut_off_hz: float = 0.0
-
-    @property
-    def link(self) -> str:
-        """The affected link: the recorder."""
-        return INSTRUMENT
 
     def prepare(self, campaign: Campaign) -> Self:
         prepared = super().prepare(campaign)

@@ -44,6 +44,7 @@ class ForceFriction(Effect):
 
     id = "force_friction"
     stage = "reading"
+    acts_in = DRIVE
     says = "friction in the drive force"
     hidden_by = "viscous friction and mass, where an axis moves at one speed"
     action = "compare with an earlier recording; if friction has risen, check lubrication and preload"
@@ -55,11 +56,6 @@ class ForceFriction(Effect):
     cut_off_hz: float = 0.0
     rest: float = 0.0
     usual: float = 0.0
-
-    @property
-    def link(self) -> str:
-        """The affected link: the drive."""
-        return DRIVE
 
     @property
     def answers(self) -> tuple[str, str] | None:

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import DRIVE, Effect
+from symfive.effects._base import DRIVE
 from symfive.effects._force import FORCE_SHARE, driven_axes, usual_force
 from symfive.effects._form import FORCE, Form, Forms, Tone
-from symfive.effects._periodic import READINGS, check_period, described, series_parameters, sines
-from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.effects._periodic import Periodic, reach_and_shortest
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.parameters import Parameter
@@ -28,7 +27,7 @@ RICHER = (2, 4)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceRipple(Effect):
+class ForceRipple(Periodic):
     """F += Σ amplitude_n·sin(2πn·q/period + phase_n), n = 1…`harmonics`, in the recording of an axis' drive force, N or Nm.
 
     `period` (mm or degree) with its 1σ `period_sigma` (0: known and fixed). Prior 1σ of an amplitude `sigma_force`: a share of
@@ -37,25 +36,16 @@ class ForceRipple(Effect):
 
     id = "force_ripple"
     stage = "reading"
+    acts_in = DRIVE
     says = "the drive force changes periodically along the path"
     hidden_by = "a periodic force in time, where only one feed was run"
     action = "check motor, screw and gear for a part with this period"
     coordinate = "{axis}"
     reported_as = "transmission_error"
-    needs_axis = True
     dynamic_only = True
-    period: float
-    period_sigma: float = 0.0
-    harmonics: int = 1
     sigma_force: float = 0.0
 
-    @property
-    def link(self) -> str:
-        """The affected link: the drive."""
-        return DRIVE
-
     def prepare(self, campaign: Campaign) -> Self:
-        check_period(self, self.period, self.harmonics)
         prepared = super().prepare(campaign)
         if not any(map(self.applies, campaign.runs)):
             raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
@@ -68,12 +58,7 @@ class ForceRipple(Effect):
     def candidates(cls, campaign: Campaign) -> Forms:
         for axis in driven_axes(campaign):
             runs = [run for run in campaign.runs if driven_axis(run) == axis and run.dynamic]
-            ways = [np.asarray(run.commands[axis]) for run in runs]
-            steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
-            reach = max(float(way.max()) for way in ways) - min(float(way.min()) for way in ways)
-            if not (steps > 0.0).any():
-                continue
-            shortest = READINGS * float(np.median(steps[steps > 0.0]))
+            reach, shortest = reach_and_shortest(runs, axis)
 
             def form(cycles: float, resolution: float, places: int, axis: str = axis) -> Form:
                 plain = cls(axis=axis, period=1.0 / cycles, period_sigma=0.5 * resolution / cycles**2)
@@ -86,17 +71,7 @@ class ForceRipple(Effect):
                 )  # fmt: skip
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        axis = self.its_axis(campaign)
-        unit, sigma = "Nm" if axis.rotary else "N", self.sigma_force or 1.0
-        return series_parameters(self, self.harmonics, unit, sigma, (self.period, self.period_sigma, axis.unit))
+        return self.series(campaign, "Nm" if self.its_axis(campaign).rotary else "N", self.sigma_force or 1.0)
 
     def apply(self, row: Row) -> None:
-        force = ca.SX(0)
-        for term in sines(self, row, self.harmonics, None if self.period_sigma else self.period):
-            force += term
-        row.add_reading(DriveForce.name, force)
-
-    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        parameters = {p.name.removeprefix(self.key + "."): p for p in self.parameters(campaign)}
-        known = Quantity(self.period, 0.0, self.its_axis(campaign).unit)
-        return described(parameters, known, self.harmonics, values, covariance)
+        row.add_reading(DriveForce.name, sum(self.sines(row), ca.SX(0)))

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Forms, reversing
-from symfive.errors import InputError
 from symfive.motion import FRICTION
 from symfive.parameters import Parameter
 
@@ -43,15 +42,10 @@ class Friction(Effect):
     action = "check the lubrication; set the friction compensation of the control"
     coordinate = "{axis} velocity sign"
     needs_axis = True
+    needs_drive = True
     dynamic_only = True
+    choices = (("shape", SHAPES),)
     shape: str = "coulomb"
-
-    def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
-        super().prepare(campaign)
-        if self.its_axis(campaign).drive is None:
-            raise InputError(f"{self.key} needs the drive of axis {self.axis}", remedy=f"add [axes.{self.axis}.drive]")
-        return self
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

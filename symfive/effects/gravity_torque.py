@@ -39,6 +39,7 @@ class GravityTorque(Effect):
 
     id = "gravity_torque"
     stage = "reading"
+    acts_in = DRIVE
     says = "the weight of its load acts on the drive of an axis"
     hidden_by = "Coulomb friction and offset, where the axis moves in one direction over a short path"
     action = "set the weight compensation (torque feed-forward) of the drive; check the counterbalance"
@@ -47,11 +48,6 @@ class GravityTorque(Effect):
     needs_axis = True
     down: tuple[float, float, float] = DOWN
     sigma_torque: float = 0.0
-
-    @property
-    def link(self) -> str:
-        """The drive shows it."""
-        return DRIVE
 
     @property
     def answers(self) -> tuple[str, str] | None:

@@ -42,11 +42,11 @@ class InertialCompliance(Effect):
     coordinate = "{axis} acceleration"
     needs_axis = True
     dynamic_only = True
+    choices = (("shape", SHAPES),)
     shape: str = "linear"
     usual: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
         prepared = super().prepare(campaign)
         if self.shape == "linear" or self.usual:
             return prepared

@@ -28,16 +28,12 @@ class Latency(Effect):
 
     id = "latency"
     stage = "drive"
+    acts_in = INSTRUMENT
     says = "delay of the instrument's clock"
     hidden_by = "a servo mismatch of all axes alike; the set-up where only one direction was run"
     action = "synchronise the instrument with the control, or correct its time stamps; the machine needs no repair"
     coordinate = "t"
     dynamic_only = True
-
-    @property
-    def link(self) -> str:
-        """The instrument is to blame."""
-        return INSTRUMENT
 
     def applies(self, run: Run) -> bool:
         return super().applies(run) and has_clock_of_its_own(run)

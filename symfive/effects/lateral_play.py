@@ -34,6 +34,7 @@ class LateralPlay(Effect):
     hidden_by = "radius and scale (99 % of it) where circles run in one direction only"
     action = "adjust the gibs or the preload of the guideway"
     coordinate = "{axis} velocity sign"
+    choices = (("shape", SHAPES),)
     component: str
     shape: str = "step"
 
@@ -42,7 +43,6 @@ class LateralPlay(Effect):
         return self.component[2:]
 
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
         component = component_of(self.component, campaign.machine)
         axis = campaign.machine.axes[component.axis]
         along = dict(zip("XYZ", axis.direction, strict=True)).get(component.letter, 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import casadi as ca
 
@@ -42,11 +42,8 @@ class ReversalSpike(Effect):
     reported_as = "friction"
     needs_axis = True
     dynamic_only = True
+    choices = (("shape", SHAPES),)
     shape: str = "lag"
-
-    def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
-        return super().prepare(campaign)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

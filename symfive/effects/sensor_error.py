@@ -37,11 +37,11 @@ class SensorError(Effect):
     hidden_by = "everything proportional to the deviation; a known shift of 50 µm separates them"
     action = "calibrate the instrument; the machine needs no repair"
     coordinate = "reading"
+    choices = (("shape", SHAPES),)
     shape: str = "gain"
     instrument: str = "r_test"
 
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
         read = [
             r.readings[name]
             for r in campaign.runs

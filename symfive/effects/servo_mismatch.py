@@ -39,6 +39,7 @@ class ServoMismatch(Effect):
     action = "set equal position gains (Kv) of the axes in the control; correct the drives in the machine file"
     coordinate = "{axis} velocity"
     needs_axis = True
+    needs_drive = True
     dynamic_only = True
     departs = True
     gains: tuple[str, ...] = ("position_gain", "velocity_gain", "feedforward")
@@ -47,10 +48,7 @@ class ServoMismatch(Effect):
         for gain in self.gains:
             if gain not in UNITS:
                 raise InputError(f'{self.id}: the drive has no gain "{gain}"', remedy=f"use {', '.join(UNITS)}")
-        super().prepare(campaign)
-        if self.its_axis(campaign).drive is None:
-            raise InputError(f"{self.key} needs the drive of axis {self.axis}", remedy=f"add [axes.{self.axis}.drive]")
-        return self
+        return super().prepare(campaign)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

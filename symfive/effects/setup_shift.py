@@ -42,6 +42,8 @@ class SetupShift(Effect):
     says = "the artefact moved within the run"
     hidden_by = "the run's set-up errors where it happened near its start or end"
     action = "clamp the artefact again and repeat the run; the machine needs no repair"
+    acts_in = INSTRUMENT
+    choices = (("artefact", ARTEFACTS), ("shape", SHAPES))
     run: str
     t_s: float = 0.0
     row: int = 0
@@ -73,14 +75,7 @@ class SetupShift(Effect):
         """Where it begins along `Run.course`; a row, halfway from the one before."""
         return self.t_s if self.over_time else self.row - 0.5
 
-    @property
-    def link(self) -> str:
-        """The instrument is to blame."""
-        return INSTRUMENT
-
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("artefact", ARTEFACTS)
-        self.choose("shape", SHAPES)
         if self.row and (self.t_s or self.shape != "step"):
             raise InputError(f"{self.key}: a row has no clock", remedy='write row = … alone, with shape = "step"')
         for run in filter(self.applies, campaign.runs):

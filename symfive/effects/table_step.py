@@ -47,6 +47,7 @@ class TableStep(Effect):
     coordinate = "{axis}"
     reported_as = "error_motion"
     needs_axis = True
+    choices = (("shape", SHAPES),)
     at: float
     ramp: float = 0.1
     shape: str = "step"
@@ -54,7 +55,6 @@ class TableStep(Effect):
     about: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
         if not (math.isfinite(self.at) and self.ramp > 0.0):
             raise InputError(f"effect {self.id} needs a place and a ramp above 0", remedy="write at = …, ramp = 0.1")
         effect = super().prepare(campaign)

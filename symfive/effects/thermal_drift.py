@@ -46,12 +46,12 @@ class ThermalDrift(Effect):
     )
     action = "warm the machine up or steady its temperature, then repeat the test"
     coordinate = "t"
+    choices = (("shape", SHAPES),)
     shape: str = "exponential"
     onset_s: float = 0.0
     onset_sigma_s: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("shape", SHAPES)
         effect = super().prepare(campaign)
         if self.shape != "delayed":
             return replace(effect, onset_s=0.0, onset_sigma_s=0.0)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symfive.effects._base import Effect
 from symfive.effects._form import AXIS, Form, Forms, Tone, moving
-from symfive.effects._periodic import READINGS, check_period, described, series_parameters, sines
-from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.effects._periodic import Periodic, reach_and_shortest
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -23,7 +21,7 @@ with its harmonics."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransmissionError(Effect):
+class TransmissionError(Periodic):
     """q → q + Σ amplitude_n·sin(2πn·q/period + phase_n), n = 1…`harmonics`, at the output of the drive.
 
     Estimated as amplitudes of sine and cosine, so that it is linear but for the period, which is close to
@@ -40,14 +38,7 @@ class TransmissionError(Effect):
     hidden_by = "straightness where the period is near the circle's diameter; vibration where only one feed was run"
     action = "check screw, worm, gear and encoder for a part with this period; enter it in the error table of the axis"
     coordinate = "{axis}"
-    needs_axis = True
-    period: float = 0.0
     period_sigma: float | None = None
-    harmonics: int = 1
-
-    def prepare(self, campaign: Campaign) -> Self:
-        check_period(self, self.period, self.harmonics)
-        return super().prepare(campaign)
 
     @property
     def _sigma(self) -> float:
@@ -56,10 +47,7 @@ class TransmissionError(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
         for axis in moving(campaign):
-            ways = [np.asarray(run.commands[axis]) for run in campaign.runs]
-            steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
-            reach = max(float(way.max()) for way in ways) - min(float(way.min()) for way in ways)
-            shortest = READINGS * float(np.median(steps[steps > 0.0]))
+            reach, shortest = reach_and_shortest(campaign.runs, axis)
 
             def form(cycles: float, resolution: float, places: int, axis: str = axis) -> Form:
                 period, sigma = 1.0 / cycles, 0.5 * resolution / cycles**2
@@ -77,13 +65,8 @@ class TransmissionError(Effect):
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         axis = self.its_axis(campaign)
         small, sigma = ("urad", 100.0) if axis.rotary else ("um", 5.0)
-        return series_parameters(self, self.harmonics, small, sigma, (self.period, self._sigma, axis.unit))
+        return self.series(campaign, small, sigma)
 
     def apply(self, row: Row) -> None:
-        for term in sines(self, row, self.harmonics, None if self._sigma else self.period):
+        for term in self.sines(row):
             row.axis[str(self.axis)] += term
-
-    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        parameters = {p.name.removeprefix(self.key + "."): p for p in self.parameters(campaign)}
-        known = Quantity(self.period, 0.0, self.its_axis(campaign).unit)
-        return described(parameters, known, self.harmonics, values, covariance)

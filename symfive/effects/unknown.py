@@ -20,6 +20,7 @@ from symfive.effects._coordinates import (
     SIGN,
     SINCE,
     VELOCITY,
+    coordinate_in,
     coordinate_values,
     owner,
     steps,
@@ -71,6 +72,7 @@ class Unknown(Effect):
     says = "an unidentified effect"
     hidden_by = "error motions over the same coordinates"
     action = "measure at another position or feed to find the cause; correct it only in the range that was recorded"
+    choices = (("place", PLACES),)
     unidentified = True
     over: tuple[str, ...]
     basis: str | tuple[str, ...] = "bspline"
@@ -124,7 +126,6 @@ class Unknown(Effect):
         return "t" in self.over
 
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("place", PLACES)
         machine = campaign.machine
         for name in self.over:
             if name not in ("t", ROW) and owner(name) not in machine.axes:
@@ -291,8 +292,6 @@ class Unknown(Effect):
             if name != "t":
                 unit, along = row.machine.axes[name].to_internal, row.signal(Position(name))
             return 2.0 * np.pi * along / (self.parameter(row, "period") if self.period_sigma else self.period * unit)
-        if name == "t":
-            return row.clock
         if name == ROW:
             return row.time
         if name.endswith(SINCE):
@@ -302,10 +301,7 @@ class Unknown(Effect):
             return row.signal(Direction(axis, self.started)) * steps(since, ca, self.finest)
         if name.endswith(SIGN):
             return row.signal(Direction(owner(name), self.started))
-        if name.endswith((VELOCITY, ACCELERATION)):
-            axis, of = owner(name), Velocity if name.endswith(VELOCITY) else Acceleration
-            return row.signal(of(axis)) / row.machine.axes[axis].to_internal
-        return row.signal(Position(name))
+        return coordinate_in(name, row)
 
     def table(self, machine: Machine, runs: Sequence[Run], period: float = 0.0) -> Array:
         """The functions (N, number of functions) in all N rows of `runs`."""

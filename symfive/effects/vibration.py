@@ -41,6 +41,7 @@ class Vibration(Effect):
     action = "find the source by its frequency (fan, pump, spindle, floor) and isolate it"
     coordinate = "t"
     dynamic_only = True
+    choices = (("place", PLACES),)
     frequency_hz: float
     place: str = "structure"
     directions: str = "xyz"
@@ -57,7 +58,6 @@ class Vibration(Effect):
         return self.place
 
     def prepare(self, campaign: Campaign) -> Self:
-        self.choose("place", PLACES)
         if not (self.frequency_hz > 0.0 and math.isfinite(self.frequency_hz)):
             raise InputError(f"{self.key} needs a frequency above 0", remedy="write frequency_hz = …")
         if not self.directions or any(c not in "xyz" for c in self.directions):
