@@ -14,15 +14,15 @@ from dataclasses import dataclass, fields
 from decimal import Decimal
 from typing import Any
 
+from symfive.drawing import templates
 from symfive.errors import InputError
 from symfive.files import one_line, shown
 from symfive.history._visit import Visit
 from symfive.parameters import DETERMINED
 from symfive.version import __version__
 
-DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
-VERSION, LANGUAGE = "3.3.0", "en"
-FACTOR, PROBABILITY = 2.0, 0.9545
+SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si", "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
+FACTOR = 2.0
 TO_FILL = "TO BE FILLED IN"
 UNITS = {"um": r"\micro\metre", "urad": r"\micro\radian"}
 PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
@@ -71,50 +71,28 @@ def certificate(visit: Visit, office: Office) -> bytes:
     if not sure:
         problem = "the results determine no error of the machine"
         raise InputError(problem, remedy="use another test; symfive assess shows what a test determines")
-    for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
+    errors = [
+        {"name": visit.names[i], "title": _title(visit.names[i]), "unit": UNITS[visit.units[i]],
+         "value": _decimal(visit.values[i]), "expanded": _decimal(FACTOR * visit.std[i])}
+        for i in sure
+    ]  # fmt: skip
+    filled = templates("symfive.history", "pages").get_template("certificate.xml").render(
+        visit=visit, office=office, statements=_statements(visit, office), errors=errors, status=STATUS.get(visit.stage, ""),
+        temperature=_decimal(visit.temperature or 0.0), own_version=__version__, to_fill=TO_FILL,
+    )  # fmt: skip
+    for prefix, space in SPACES.items():
         ET.register_namespace(prefix, space)
-    root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", {
-        "schemaVersion": VERSION, f"{{{XSI}}}schemaLocation": f"{DCC} {DCC}/v{VERSION}/dcc.xsd",
-    })  # fmt: skip
-    _administration(_add(root, "administrativeData"), visit, office)
-    _measurement(_add(_add(root, "measurementResults"), "measurementResult"), visit, sure)
+    root = ET.fromstring(filled)
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
 
 
-def _administration(parent: ET.Element, visit: Visit, office: Office) -> None:
-    _software(_add(parent, "dccSoftware"))
-    core = _add(parent, "coreData")
-    _add(core, "countryCodeISO3166_1", office.country or "ZZ")
-    _add(core, "usedLangCodeISO639_1", LANGUAGE)
-    _add(core, "mandatoryLangCodeISO639_1", LANGUAGE)
-    _add(core, "uniqueIdentifier", office.number or f"symfive-{visit.results[:32]}")
-    _add(core, "beginPerformanceDate", visit.date)
-    _add(core, "endPerformanceDate", visit.date)
-    _add(core, "performanceLocation", office.place)
-    item = _add(_add(parent, "items"), "item")
-    _text(item, "name", f"Machine tool {visit.machine.name}, structure {visit.machine.structure} (ISO 10791-6)")
-    if office.manufacturer:
-        _text(_add(item, "manufacturer"), "name", office.manufacturer)
-    identifications = _add(item, "identifications")
-    if visit.machine.serial:
-        _identification(identifications, "manufacturer", visit.machine.serial, "Serial number")
-    _identification(identifications, "other", visit.results, "SHA-256 of the results")
-    laboratory = _add(parent, "calibrationLaboratory")
-    _contact(laboratory, "contact", office.laboratory, office.laboratory_city, office.country)
-    for kind in ("Seal", "Signature", "TimeStamp"):
-        _add(laboratory, f"cryptElectronic{kind}", "false")
-    person = _add(_add(parent, "respPersons"), "respPerson")
-    _text(_add(person, "person"), "name", office.person or TO_FILL)
-    _add(person, "mainSigner", "true")
-    _contact(parent, "customer", office.customer, office.customer_city, office.country)
-    _statements(_add(parent, "statements"), visit, office)
-
-
-def _statements(parent: ET.Element, visit: Visit, office: Office) -> None:
-    unsigned = "This certificate is unsigned: it bears no electronic signature, seal or time stamp. It is valid only after the "
-    unsigned += "responsible person has checked, completed and signed it."
-    said = {"Unsigned": unsigned}
+def _statements(visit: Visit, office: Office) -> dict[str, str]:
+    """What the certificate says of itself, by its headings."""
+    said = {
+        "Unsigned": "This certificate is unsigned: it bears no electronic signature, seal or time stamp. It is valid only after "
+        "the responsible person has checked, completed and signed it."
+    }
     if office.open:
         said["To be filled in"] = ", ".join(name.replace("_", " ") for name in office.open)
     unsure = [n for i, n in enumerate(visit.names) if visit.std[i] >= DETERMINED * visit.priors[i]]
@@ -122,88 +100,15 @@ def _statements(parent: ET.Element, visit: Visit, office: Office) -> None:
         said["Not determined"] = f"The measurement does not determine {', '.join(unsure)}; they have no value here."
     said["Uncertainty"] = (
         "Expanded uncertainties are twice the standard uncertainty (k = 2) of a normal distribution. The values are "
+        "correlated; their covariance is in the model whose hash is given."
     )
-    said["Uncertainty"] += "correlated; their covariance is in the model whose hash is given."
     said["Convention"] = "Errors by ISO 230-1, deviations from the nominal machine of the model."
-    for name, text in said.items():
-        statement = _add(parent, "statement")
-        _text(statement, "name", name)
-        _text(statement, "declaration", text)
+    return said
 
 
-def _measurement(parent: ET.Element, visit: Visit, sure: list[int]) -> None:
-    _text(parent, "name", "Location errors and error motions of the axes")
-    method = _add(_add(parent, "usedMethods"), "usedMethod")
-    _text(method, "name", "Least-squares identification of the kinematic model from readings at the tool")
-    _add(method, "norm", "ISO 230-1:2012")
-    _software(_add(parent, "usedSoftware"), visit.version)
-    if visit.instrument:
-        equipment = _add(_add(parent, "measuringEquipments"), "measuringEquipment")
-        _text(equipment, "name", visit.instrument)
-    condition = _add(_add(parent, "influenceConditions"), "influenceCondition")
-    _text(condition, "name", "Temperature of the machine")
-    if visit.stage in STATUS:
-        _add(condition, "status", STATUS[visit.stage])
-    quantity = _add(_add(condition, "data"), "quantity")
-    if visit.temperature is None:
-        _text(quantity, "noQuantity", "not recorded")
-    else:
-        real = _add(quantity, "real", space=SI)
-        _add(real, "value", _decimal(visit.temperature), space=SI)
-        _add(real, "unit", r"\degreecelsius", space=SI)
-    results = _add(parent, "results")
-    for i in sure:
-        result = _add(results, "result")
-        name = visit.names[i]
-        _text(
-            result,
-            "name",
-            f"{name}: {KINDS.get(name[1:2], 'Error')} of axis {name.removeprefix(name[:2]).removeprefix('0')}",
-        )
-        real = _add(_add(_add(result, "data"), "quantity"), "real", space=SI)
-        _add(real, "label", name, space=SI)
-        _add(real, "value", _decimal(visit.values[i]), space=SI)
-        _add(real, "unit", UNITS[visit.units[i]], space=SI)
-        expanded = _add(_add(real, "measurementUncertaintyUnivariate", space=SI), "expandedMU", space=SI)
-        _add(expanded, "valueExpandedMU", _decimal(FACTOR * visit.std[i]), space=SI)
-        _add(expanded, "coverageFactor", _decimal(FACTOR), space=SI)
-        _add(expanded, "coverageProbability", _decimal(PROBABILITY), space=SI)
-        _add(expanded, "distribution", "normal", space=SI)
-
-
-def _software(parent: ET.Element, version: str = "") -> None:
-    software = _add(parent, "software")
-    _text(software, "name", "symfive")
-    _add(software, "release", f"v{version or __version__}")
-    _add(software, "type", "application")
-
-
-def _identification(parent: ET.Element, issuer: str, value: str, name: str) -> None:
-    identification = _add(parent, "identification")
-    _add(identification, "issuer", issuer)
-    _add(identification, "value", value)
-    _text(identification, "name", name)
-
-
-def _contact(parent: ET.Element, tag: str, name: str, city: str, country: str) -> None:
-    contact = _add(parent, tag)
-    _text(contact, "name", name or TO_FILL)
-    location = _add(contact, "location")
-    _add(location, "city", city or TO_FILL)
-    if country:
-        _add(location, "countryCode", country)
-
-
-def _text(parent: ET.Element, tag: str, text: str) -> None:
-    """Text in the one language of the certificate."""
-    _add(_add(parent, tag), "content", text).set("lang", LANGUAGE)
-
-
-def _add(parent: ET.Element, tag: str, text: str = "", *, space: str = DCC) -> ET.Element:
-    element = ET.SubElement(parent, f"{{{space}}}{tag}")
-    if text:
-        element.text = text
-    return element
+def _title(name: str) -> str:
+    """An error in words, as `EA0C: Rotation about X of axis C`."""
+    return f"{name}: {KINDS.get(name[1:2], 'Error')} of axis {name.removeprefix(name[:2]).removeprefix('0')}"
 
 
 def _decimal(value: Any) -> str:
