@@ -19,9 +19,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from symfive.codegen import TARGETS, codegen
+from symfive.codegen import TARGETS, Subject, codegen, subject_of
 from symfive.codegen._chain import chain_of
-from symfive.codegen._subject import Subject, subject_of
 from symfive.codegen._vectors import reference, spread_vectors
 from symfive.errors import InputError
 from symfive.machine import EffectEntry, ErrorTerm, Machine, Structure, make_axis, preset, presets

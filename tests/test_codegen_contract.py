@@ -18,14 +18,12 @@ from scipy.optimize import minimize_scalar
 sys.path.insert(0, str(Path(__file__).parent))
 from test_codegen import LARGE, TOOL, Compiled, fitted, loaded, needs, run
 
-from symfive.codegen import codegen
-from symfive.codegen._sources import turning_axes
-from symfive.codegen._subject import subject_of
+from symfive.codegen import codegen, subject_of
 from symfive.machine import preset, presets
 
 PROGRAM = Path(__file__).parent / "fuzz" / "contract.c"
 BUILDS = {"double": (), "float": ("-DSF_FLOAT",)}
-TURNING = [name for name in presets() if turning_axes(preset(name))]
+TURNING = [name for name in presets() if len(preset(name).rotary_axes) == 2]
 CALLS, PATHS = 10**5, 1000
 """In the quick tests; the long run has a thousand and ten times as many."""
 

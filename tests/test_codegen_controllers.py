@@ -18,9 +18,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from symfive.cli import main
-from symfive.codegen import TARGETS, codegen, read_isg
+from symfive.codegen import TARGETS, codegen, read_isg, subject_of
 from symfive.codegen._lines import axis_lines
-from symfive.codegen._subject import subject_of
 from symfive.codegen._workspace import workspace_poses
 from symfive.codegen.linuxcnc import pin_names
 from symfive.codegen.setp import fit_trunnion

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.codegen import TARGETS, codegen
-from symfive.codegen._subject import subject_of
+from symfive.codegen import TARGETS, codegen, subject_of
 from symfive.machine import preset
 from symfive.model import FittedModel
 

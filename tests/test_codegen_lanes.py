@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from test_codegen import TOOL, compiles, fitted, loaded, needs, run
 
-from symfive.codegen import codegen
-from symfive.codegen._subject import subject_of
+from symfive.codegen import codegen, subject_of
 from symfive.codegen._vectors import reference
 from symfive.machine import preset
 

@@ -14,8 +14,18 @@ from history_world import DAY, Past, results
 from pages import HOSTILE, Page
 
 from symfive.errors import InputError
-from symfive.history import Details, Event, Finding, History, MachineId, Server, Trend, trend_of
-from symfive.history._page import fleet_page, machine_page
+from symfive.history import (
+    Details,
+    Event,
+    Finding,
+    History,
+    MachineId,
+    Server,
+    Trend,
+    fleet_page,
+    machine_page,
+    trend_of,
+)
 
 
 @pytest.fixture(scope="module")

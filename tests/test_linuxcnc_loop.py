@@ -27,8 +27,7 @@ from examples.linuxcnc_loop.deviation import measured_deviation, true_deviation 
 from examples.linuxcnc_loop.poses import held_out_run, joints_at_poses, plant_run, pose_lines, programme  # noqa: E402
 from examples.linuxcnc_loop.truth import MotionCurve, drawn_machine, measure  # noqa: E402
 from symfive.campaign import read_campaign  # noqa: E402
-from symfive.codegen import codegen  # noqa: E402
-from symfive.codegen._subject import subject_of  # noqa: E402
+from symfive.codegen import codegen, subject_of  # noqa: E402
 from symfive.codegen.linuxcnc import WORLD, pin_names  # noqa: E402
 from symfive.errors import InputError  # noqa: E402
 from symfive.machine import machine_to_data, preset  # noqa: E402

@@ -1,6 +1,7 @@
 """Code for controllers, derived from the model: C99 sources, LinuxCNC kinematics, compensation tables, sheets."""
 
 from symfive.codegen._codegen import TARGETS, codegen
+from symfive.codegen._subject import Subject, subject_of
 from symfive.codegen.isg import read_isg
 
-__all__ = ["TARGETS", "codegen", "read_isg"]
+__all__ = ["TARGETS", "Subject", "codegen", "read_isg", "subject_of"]

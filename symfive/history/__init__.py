@@ -14,6 +14,7 @@ from symfive.history._fleet import MachineRow, MachineTable
 from symfive.history._forecast import Forecast
 from symfive.history._history import FOLDER, Added, History, Rebuilt, rebuilt
 from symfive.history._limits import RATE, Limits, ewma_run_length
+from symfive.history._page import fleet_page, machine_page
 from symfive.history._serve import Server
 from symfive.history._take import RECORD, Details, read_record, record_bytes, taken
 from symfive.history._trend import Trend, trend_of
@@ -22,8 +23,9 @@ from symfive.history._watched import Watched
 from symfive.history._words import trend_text
 
 __all__ = [
-    "FOLDER", "KINDS", "RATE", "RECORD", "STAGES", "Added", "Alarm", "Cause", "Change", "Details", "Event", "Finding",
-    "FindingChange", "Forecast", "History", "Limits", "MachineId", "MachineRow", "MachineTable", "Office", "Rebuilt",
-    "Server", "Trend", "Visit", "Watched", "certificate", "change_between", "ewma_run_length", "instant", "read_record",
-    "rebuilt", "record_bytes", "taken", "trend_of", "trend_text",
+    "FOLDER", "KINDS", "RATE", "RECORD", "STAGES", "Added", "Alarm", "Cause", "Change", "Details", "Event",
+    "Finding", "FindingChange", "Forecast", "History", "Limits", "MachineId", "MachineRow", "MachineTable",
+    "Office", "Rebuilt", "Server", "Trend", "Visit", "Watched", "certificate", "change_between", "ewma_run_length",
+    "fleet_page", "instant", "machine_page", "read_record", "rebuilt", "record_bytes", "taken", "trend_of",
+    "trend_text",
 ]  # fmt: skip

@@ -16,6 +16,7 @@ from symfive.history._export import write_table
 from symfive.history._fleet import MachineTable, row_of
 from symfive.history._index import FILE, Index
 from symfive.history._limits import RATE
+from symfive.history._page import fleet_page, machine_page
 from symfive.history._schema import put_damaged_aside
 from symfive.history._take import Details, is_result, taken
 from symfive.history._trend import Trend, trend_of
@@ -168,14 +169,10 @@ class History:
         self, machine: str | MachineId, *, tolerances: Mapping[str, float] | None = None, rate: float = RATE
     ) -> str:
         """The machine's page, as HTML."""
-        from symfive.history._page import machine_page
-
         return machine_page(self.trend(machine, tolerances=tolerances, rate=rate))
 
     def fleet_page(self) -> str:
         """The fleet's page, as HTML; it links to `KEY.html` of every machine."""
-        from symfive.history._page import fleet_page
-
         states = dict(self._index.machines())
         link = {machine.key: f"{machine.key}.html" for machine, state in states.items() if state.get("visits")}
         table = self.fleet()
