@@ -8,8 +8,6 @@ from symfive.codegen._selftest import selftest
 from symfive.codegen._sources import Sources, filled
 from symfive.codegen._subject import Subject
 
-__all__ = ["c_files"]
-
 
 def c_files(subject: Subject, prefix: str) -> dict[str, str]:
     """File names and their text."""

@@ -20,8 +20,6 @@ from symfive.files import read_text
 from symfive.kinematics import basis_of
 from symfive.machine import ErrorTerm, Machine
 
-__all__ = ["isg_files", "read_isg"]
-
 POINTS, MOST = 73, 1e12
 FORMAT = "{:.17g}"
 

@@ -9,8 +9,6 @@ from symfive.codegen._subject import Subject
 from symfive.compiled.scalar import number
 from symfive.errors import InputError
 
-__all__ = ["linuxcnc_files", "pin_names"]
-
 WORLD = "XYZABCUVW"
 LONGEST_PIN = 47  # HAL_NAME_LEN
 

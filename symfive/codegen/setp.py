@@ -24,9 +24,6 @@ from symfive.codegen._workspace import Poses, workspace_poses
 from symfive.compiled.scalar import number
 from symfive.errors import InputError
 
-__all__ = ["TrunnionFit", "entered_fit", "fit_trunnion", "setp_files"]
-
-
 RESOLUTION = 1e-4
 """mm to which the pins are written; LinuxCNC itself takes any number."""
 

@@ -23,8 +23,6 @@ from symfive.drawing import PAGE_STYLE
 from symfive.effects import form_words
 from symfive.parameters import DETERMINED
 
-__all__ = ["CONTROLS", "Control", "Row", "sheet_files"]
-
 Lines = tuple[AxisLine, AxisLine]
 
 

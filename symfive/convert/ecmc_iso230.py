@@ -9,8 +9,6 @@ from symfive.convert._files import files, positive_name
 from symfive.convert._iso230 import iso230_run
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis
 
-__all__ = ["ecmc_iso230"]
-
 MARGIN_MM = 5.0  # beyond the outermost positions: the travel is not recorded
 
 

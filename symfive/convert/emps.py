@@ -20,8 +20,6 @@ from symfive.files import read_bytes
 from symfive.instruments.drive_force import low_pass
 from symfive.machine import Machine, Structure, make_axis
 
-__all__ = ["emps"]
-
 RATE = 2.4
 ENDS_S = 0.1
 KEYS = ("t", "qg", "qm", "vir", "gtau", "kp")

@@ -15,8 +15,6 @@ from symfive.convert._files import files, positive_name, read_log
 from symfive.convert.ess_wobbling import probes
 from symfive.machine import Machine, Structure, make_axis
 
-__all__ = ["ess_radial_load"]
-
 PERIOD_S = 0.1
 LOADED, FREE = "_10kN", "_no_load"
 

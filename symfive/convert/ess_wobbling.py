@@ -18,8 +18,6 @@ from symfive.convert._files import Log, files, positive_name, read_log, sampling
 from symfive.instruments.drive_force import low_pass
 from symfive.machine import Machine, Structure, make_axis
 
-__all__ = ["RADIUS_MM", "ess_wobbling", "probes"]
-
 PERIOD_S = 0.01
 RESOLUTION_DEG = 1e-3
 RADIUS_MM = 1000.0  # of the probed rim: not recorded, it only enters where a tilt is asked for

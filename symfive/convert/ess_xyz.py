@@ -19,8 +19,6 @@ from symfive.convert._iso230 import iso230_axis, iso230_run
 from symfive.errors import InputError
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis
 
-__all__ = ["ess_xyz"]
-
 AXES = ("X", "Y", "Z")
 NOISE_UM = 0.4  # of the laser: one digit is 0.408 µm
 REST_S = 1.0  # the axis has come to rest this long before the test number is written

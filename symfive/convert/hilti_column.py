@@ -20,8 +20,6 @@ from symfive.errors import InputError
 from symfive.files import read_text
 from symfive.machine import Machine, Structure, make_axis
 
-__all__ = ["AXES", "hilti_column"]
-
 AXES = {  # direction, a point on the axis in mm, all axes at zero; the URDF's transforms multiplied out
     "L": ((0.0, 0.0, 1.0), (500.0, 0.0, 216.0)),
     "J1": ((1.0, 0.0, 0.0), (756.5, 0.0, 231.0)),

@@ -18,8 +18,6 @@ from symfive.convert._files import files, location_errors, table
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, make_axis
 
-__all__ = ["irb120_tracker"]
-
 AXES = {  # direction, a point on the axis in mm, all axes at zero
     "J1": ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
     "J2": ((0.0, 1.0, 0.0), (0.0, 0.0, 290.0)),

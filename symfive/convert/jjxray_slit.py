@@ -14,8 +14,6 @@ from symfive.campaign import Campaign, Run
 from symfive.convert._files import files, positive_name, read_log
 from symfive.machine import Machine, Structure, make_axis
 
-__all__ = ["jjxray_slit"]
-
 
 def jjxray_slit(folder: Path) -> Campaign:
     """Every `*.log` as a dynamic run of the axis X: the counter commands, the resolver (`encoder`) reads.

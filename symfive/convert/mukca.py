@@ -19,8 +19,6 @@ from symfive.convert._files import files, location_errors, positive_name, table
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, Workspace, make_axis
 
-__all__ = ["ARMS", "AXES", "PANDA_A", "PANDA_ALPHA", "PANDA_D", "TOOL_BALL", "Arm", "mukca"]
-
 PANDA_A = (0.0, 0.0, 0.0, 82.5, -82.5, 0.0, 88.0)
 PANDA_D = (333.0, 0.0, 316.0, 0.0, 384.0, 0.0, 0.0)
 PANDA_ALPHA = (0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0)

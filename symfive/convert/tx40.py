@@ -15,8 +15,6 @@ from symfive.errors import InputError
 from symfive.instruments.drive_force import low_pass
 from symfive.machine import Machine, Structure, make_axis
 
-__all__ = ["AXES", "tx40"]
-
 AXES = {  # direction, a point on the axis in mm, all axes at zero; the links' lengths are those of the data sheet
     "J1": ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
     "J2": ((0.0, 1.0, 0.0), (0.0, 0.0, 320.0)),

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
-__all__ = ["ForceFriction"]
-
-
 PARTS = ("coulomb", "offset", "skew", "stribeck")
 OTHERS = (PARTS[:3], ("coulomb", "offset", "stribeck"))
 """Parts of other shapes of one that depends on the speed."""

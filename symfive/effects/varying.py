@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Campaign, Run
 
-__all__ = ["Varying", "varies_over"]
-
 
 def varies_over(campaign: Campaign) -> tuple[str, ...]:
     """Coordinates over which an effect may change in a campaign: time, and of every axis that moves its position, its side and,

@@ -17,8 +17,6 @@ from symfive.files import shown
 from symfive.importers.table import Table
 from symfive.machine import Machine
 
-__all__ = ["Meaning", "guessed_meanings", "meanings", "shown_meanings", "taken"]
-
 SCALES = {
     "length": {"mm": 1.0, "um": 1e-3, "m": 1e3, "in": 25.4},
     "angle": {"deg": 1.0, "rad": 180.0 / np.pi, "gon": 0.9, "urad": 1.8e-4 / np.pi},

@@ -22,8 +22,6 @@ from symfive.importers._xml import Element, number, read_xml
 from symfive.machine import DEFAULT_DIRECTION, SCHEMA, Machine, Structure, default_kind, make_axis
 from symfive.toml_files import parse_toml
 
-__all__ = ["read_mtconnect"]
-
 KINDS = {"Linear": "linear", "Rotary": "rotary"}
 TO_DO = ("fill in", "check")
 """How the comments begin that ask the user for something."""

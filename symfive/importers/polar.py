@@ -25,8 +25,6 @@ from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
-__all__ = ["FITTED", "along_run", "as_moved", "as_planned", "polar_doubts", "polar_run", "read_polar"]
-
 UNITS = {"um": 1.0, "mm": 1e3}
 EVEN = 0.05
 """Steps of the angle may differ from their median by this share (and be whole multiples of it where rows are lost)."""

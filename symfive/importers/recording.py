@@ -27,8 +27,6 @@ from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 
-__all__ = ["Setting", "positioning_run", "probe_run", "recorded_run", "runs_of"]
-
 Columns = Mapping[str, Array]
 SPHERE = SetupSigma(table_ball=1000.0, tool_ball=20.0)
 """A calibration sphere is put down by eye and a rule."""

@@ -25,8 +25,6 @@ from symfive.machine import Machine
 from symfive.motion import approach
 from symfive.separated import Marks, are_numbers, cells_of, signs_of
 
-__all__ = ["Matched", "Rest", "cut_at_rests", "read_recording", "rests_of"]
-
 UNITS = {"um": 1.0, "mm": 1e3}
 IN_MM = re.compile(r"(?:^|[^a-z])mm[\])\s]*$", re.I)
 """How the name of a column in mm ends."""

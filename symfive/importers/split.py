@@ -16,8 +16,6 @@ from symfive.circles import CircleFinder
 from symfive.errors import InputError
 from symfive.machine import Machine
 
-__all__ = ["SPLITS", "cycles_of", "every", "moved_pieces", "piece_of", "prepared", "rows_of", "split", "turns_of"]
-
 Rows = slice | Flags | list[int]
 SAME = 1e-3
 """Commands of two cycles so near each other (mm, degree) are one target."""

@@ -17,8 +17,6 @@ from symfive.errors import InputError, inside
 from symfive.files import one_line, read_bytes, shown
 from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
-__all__ = ["Table", "read_table"]
-
 MAX_BYTES = 200_000_000
 _UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad))?$")
 _BLANKS = re.compile(r",?\s+(?![\[(])")

@@ -15,8 +15,6 @@ from symfive.errors import InputError
 from symfive.files import read_text, shown
 from symfive.instruments import touches_of
 
-__all__ = ["Probed", "fitted_centres", "probed_run", "read_touches"]
-
 LEAST_TOUCHES = 4
 ROUNDS = 20
 ENOUGH_MM = 1e-10

@@ -16,8 +16,6 @@ from symfive.model import signature
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_signature"]
-
 COLOURS = ("#0b5394", "#b45f06", "#38761d", "#741b47", "#666666", "#134f5c")
 PANEL = (7.0, 1.7)
 """Width and height of one run's panel, inch."""

@@ -19,8 +19,6 @@ from symfive.procedures import Nominal
 from symfive.standards._place import moved, place_of
 from symfive.standards._value import COVERAGE, StandardValue
 
-__all__ = ["STANDARD", "kinematic_values"]
-
 STANDARD = "ISO 10791-6"
 ANNEX = {2: "AK", 1: "CK", 0: "BK"}
 """By how many of the two rotary axes stand on the tool's side."""

@@ -26,8 +26,6 @@ from symfive.campaign import Campaign, Run
 from symfive.standards._place import place_of
 from symfive.standards._value import COVERAGE, StandardValue
 
-__all__ = ["STANDARD", "Approaches", "approaches_of", "positioning_values"]
-
 STANDARD = "ISO 230-2"
 SAME_MM = 1e-3
 """Commands so near each other are one target."""

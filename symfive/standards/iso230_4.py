@@ -29,8 +29,6 @@ from symfive.numbers import plain_number
 from symfive.standards._place import moved, place_of
 from symfive.standards._value import COVERAGE, StandardValue
 
-__all__ = ["STANDARD", "circular_values"]
-
 STANDARD = "ISO 230-4"
 KNOWN_LENGTH_UM = 50.0
 """From this prior 1σ of the bar's length on it was not calibrated: F and D are not stated."""

@@ -15,8 +15,6 @@ from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.standards._value import COVERAGE, StandardValue
 
-__all__ = ["STANDARD", "squareness_values"]
-
 STANDARD = "ISO 230-1"
 ACROSS = 1e-6
 """Nominal directions whose cosine is larger are not perpendicular."""
