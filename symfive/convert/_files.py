@@ -14,7 +14,6 @@ from scipy.ndimage import median_filter
 from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import read_text
-from symfive.machine import ErrorTerm
 
 STEADY = 20.0  # resolutions a sample: from there on a lost sample shows in the value
 _NO_VALUE = ("***", "<undefined>")
@@ -170,13 +169,3 @@ def array(value: object) -> Array:
 def positive_name(stem: str) -> str:
     """A file's stem as the id of a run."""
     return "".join(c if c.isalnum() or c in "-_." else "-" for c in stem).strip("-._") or "run"
-
-
-def location_errors(axes: list[str], linear_um: float, angular_urad: float) -> dict[str, ErrorTerm]:
-    """All six location errors of rotary axes with the same priors (1σ)."""
-    terms = {}
-    for axis in axes:
-        for letter in "XYZABC":
-            name = f"E{letter}0{axis}"
-            terms[name] = ErrorTerm(name=name, sigma=linear_um if letter in "XYZ" else angular_urad)
-    return terms

@@ -15,10 +15,10 @@ from scipy.io import loadmat
 
 from symfive.campaign import Campaign, Run
 from symfive.convert._files import array, files, positive_name
+from symfive.convert._machine import one_axis
 from symfive.errors import InputError
 from symfive.files import read_bytes
 from symfive.instruments.drive_force import low_pass
-from symfive.machine import Machine, Structure, make_axis
 
 RATE = 2.4
 ENDS_S = 0.1
@@ -34,11 +34,7 @@ def emps(folder: Path) -> Campaign:
     has no neighbours. `vir` is the voltage that the drive got: where the file holds `pulses_N`, the force pulses of the
     test, they are in it already.
     """
-    machine = Machine(
-        name="EMPS ball-screw axis",
-        structure=Structure.parse("w b X t"),
-        axes={"X": make_axis("X", travel=(-50.0, 350.0))},
-    )
+    machine = one_axis("EMPS ball-screw axis", "w b X t", "X", travel=(-50.0, 350.0))
     return Campaign(machine=machine, runs=tuple(_run(path) for path in files(folder, "DATA_EMPS*.mat")), name="emps")
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run
 from symfive.convert._files import files, positive_name, read_log
+from symfive.convert._machine import one_axis
 from symfive.convert.ess_wobbling import probes
-from symfive.machine import Machine, Structure, make_axis
 
 PERIOD_S = 0.1
 LOADED, FREE = "_10kN", "_no_load"
@@ -25,11 +25,7 @@ def ess_radial_load(folder: Path) -> Campaign:
     Instrument `displacement`, four sensors, 10 Hz, times of the log's clock, axis C at rest (its recorded
     angle is invalid and set to 0). Files without a partner become runs of their own.
     """
-    machine = Machine(
-        name="ESS target wheel drive",
-        structure=Structure.parse("w C' b t"),
-        axes={"C": make_axis("C")},
-    )
+    machine = one_axis("ESS target wheel drive", "w C' b t", "C")
     sides: dict[str, list[Path]] = {}
     for path in files(folder, "*.log"):
         side = path.stem.removesuffix(LOADED).removesuffix(FREE)

@@ -15,8 +15,8 @@ from scipy.interpolate import make_interp_spline
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.convert._files import Log, files, positive_name, read_log, sampling_times
+from symfive.convert._machine import one_axis
 from symfive.instruments.drive_force import low_pass
-from symfive.machine import Machine, Structure, make_axis
 
 PERIOD_S = 0.01
 RESOLUTION_DEG = 1e-3
@@ -49,11 +49,7 @@ def ess_wobbling(folder: Path) -> Campaign:
     The angle's time stamps are those of arrival and come in bursts; they are set back to the 10 ms clock on
     which it was sampled.
     """
-    machine = Machine(
-        name="ESS target wheel drive",
-        structure=Structure.parse("w C' b t"),
-        axes={"C": make_axis("C", travel=(-1e6, 1e6))},
-    )
+    machine = one_axis("ESS target wheel drive", "w C' b t", "C", travel=(-1e6, 1e6))
     runs = []
     for path in files(folder, "*.log"):
         log = read_log(path)

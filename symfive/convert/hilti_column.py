@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.convert._chain import forward, placement, rounded
-from symfive.convert._files import files, location_errors
+from symfive.convert._files import files
+from symfive.convert._machine import serial_chain
 from symfive.errors import InputError
 from symfive.files import read_text
-from symfive.machine import Machine, Structure, make_axis
 
 AXES = {  # direction, a point on the axis in mm, all axes at zero; the URDF's transforms multiplied out
     "L": ((0.0, 0.0, 1.0), (500.0, 0.0, 216.0)),
@@ -30,7 +30,7 @@ AXES = {  # direction, a point on the axis in mm, all axes at zero; the URDF's t
     "J6": ((1.0, 0.0, 0.0), (2056.5, 0.0, 265.5)),
 }
 NOISE_MM = 0.75
-LINEAR_UM, ANGULAR_URAD = 3000.0, 10000.0
+SIGMA = (3000.0, 10000.0)  # of every location error: µm, µrad
 _TOKEN = re.compile(
     r"^  (?P<height>[\d.]+):\s*$|^      (?P<space>\d+):\s*$|\btime: (?P<time>[\d.]+)|joint_states: \[(?P<joints>[^\]]*)\]"
     r"|prism_position: \[(?P<prism>[^\]]*)\]",
@@ -56,18 +56,9 @@ def hilti_column(folder: Path) -> Campaign:
     """
     each = [_stations(path) for path in files(folder, "*.yaml")]
     start = min(station.time[0] for stations in each for station in stations)
-    machine = Machine(
-        name="lifting column with arm",
-        structure=Structure.parse(f"w b {' '.join(AXES)} t"),
-        axes={
-            name: make_axis(
-                name, kind="linear" if name == "L" else "rotary", direction=direction, origin=origin,
-                travel=(0.0, 4000.0) if name == "L" else (-400.0, 400.0),
-            )
-            for name, (direction, origin) in AXES.items()
-        },
-        errors=location_errors([name for name in AXES if name != "L"], LINEAR_UM, ANGULAR_URAD),
-    )  # fmt: skip
+    machine = serial_chain(
+        "lifting column with arm", AXES, sigma=SIGMA, linear={"L": (0.0, 4000.0)}, travel=(-400.0, 400.0)
+    )
     runs = tuple(run for stations in each for run in _runs(stations, start))
     notes = ("the accelerometers of base and column are not converted: the model has no such instrument",)
     return Campaign(machine=machine, runs=runs, name="hilti-column", notes=notes)

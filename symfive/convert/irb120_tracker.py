@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.convert._chain import forward, placement, rounded
-from symfive.convert._files import files, location_errors, table
+from symfive.convert._files import files, table
+from symfive.convert._machine import serial_chain
 from symfive.errors import InputError
-from symfive.machine import Machine, Structure, make_axis
 
 AXES = {  # direction, a point on the axis in mm, all axes at zero
     "J1": ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
@@ -29,7 +29,7 @@ AXES = {  # direction, a point on the axis in mm, all axes at zero
 NOISE_MM = 0.02
 READ_BACK_DEG = 1e-3
 FAR_MM = 5.0  # no base reflector moves that far: the beam was on something else
-LINEAR_UM, ANGULAR_URAD = 2000.0, 5000.0
+SIGMA = (2000.0, 5000.0)  # of every location error: µm, µrad
 
 
 def irb120_tracker(folder: Path) -> Campaign:
@@ -42,15 +42,7 @@ def irb120_tracker(folder: Path) -> Campaign:
     rows are left out, as the notes say. Reflector positions on the tool and the placement are starting values
     of a linear least-squares fit with the nominal chain.
     """
-    machine = Machine(
-        name="ABB IRB 120",
-        structure=Structure.parse("w b J1 J2 J3 J4 J5 J6 t"),
-        axes={
-            name: make_axis(name, kind="rotary", direction=direction, origin=origin, travel=(-400.0, 400.0))
-            for name, (direction, origin) in AXES.items()
-        },
-        errors=location_errors(list(AXES), LINEAR_UM, ANGULAR_URAD),
-    )
+    machine = serial_chain("ABB IRB 120", AXES, sigma=SIGMA, travel=(-400.0, 400.0))
     joints = table(folder / "generated_joints.txt", len(AXES))
     actual = table(folder / "measured_joints.txt", len(AXES))
     tool = [table(path, 3) for path in files(folder, "measured_SMR_*.txt")]

@@ -12,7 +12,7 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run
 from symfive.convert._files import files, positive_name, read_log
-from symfive.machine import Machine, Structure, make_axis
+from symfive.convert._machine import one_axis
 
 
 def jjxray_slit(folder: Path) -> Campaign:
@@ -22,11 +22,7 @@ def jjxray_slit(folder: Path) -> Campaign:
     guideway, so the baseline is the identity and a zero. A log without counter is a standstill: the command
     is 0.
     """
-    machine = Machine(
-        name="slit axis on stepper and lead screw",
-        structure=Structure.parse("w b X t"),
-        axes={"X": make_axis("X", travel=(-100.0, 100.0))},
-    )
+    machine = one_axis("slit axis on stepper and lead screw", "w b X t", "X", travel=(-100.0, 100.0))
     runs = tuple(_run(path) for path in files(folder, "*.log"))
     return Campaign(machine=machine, runs=runs, name="jjxray-slit")
 

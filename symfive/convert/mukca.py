@@ -15,9 +15,10 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.convert._chain import Vector, axes_of_modified_dh, forward, rounded
-from symfive.convert._files import files, location_errors, positive_name, table
+from symfive.convert._files import files, positive_name, table
+from symfive.convert._machine import serial_chain
 from symfive.errors import InputError
-from symfive.machine import Machine, Structure, Workspace, make_axis
+from symfive.machine import Workspace
 
 PANDA_A = (0.0, 0.0, 0.0, 82.5, -82.5, 0.0, 88.0)
 PANDA_D = (333.0, 0.0, 316.0, 0.0, 384.0, 0.0, 0.0)
@@ -30,7 +31,7 @@ AXES = {f"J{k}": frame for k, frame in enumerate(_FRAMES, start=1)}
 TOOL_BALL = rounded(_PLACE + _TURN @ np.array(_BALL))
 """The ball in the tool frame (which is the machine frame at zero), mm."""
 
-LINEAR_UM, ANGULAR_URAD = 1000.0, 20000.0
+SIGMA = (1000.0, 20000.0)  # of every location error: µm, µrad
 RANGE_MM = 20.0  # a socket has no stroke: so far off may the nominal arm put its ball
 
 
@@ -77,15 +78,8 @@ def mukca(folder: Path) -> Campaign:
             f'no arm is called "{kind}"', path=folder, remedy=f"use a folder {' or '.join(f'{k}_…' for k in ARMS)}"
         )
     arm = ARMS[kind]
-    machine = Machine(
-        name=f"{arm.name} {folder.name}",
-        structure=Structure.parse(f"w b {' '.join(arm.axes)} t"),
-        axes={
-            name: make_axis(name, kind="rotary", direction=direction, origin=origin)
-            for name, (direction, origin) in arm.axes.items()
-        },
-        errors=location_errors(list(arm.axes), LINEAR_UM, ANGULAR_URAD),
-        workspace=Workspace(sensor_range=RANGE_MM),
+    machine = serial_chain(
+        f"{arm.name} {folder.name}", arm.axes, sigma=SIGMA, workspace=Workspace(sensor_range=RANGE_MM)
     )
     runs = tuple(_run(path, arm) for path in files(folder, "*/hole_[0-9].csv"))
     return Campaign(machine=machine, runs=runs, name=f"mukca/{folder.name}")

@@ -11,9 +11,9 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run
 from symfive.convert._files import files, read_columns
+from symfive.convert._machine import serial_chain
 from symfive.errors import InputError
 from symfive.instruments.drive_force import low_pass
-from symfive.machine import Machine, Structure, make_axis
 
 AXES = {  # direction, a point on the axis in mm, all axes at zero; the links' lengths are those of the data sheet
     "J1": ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
@@ -45,11 +45,7 @@ def tx40(folder: Path) -> Campaign:
     force = np.stack([low_pass(column, CUT_OFF_HZ, 1.0 / RATE_HZ) for column in currents.T], axis=1)
     rows = slice(ENDS, len(angles) - ENDS, EVERY)
     time = np.arange(len(angles))[rows] / RATE_HZ
-    machine = Machine(
-        name="Staubli TX40",
-        structure=Structure.parse(f"w b {' '.join(AXES)} t"),
-        axes={name: make_axis(name, kind="rotary", direction=d, origin=o) for name, (d, o) in AXES.items()},
-    )
+    machine = serial_chain("Staubli TX40", AXES)
     runs = tuple(
         Run(
             id=f"current-{name}",

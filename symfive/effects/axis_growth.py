@@ -72,12 +72,12 @@ class AxisGrowth(Effect):
 
     def apply(self, row: Row) -> None:
         axis = str(self.axis)
-        grown: Any = row.clock / self.span_s if self.shape == "linear" else self._rise(row)
+        if self.shape == "linear":
+            grown = row.clock / self.span_s
+        else:
+            grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s"))
         far = self.parameter(row, "growth") * row.signal(Position(axis)) + self.parameter(row, "shift")
         row.axis[axis] += far * grown
-
-    def _rise(self, row: Row) -> Any:
-        return 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s"))
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """Its parameters, and `reached`, the growth at the end of the campaign: well known where growth and time constant are

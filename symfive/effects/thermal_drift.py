@@ -59,11 +59,8 @@ class ThermalDrift(Effect):
             raise InputError(
                 f"effect {self.id}: its onset is no time", remedy="write onset_s = …, in s from the campaign's start"
             )
-        usual = self._usual_onset(campaign)
+        usual = 0.25 * self.clock_span(campaign)
         return replace(effect, onset_s=self.onset_s or usual, onset_sigma_s=self.onset_sigma_s or usual)
-
-    def _usual_onset(self, campaign: Campaign) -> float:
-        return 0.25 * self.clock_span(campaign)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
