@@ -37,7 +37,7 @@ from symfive.motion import (
 )
 from symfive.posterior import baseline, candidates, expanded, moments_about
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
-from symfive.report._tables import noise_table
+from symfive.report import identification_report
 from symfive.simulate import simulate
 
 
@@ -129,11 +129,11 @@ def test_rows_count_and_not_the_numbers_that_order_them() -> None:
         np.testing.assert_allclose(one[run.id], two[run.id], atol=1e-12)
 
 
-def test_slow_noise_without_a_clock_lasts_rows() -> None:
+def test_slow_noise_without_a_clock_lasts_rows(tmp_path: Path) -> None:
     found = identify(unclocked(campaign(positioning())))
     slow = Noise(NOISE_UM, 0.5, 7.0, NOISE_UM)
     found = replace(found, noises=dict.fromkeys(found.noises, slow))
-    assert "7.00 rows" in noise_table(found)
+    assert "7.00 rows" in identification_report(found, tmp_path).read_text()
     noise = found.to_data()["noise"]["cycle-1.laser"]
     assert noise["rows_correlated"] == 7.0 and "time_constant_s" not in noise
     clocked = replace(found, model=Model(campaign(positioning())))

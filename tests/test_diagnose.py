@@ -14,7 +14,6 @@ from symfive.campaign import Campaign, Run, read_campaign
 from symfive.diagnose import Diagnosis, Fit, diagnose, place_words
 from symfive.identify import fitted_model, predict
 from symfive.machine import preset
-from symfive.report._chain import affected_link
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 
@@ -213,10 +212,7 @@ def test_a_curve_of_the_drives_force_is_found_beside_friction_that_keeps_its_val
     found = diagnose(Campaign(machine=machine, runs=(run,)))
     first, second = found.findings[:2]
     assert (first.name, first.axis, second.name, second.coordinate) == ("friction", "X", "unknown", "X velocity")
-    assert all(
-        "the drive of X" in place_words(f, machine) and affected_link(f, machine).part == "drive"
-        for f in (first, second)
-    )
+    assert all("the drive of X" in place_words(f, machine) and f.effect.in_the_drive for f in (first, second))
     assert first.confidence > 0.9 and found.fit.rms_after_um < 1.1 * 0.3
     own = np.column_stack([np.ones(len(time)), np.clip(speed / 0.1, -1.0, 1.0), speed, acceleration])
     level, coulomb = np.linalg.lstsq(own, force, rcond=None)[0][:2]  # what the published model would say

@@ -20,8 +20,7 @@ from symfive.design._moves import Moves, blocked_moves
 from symfive.design._ways import Ways, cleared
 from symfive.errors import InputError
 from symfive.machine import Machine, preset
-from symfive.nc import CAUTION, DIALECTS, Post, Step, arrival_times, pace, program_steps, top_of
-from symfive.nc._base import render
+from symfive.nc import CAUTION, Post, Step, arrival_times, pace, program, program_steps, top_of
 from symfive.nc._pace import spread
 from symfive.procedures import Nominal, planar_circle, r_test_grid, static_ball_bar
 
@@ -352,7 +351,7 @@ def test_a_way_to_the_far_side_of_the_moon_is_left_at_once(few: Run) -> None:
 def test_first_blocks_under_tool_centre_control_have_their_feed(few: Run) -> None:
     """The way of the first block after the switch is that of the ball, and a block of the rotary axes alone has a feed."""
     post = Post(tool_centre_on="M128", tool_centre_off="M129")
-    text = render(DIALECTS["heidenhain"], "nest", program_steps(TABLE, few, post))
+    text = program(TABLE, few, "heidenhain", post)
     feeds = [float(word) for word in re.findall(r" R0 F([\d.]+)$", text, flags=re.M)]
     assert feeds[0] == pytest.approx(500.0, rel=1e-3)
     assert min(feeds) > 1.0
