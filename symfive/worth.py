@@ -81,7 +81,7 @@ class Worth:
     def advice(self) -> str:
         """Whether to correct it, in a few words."""
         if not self.of_machine:
-            return "not an error of the machine: mend instrument or set-up"
+            return "not an error of the machine: correct the instrument or the set-up"
         if not self.certain:
             return DO_NOT
         if self.confounded:

@@ -34,7 +34,7 @@ def written(folder: Path, machine: Machine, runs: tuple[Run, ...], *dialects: st
 def moves(text: str) -> list[str]:
     """What stands between putting the bar on and taking it off."""
     lines = [re.sub(r"^\d+ (?=[A-Z;])", "", line) for line in text.splitlines()]
-    on, off = (next(i for i, line in enumerate(lines) if word in line) for word in ("PUT BAR ON", "TAKE BAR OFF"))
+    on, off = (next(i for i, line in enumerate(lines) if word in line) for word in ("MOUNT BAR", "REMOVE BAR"))
     return [line for line in lines[on + 1 : off] if re.match(r"G[0-3] |L |C[CP] ", line)]
 
 

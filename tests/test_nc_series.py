@@ -34,7 +34,7 @@ def test_one_program_drives_both_directions_and_feeds_with_the_bar_on(folder: Pa
         assert len(series) == 2
         for path in series:
             text = path.read_text()
-            assert text.count("PUT BAR ON") == text.count("TAKE BAR OFF") == 1
+            assert text.count("MOUNT BAR") == text.count("REMOVE BAR") == 1
             assert [text.count(f"THEN {said}") for said in ("CW F500", "CCW F2000", "CW F2000")] == [1, 1, 1]
     assert "all 4 circles of this mounting, the bar stays mounted" in (folder / "setup.html").read_text()
 

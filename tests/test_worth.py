@@ -107,7 +107,7 @@ def test_an_instruments_fault_is_no_error_of_the_machine():
     of_play, of_gain = effect_worths(found, found.model.added)
     assert of_play == effect_worth(found, found.model.added[0]) and of_play.of_machine
     assert not of_gain.of_machine and of_gain.tool is None
-    assert of_gain.advice == "not an error of the machine: mend instrument or set-up"
+    assert of_gain.advice == "not an error of the machine: correct the instrument or the set-up"
 
 
 def test_what_only_the_set_ups_1_sigma_separates_says_so():

@@ -257,7 +257,7 @@ def polar_doubts(
     machine: Machine, runs: Sequence[Run], angles_deg: Sequence[Array], *, radius: float, feed: float
 ) -> tuple[str, ...]:
     """What is odd about the circles of `polar_run`, each with its remedy: a short arc (radians?), a feed that an axis cannot
-    do or that takes hours, one direction only, a mean radius that was taken off. `angles_deg` those that each run was made of."""
+    do or that takes hours, one direction only, a mean radius that was removed. `angles_deg` those that each run was made of."""
     said = []
     for run in runs:
         deviation = run.readings["dL_um"]
@@ -282,8 +282,8 @@ def polar_doubts(
         (abs(float(np.mean(run.readings["dL_um"]))) / run.noise("ball_bar"), run.setup_sigma_um.length) for run in runs
     ]
     if all(mean < ZERO and known < FITTED.length for mean, known in means):
-        problem = "no circle has a mean deviation: its software has taken the radius off"
-        said.append(f"{problem}; give --fitted, or lag and expansion are sought in a length that is not there")
+        problem = "no circle has a mean deviation: the ball-bar software removed the mean radius"
+        said.append(f"{problem}; give --fitted, or lag and expansion are fitted to a length that is missing")
     senses = {bool(np.unwrap(np.radians(a))[-1] > np.radians(a[0])) for a in angles_deg}
     if len(runs) > 1 and len(senses) == 1:
         sense = DIRECTIONS[0] if senses == {True} else DIRECTIONS[1]

@@ -112,11 +112,11 @@ def _even_turns(run: Run, angle: Array, axis: str, step_deg: float) -> list[Run]
 def moved_pieces(run: Run) -> list[Run]:
     """The motions between the rests of a recording. Raises `InputError` where it is no recording or nothing moves."""
     if not run.dynamic:
-        raise InputError(f"run {run.id} is at rest at each row", remedy="use --split cycles, or import it as it is")
+        raise InputError(f"run {run.id} has static readings", remedy="use --split cycles, or import it as it is")
     speeds = np.stack([np.abs(np.gradient(way, run.time)) for way in run.commands.values()], axis=1)
     moves = np.any(speeds > np.maximum(STILL_SHARE * speeds.max(axis=0), SAME), axis=1)
     if not moves.any():
-        raise InputError(f"run {run.id}: no axis moves", remedy="import it without --split rests")
+        raise InputError(f"run {run.id}: no axis moves", remedy="import it without --split moves")
     edges = np.flatnonzero(np.diff(moves.astype(int))) + 1
     spans = np.split(np.arange(run.rows), edges)
     pieces: list[list[int]] = []

@@ -1,6 +1,6 @@
 """How a recording is driven: a circle of two linear axes by the control's own interpolation, any other path in straight blocks.
 
-On a circle the bar is put on pulled out by `FEED_IN_MM`, fed in radially, which starts its software, and out again after the
+On a circle the bar is mounted pulled out by `FEED_IN_MM`, fed in radially, which starts its software, and out again after the
 arc, at one feed and without a rest in between. The blocks of another path are as few as stay within a stated error of the
 model's path at every instant: that is a straight line between two rows, so the error is known at the rows. Words are the
 ball's place where the control follows it: linear axes that follow a turning table are then one block.

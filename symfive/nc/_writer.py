@@ -35,7 +35,7 @@ LETTERS = "XYZABCUVW"
 CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
 """Feed towards and away from the nest, and on the last millimetres."""
 HAND_S = 30.0
-"""Time that a stop takes at which the operator takes a bar off or puts it on."""
+"""Time that a stop takes at which the operator removes or mounts a bar."""
 ORIENT_S = 5.0
 """Time in which the spindle turns by half a turn and is held; an operator who turns it needs `HAND_S`."""
 
@@ -91,19 +91,19 @@ class Writer:
         self.seated = False
         found += self.first_moves()
         found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
-        said = "PUT BAR ON, THEN RECORD" if self._pulled else f"SEAT {self._ball}, ZERO IT"
+        said = "MOUNT BAR, THEN RECORD" if self._pulled else f"SEAT {self._ball}, ZERO IT"
         return [*found, Step(kind="stop", text=said)]
 
     def closing(self) -> list[Step]:
         """The stop at which the instrument is freed, and the last moves."""
         self.seated = False
-        found = self.last_moves("STORED? TAKE BAR OFF" if self._pulled else f"FREE {self._ball}, START")
+        found = self.last_moves("STORED? REMOVE BAR" if self._pulled else f"FREE {self._ball}, START")
         upright = self.circle is not None and self.circle.plane != "XY"
         return [*found, Step(kind="contour", text="XY")] if upright else found
 
     @property
     def _pulled(self) -> bool:
-        """Whether a bar is put on pulled out."""
+        """Whether a bar is mounted pulled out."""
         return self.circle is not None and self.bar
 
     @property
@@ -261,10 +261,10 @@ class Writer:
         return pulled_out(self.run, self.circle, row) if self.circle and self.bar else self._commands(row)
 
     def _detour(self, row: int) -> list[Step]:
-        """Out of the nest, around, and in again; a bar is taken off meanwhile."""
+        """Out of the nest, around, and in again; a bar is removed meanwhile."""
         way = self._way_to(row)
         self.seated = False
-        steps = [Step(kind="stop", text="TAKE THE BAR OFF")] if self.bar else []
+        steps = [Step(kind="stop", text="REMOVE THE BAR")] if self.bar else []
         steps += [
             *self._creep(way[0], self._commands(row - 1), row, out=True),
             *self._centred(False, way[0]),
@@ -273,7 +273,7 @@ class Writer:
             *self._creep(way[-1], self._commands(row), row),
         ]
         self.seated = True
-        return [*steps, *([Step(kind="stop", text="PUT THE BAR ON")] if self.bar else [])]
+        return [*steps, *([Step(kind="stop", text="MOUNT THE BAR")] if self.bar else [])]
 
     def _way_to(self, row: int) -> Way:
         """The way given, or the usual one."""

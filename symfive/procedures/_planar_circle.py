@@ -28,7 +28,7 @@ from symfive.procedures._setting import (
 
 PLANES = {"XY": (0, 1), "YZ": (1, 2), "ZX": (2, 0)}
 FEED_IN_MM = 1.5
-"""How far a bar is pulled out when it is put on: its software sees the way into the circle and out of it."""
+"""How far a bar is pulled out when it is mounted: its software sees the path into the circle and out of it."""
 PARTIAL_DEG = 220.0
 """Arc of a bar over what carries its ball: it dips by 20° below the ball's height at either end."""
 OVERSHOOT_DEG, SHORT_DEG = 180.0, 2.0

@@ -48,7 +48,9 @@ PROCEDURES: dict[str, Procedure] = {
     procedure.name: procedure
     for procedure in (
         Procedure("r_test_grid", ("r_test",), r_test_grid, "R-test at a grid of all rotary axes, two nests", 1),
-        Procedure("static_ball_bar", ("ball_bar",), static_ball_bar, "ball bar at rest, one turn at two heights", 1),
+        Procedure(
+            "static_ball_bar", ("ball_bar",), static_ball_bar, "static ball bar, one revolution at two heights", 1
+        ),
         Procedure("rotary_circle", ("ball_bar",), rotary_circle, "ball bar while one rotary axis turns", 1),
         Procedure(
             "synchronous_circle",

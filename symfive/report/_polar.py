@@ -106,7 +106,7 @@ def _notes(circles: Sequence[Circle], both: bool, groups: int) -> list[str]:
 
 def _lines_in_words(circles: Sequence[Circle], both: bool) -> str:
     if not any(circle.run.dynamic for circle in circles):
-        return "Points: the readings at rest, of which p–v is the height from peak to valley; outliers excluded."
+        return "Points: the static readings, of which p–v is the height from peak to valley; outliers excluded."
     pale = "; pale: each reading; outliers excluded." if both else "."
     beyond = (
         "" if all(c.evaluated.all() for c in circles) else " over the complete turns, run-up and run-out not counted"
@@ -138,7 +138,7 @@ def _axes(figure: Figure, left: float, bottom: float, side: float) -> Axes:
 def _heading(figure: Figure, group: Sequence[_Deviation], left: float, top: float) -> None:
     width, height = figure.get_size_inches()
     circle = group[0].circle
-    feed = f", {circle.feed:.0f} {circle.feed_unit}" if circle.run.dynamic else ", at rest at each point"
+    feed = f", {circle.feed:.0f} {circle.feed_unit}" if circle.run.dynamic else ", static readings"
     words = f"R = {circle.radius:.5g} mm{feed}; {circle.over}"
     figure.text((left + 0.05) / width, (top + 0.36) / height, words, fontsize=9, fontweight="bold")
 
