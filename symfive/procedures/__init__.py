@@ -1,8 +1,7 @@
 """Ready-made measurement campaigns without readings: nobody has to type poses.
 
 Every procedure is a function of a machine (and options with sensible defaults) that returns runs;
-`campaign_of` joins runs to a plan. `PROCEDURES` is the table by which a command line offers them. A new
-procedure is one small file and one line of the table.
+`campaign_of` joins runs to a plan. A new procedure is one small file and its line here.
 """
 
 from symfive.procedures._cone_circle import cone_circle
@@ -17,12 +16,10 @@ from symfive.procedures._rotary_circle import rotary_circle
 from symfive.procedures._setting import PAUSE_S, campaign_of, heights, one_after_another, serpentine, tool_ball_of
 from symfive.procedures._static_ball_bar import static_ball_bar
 from symfive.procedures._synchronous_circle import CircleFrame, circle_frame, polar_angle, synchronous_circle
-from symfive.procedures._table import PROCEDURES, Procedure, make_procedure, procedures_for
 
 __all__ = [
-    "DIRECTIONS", "DWELL_S", "FEED_IN_MM", "PAUSE_S", "PLANES", "PROCEDURES", "CircleFrame", "Nominal", "Procedure",
-    "campaign_of", "checked", "circle_frame", "cone_circle", "grid_encoder_lines", "heights", "home",
-    "linear_positioning", "make_procedure", "one_after_another", "planar_circle", "polar_angle", "procedures_for",
-    "r_test_grid", "ramp_of", "rotary_circle", "senses", "serpentine", "static_ball_bar", "synchronous_circle",
-    "through", "tool_ball_of", "within_travel",
+    "DIRECTIONS", "DWELL_S", "FEED_IN_MM", "PAUSE_S", "PLANES", "CircleFrame", "Nominal", "campaign_of", "checked",
+    "circle_frame", "cone_circle", "grid_encoder_lines", "heights", "home", "linear_positioning",
+    "one_after_another", "planar_circle", "polar_angle", "r_test_grid", "ramp_of", "rotary_circle", "senses",
+    "serpentine", "static_ball_bar", "synchronous_circle", "through", "tool_ball_of", "within_travel",
 ]  # fmt: skip

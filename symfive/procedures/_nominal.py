@@ -145,6 +145,10 @@ class Nominal:
         `InputError` where there is none.
         """
         rotary = self.machine.rotary_axes
+        if not rotary:
+            raise InputError(
+                f"{what}: the machine has no rotary axis to point the tool", remedy="choose another procedure"
+            )
         steps = np.linalg.norm(np.diff(directions, axis=0), axis=1)
         coarse = np.unique(np.searchsorted(np.cumsum(steps), np.arange(0.0, steps.sum() + COARSE_RAD, COARSE_RAD)))
         coarse = np.append(coarse[coarse < len(directions) - 1], len(directions) - 1)
@@ -161,9 +165,7 @@ class Nominal:
             if np.isfinite(path).all() and not quick.any() and self._inside(rotary, path):
                 found.append((float(np.abs(np.diff(path, axis=0)).sum() + np.abs(path.mean(axis=0)).sum()), path))
         if not found:
-            problem = (
-                f"{what}: {' and '.join(rotary) or 'no rotary axis'} cannot point the tool all along within the travel"
-            )
+            problem = f"{what}: {' and '.join(rotary)} cannot point the tool all along within the travel"
             remedy = "choose other angles, and none that lead close to the pole (tool along the turning axis)"
             raise InputError(problem, remedy=remedy)
         _, best = min(found, key=lambda f: f[0])
