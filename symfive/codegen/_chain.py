@@ -43,7 +43,6 @@ class Chain:
     nominal_position: Symbol
     nominal_direction: Symbol
     nominal_position_by_q: Symbol
-    nominal_direction_by_q: Symbol
 
 
 def chain_of(subject: Subject) -> Chain:
@@ -65,10 +64,10 @@ def chain_of(subject: Subject) -> Chain:
     by_q, by_p = ca.jacobian(stack, q), ca.jacobian(stack, p)
     plain = {name: q[i] for i, name in enumerate(subject.axes)}
     nominal, nominal_direction, nominal_columns = _walk(machine, plain, {}, {}, ca.SX(3, 1), tool)
-    nominal_by_q = [ca.horzcat(*(nominal_columns[("axis", name)][k] for name in subject.axes)) for k in (0, 1)]
+    nominal_by_q = ca.horzcat(*(nominal_columns[("axis", name)][0] for name in subject.axes))
     return Chain(
         q, tool, p, position, direction, moves @ by_q, turns @ by_q, moves @ by_p, turns @ by_p,
-        nominal, nominal_direction, *nominal_by_q,
+        nominal, nominal_direction, nominal_by_q,
     )  # fmt: skip
 
 

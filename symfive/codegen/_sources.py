@@ -18,7 +18,6 @@ from symfive.machine import Machine
 
 REAL_BYTES = 8
 FRAME_BYTES = 256
-_CHAIN = ("position", "direction")
 
 FUNCTIONS: dict[str, dict[str, str]] = {
     "forward": {"position": "position", "direction": "direction"},

@@ -11,7 +11,6 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.parameters import Parameter
-from symfive.validation import as_lists
 
 KNOWN = 0.5
 """Of a direction of amplitudes the readings say more than the prior where they leave less than this share of its variance."""
@@ -36,11 +35,6 @@ class Quantity:
         if isinstance(self.value, (int, float)) and isinstance(self.std, (int, float)):
             return Quantity(factor * self.value, factor * self.std, self.unit)
         return self
-
-    def as_data(self) -> dict[str, object]:
-        """As `diagnosis.json` holds it; what is None is left out."""
-        table: dict[str, object] = {"value": self.value, "std": self.std, "unit": self.unit}
-        return {name: as_lists(entry) for name, entry in table.items() if entry is not None}
 
 
 def own_quantity(parameter: Parameter, values: Values, covariance: Covariance) -> Quantity:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 SHAPES = ("coulomb", "stribeck", "lugre")
 SIZES = (0.3, 1.0, 3.0)
 """Of friction in usual ones, half a decade apart."""
-LARGE = 4.0
-"""Friction that holds an axis for long, in usual ones."""
 FAR = 5.0
 """Where the search for the way begins, in usual ones: a way too short to be seen has hardly a slope."""
 

@@ -70,12 +70,11 @@ def short(text: str, most: int = 36) -> str:
     return text if len(text) <= most else f"{text[: most // 2 - 1]}…{text[-(most - most // 2) :]}"
 
 
-def plain_log(axes: Axes, which: str = "both") -> None:
+def plain_log(axes: Axes) -> None:
     """Logarithmic axes whose ticks read 0.01, 0.1, 1, 10."""
-    for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y")):
-        if which in ("both", name):
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
 
 
 def named_rows(axes: Axes, names: Sequence[str], unit: str) -> None:
@@ -94,8 +93,8 @@ def footnote(figure: Figure, *sentences: str) -> None:
         figure.supxlabel("\n".join(said), x=0.01, ha="left", fontsize=7.5, color=FAINT)
 
 
-def robust_limit(values: Array, least: float, quantile: float = 0.999) -> float:
-    """Half height of an axis about zero that shows all but the wildest values and at least ±`least`."""
+def robust_limit(values: Array, least: float) -> float:
+    """Half height of an axis about zero that shows all but the wildest thousandth of the values and at least ±`least`."""
     finite = np.abs(values[np.isfinite(values)])
-    reach = float(np.quantile(finite, quantile)) if finite.size else 0.0
+    reach = float(np.quantile(finite, 0.999)) if finite.size else 0.0
     return max(1.15 * reach, least, 1e-12)
