@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from functools import cache
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import Any, get_type_hints
 
 from symfive.effects._base import LINKS, STAGES, Effect
 from symfive.effects._component import Component, component_of, location_of
@@ -46,9 +46,7 @@ from symfive.effects.varying import Varying
 from symfive.effects.vibration import Vibration
 from symfive.errors import InputError
 from symfive.files import shown
-
-if TYPE_CHECKING:
-    from symfive.machine import Machine
+from symfive.machine import Machine
 
 __all__ = [
     "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Component", "Effect", "Form",

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from symfive.arrays import Array
 from symfive.effects._form import AXIS, TOOL, Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.effects._rates import rate_of
 from symfive.errors import InputError
-from symfive.machine import unknown_axis
-from symfive.motion import unmoved
+from symfive.machine import Axis, unknown_axis
+from symfive.motion import Signal, unmoved
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.machine import Axis
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 STAGES = ("drive", "axis", "structure", "reading", "recording")
 """In which order effects enter: inside the position loop, behind the drive, in the structure, in the

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from symfive.arrays import Array
 from symfive.machine import Machine
 from symfive.motion import Acceleration, Direction, Position, Signal, Velocity, approach
+from symfive.row import Row
 from symfive.runs import Run
-
-if TYPE_CHECKING:
-    from symfive.row import Row
 
 VELOCITY, ACCELERATION = " velocity", " acceleration"
 SINCE = " since reversal"

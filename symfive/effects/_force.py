@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from symfive.instruments.drive_force import DriveForce, driven_axis
-
-if TYPE_CHECKING:
-    from symfive.runs import Campaign
+from symfive.runs import Campaign
 
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""

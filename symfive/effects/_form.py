@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from symfive.arrays import Array
+from symfive.machine import Machine
+from symfive.runs import Campaign, Run
 
 if TYPE_CHECKING:
     from symfive.effects._base import Effect
-    from symfive.machine import Machine
-    from symfive.runs import Campaign, Run
 
 TOOL, AXIS, CARRIED, BALL, FORCE = "tool", "axis", "carried", "ball", "force"
 """Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3);

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
 from symfive.kinematics import axis_pose
-
-if TYPE_CHECKING:
-    from symfive.machine import Machine
-    from symfive.row import Row
+from symfive.machine import Machine
+from symfive.row import Row
 
 DOWN = (0.0, 0.0, -1.0)
 """Direction of gravity in the machine frame where nothing else is said."""

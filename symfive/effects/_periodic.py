@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -15,10 +15,8 @@ from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_an
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""

@@ -15,10 +15,10 @@ from symfive.effects._force import driven_axes
 from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing, revisited
 from symfive.effects._series import share_of
 from symfive.errors import InputError
+from symfive.runs import Campaign, Run
 
 if TYPE_CHECKING:
     from symfive.effects.unknown import Unknown
-    from symfive.runs import Campaign, Run
 
 HARMONICS, LEAST_CYCLES = 3, 2.0
 """Of a cycle over time: number of harmonics, and the least number of periods in the recording."""

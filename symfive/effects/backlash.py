@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Forms, reversing
-from symfive.motion import Direction, Play, Position, PreSliding
+from symfive.motion import Direction, Play, Position, PreSliding, Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Forms
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 CLOCKS = ("run", "campaign")
 

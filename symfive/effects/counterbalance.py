@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Forms, reversing
 from symfive.effects._quantity import Covariance, Quantity, Values
-from symfive.motion import Direction, Position
+from symfive.motion import Direction, Position, Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 UPRIGHT = 0.7
 """Cosine to the vertical from which an axis carries its weight."""

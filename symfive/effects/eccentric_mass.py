@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -15,10 +15,8 @@ from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_an
 from symfive.errors import InputError
 from symfive.kinematics import axis_pose
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign
+from symfive.row import Row
+from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -14,14 +14,10 @@ from symfive.effects._component import component_of
 from symfive.effects._form import Form, Forms, goes_round, moving
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of
-from symfive.machine import ErrorTerm, unknown_axis
+from symfive.machine import ErrorTerm, Machine, unknown_axis
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.machine import Machine
-    from symfive.row import Row
-    from symfive.runs import Campaign
-
+from symfive.row import Row
+from symfive.runs import Campaign
 
 FINER = (6, 12)
 """Orders of finer forms of the same name."""

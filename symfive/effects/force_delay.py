@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from symfive.effects._base import INSTRUMENT, Effect
 from symfive.effects._force import driven_axes
 from symfive.effects._form import Form, Forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
+from symfive.motion import Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 
 @dataclass(frozen=True, kw_only=True)

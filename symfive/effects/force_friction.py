@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import casadi as ca
 
@@ -12,13 +12,10 @@ from symfive.effects._force import driven_axes
 from symfive.effects._form import FORCE, Form, Forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
-from symfive.motion import Velocity
+from symfive.motion import Signal, Velocity
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 PARTS = ("coulomb", "offset", "skew", "stribeck")
 OTHERS = (PARTS[:3], ("coulomb", "offset", "stribeck"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -15,10 +15,8 @@ from symfive.effects._periodic import Periodic, reach_and_shortest
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 LEAST_CYCLES = 4.0
 """Cycles over the way, at least: fewer are a course along the axis, not a ripple."""

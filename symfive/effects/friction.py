@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Forms, reversing
 from symfive.motion import FRICTION
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.runs import Campaign
+from symfive.runs import Campaign
 
 SHAPES = ("coulomb", "stribeck", "lugre")
 SIZES = (0.3, 1.0, 3.0)

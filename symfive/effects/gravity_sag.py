@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -15,14 +15,11 @@ from symfive.effects._form import Form, Forms, moving
 from symfive.effects._gravity import DOWN, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
-from symfive.motion import Direction
+from symfive.machine import Machine
+from symfive.motion import Direction, Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.machine import Machine
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 PARTS = ("sin", "one_minus_cos", "sin_cubed", "branch")
 OTHERS = (("sin",), ("one_minus_cos",), ("sin", "sin_cubed"), ("sin", "branch"), ("sin", "one_minus_cos", "branch"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -17,11 +17,8 @@ from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import axis_pose
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
-
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 USUAL = 0.5
 """Prior 1σ of a weight moment as a share of the recorded torque (rms): that of a tilted axis is mostly weight and inertia."""

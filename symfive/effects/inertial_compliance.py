@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -11,15 +11,11 @@ import numpy as np
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, seen_length
-from symfive.motion import Acceleration
+from symfive.machine import Axis
+from symfive.motion import Acceleration, Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.machine import Axis
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign
-
+from symfive.row import Row
+from symfive.runs import Campaign
 
 FEWEST = 3
 SHAPES = ("linear", "softening")

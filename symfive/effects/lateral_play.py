@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
 from symfive.effects._form import Form, Forms, across, reversing
 from symfive.errors import InputError
-from symfive.motion import Direction, Play, PreSliding
+from symfive.motion import Direction, Play, PreSliding, Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 SHAPES = ("step", "pre_sliding", "play")
 

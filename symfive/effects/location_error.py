@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import casadi as ca
 
@@ -12,10 +12,8 @@ from symfive.effects._component import location_of
 from symfive.effects._form import Form, Forms, own_component
 from symfive.errors import InputError
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign
+from symfive.row import Row
+from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Forms, reversing
-from symfive.motion import ReversalAhead, ReversalTime
+from symfive.motion import ReversalAhead, ReversalTime, Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign
+from symfive.row import Row
+from symfive.runs import Campaign
 
 SHAPES = ("lag", "pulse")
 TIMES_MS = (20.0, 60.0, 180.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
@@ -13,10 +13,8 @@ from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 SHAPES = ("gain", "matrix")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +13,7 @@ from symfive.effects._form import Forms
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
 from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.runs import Campaign, Run
+from symfive.runs import Campaign, Run
 
 NEGLIGIBLE = 1e-18
 SIZES = (4.0, 16.0, 64.0)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Forms, moving
 from symfive.errors import InputError
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.runs import Campaign
+from symfive.runs import Campaign
 
 RELATIVE_SIGMA = 0.3
 UNITS = {

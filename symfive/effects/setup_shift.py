@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -16,10 +16,8 @@ from symfive.effects._form import BALL, Form, Scan, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 ARTEFACTS = ("table", "tool")
 SHAPES = ("step", "creep")

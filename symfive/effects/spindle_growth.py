@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
@@ -11,10 +10,8 @@ from symfive.effects._base import Effect
 from symfive.effects._form import Forms
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign
+from symfive.row import Row
+from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -14,13 +14,10 @@ from symfive.effects._base import Effect
 from symfive.effects._form import TOOL, Form, Forms, Scan, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity
 from symfive.errors import InputError
-from symfive.motion import FINE_S, Resonance, RunMotion
+from symfive.motion import FINE_S, Resonance, RunMotion, Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 LOWEST_HZ, HIGHEST_HZ, SPACING = 5.0, 120.0, 1.08
 """Where a mode of a structure is looked for; one that is off by its damping still rings in step."""

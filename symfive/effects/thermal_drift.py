@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -15,10 +15,8 @@ from symfive.effects._form import TOOL, Form, Forms, Scan
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagate
 from symfive.errors import InputError
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 SHAPES = ("exponential", "mixture", "linear", "delayed")
 ONSETS = 9

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from symfive.effects._form import AXIS, Form, Forms, Tone, moving
 from symfive.effects._periodic import Periodic, reach_and_shortest
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign
+from symfive.row import Row
+from symfive.runs import Campaign
 
 RICHER, MULTIPLES = (2, 3, 8, 16), ((2, 2), (2, 4), (3, 3))
 """Numbers of harmonics of other shapes; multiples of a period that was found (the largest harmonic need not be the first), each

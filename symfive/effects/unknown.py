@@ -34,14 +34,13 @@ from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import Basis
 from symfive.machine import Axis, ErrorTerm, Machine
-from symfive.motion import Acceleration, Direction, Position, ReversalDistance, Velocity
+from symfive.motion import Acceleration, Direction, Position, ReversalDistance, Signal, Velocity
 from symfive.parameters import Parameter
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 if TYPE_CHECKING:
     from symfive.effects._form import Form, Scan, Tone
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
 
 PLACES = ("axis", "structure", "force")
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'

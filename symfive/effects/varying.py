@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -16,12 +16,10 @@ from symfive.effects._coordinates import SIGN, VELOCITY, coordinate_in, coordina
 from symfive.effects._form import Form, goes_round, moving
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
+from symfive.motion import Signal
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.motion import Signal
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 
 def varies_over(campaign: Campaign) -> tuple[str, ...]:

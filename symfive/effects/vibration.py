@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -16,10 +16,8 @@ from symfive.effects._quantity import Covariance, Quantity, Values, length_sprea
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
-    from symfive.runs import Campaign, Run
+from symfive.row import Row
+from symfive.runs import Campaign, Run
 
 PLACES = ("structure", "reading")
 LEAST_CYCLES = 4.0

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from symfive.campaign import Campaign, Run
 from symfive.effects import Effect
 from symfive.instruments import columns_of
 from symfive.model import signature
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COLOURS = ("#0b5394", "#b45f06", "#38761d", "#741b47", "#666666", "#134f5c")
 PANEL = (7.0, 1.7)
