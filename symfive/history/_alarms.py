@@ -214,13 +214,8 @@ class Watch:
         return self.usual.excess(variance)
 
     def _causes(self, pattern: Array, errors: Array) -> tuple[Cause, ...]:
-        where = self._candidates
-        found = causes_of(pattern, errors, len(errors))
-        return tuple(
-            Cause(tuple(self.names[where[i]] for i in which), shares, change * float(self.scale[where[which[0]]]),
-                  std * float(self.scale[where[which[0]]]), self.units[where[which[0]]])
-            for which, shares, change, std in found
-        )  # fmt: skip
+        names, units = ([all_[i] for i in self._candidates] for all_ in (self.names, self.units))
+        return causes_of(pattern, errors, len(errors), names, units, self.scale[self._candidates])
 
 
 @dataclass(frozen=True)
@@ -245,16 +240,15 @@ class _Scores:
 
 
 def causes_of(
-    pattern: Array, errors: Array, count: int
-) -> list[tuple[tuple[int, ...], tuple[float, ...], float, float]]:
+    pattern: Array, errors: Array, count: int, names: Sequence[str], units: Sequence[str], scale: Array
+) -> tuple[Cause, ...]:
     """The fewest candidates that explain standardised `errors` (m,), the clearest first, fitted together.
 
-    `pattern` (c, m) is what one unit of each candidate does to them. Each entry: the candidates that explain it alike, by
-    their probabilities, the change and its 1σ in units of the candidates. Forward selection until what is left is noise of
-    `count` normal scores.
+    `pattern` (c, m) is what one `scale` of each candidate does to them, `names`, `units` and `scale` (c,) are the candidates'.
+    Forward selection until what is left is noise of `count` normal scores.
     """
     chosen: list[int] = []
-    entries: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
+    entries: list[tuple[tuple[str, ...], tuple[float, ...]]] = []
     left = errors
     while len(chosen) < min(MOST_CAUSES, len(pattern)):
         free = pattern if not chosen else pattern - pattern @ np.linalg.pinv(pattern[chosen]) @ pattern[chosen]
@@ -268,12 +262,15 @@ def causes_of(
         odds /= odds.sum()
         alike = [best, *(int(i) for i in np.argsort(-odds) if i != best and odds[i] >= NAMED)]
         chosen.append(best)
-        entries.append((tuple(alike), tuple(float(odds[i]) for i in alike)))
+        entries.append((tuple(names[i] for i in alike), tuple(float(odds[i]) for i in alike)))
         coefficients, *_ = np.linalg.lstsq(pattern[chosen].T, errors, rcond=None)
         left = errors - coefficients @ pattern[chosen]
         if left @ left <= 2.0 * float(gammainccinv(0.5 * max(count - len(chosen), 1), CLEAR)):
             break
     if not chosen:
-        return []
+        return ()
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(pattern[chosen] @ pattern[chosen].T)), 0.0))
-    return [(*entry, float(c), float(s)) for entry, c, s in zip(entries, coefficients, spread, strict=True)]
+    return tuple(
+        Cause(*entry, float(change) * float(scale[i]), float(std) * float(scale[i]), units[i])
+        for entry, i, change, std in zip(entries, chosen, coefficients, spread, strict=True)
+    )

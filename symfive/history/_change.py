@@ -180,12 +180,8 @@ def change_between(first: Visit, second: Visit, scatter: Scatter | None = None) 
     errors = {
         n: (float(change[i]), float(std[i]), data.units[i]) for i, n in enumerate(names) if share[i] >= ITSELF
     }  # fmt: skip
-    found = causes_of(axes * np.sqrt(size), x, len(size)) if chance < UNLIKELY else []
-    causes = tuple(
-        Cause(tuple(names[i] for i in which), p, c * float(data.scale[which[0]]), s * float(data.scale[which[0]]),
-              data.units[which[0]])
-        for which, p, c, s in found
-    )  # fmt: skip
+    unlikely = chance < UNLIKELY
+    causes = causes_of(axes * np.sqrt(size), x, len(size), names, data.units, data.scale) if unlikely else ()
     return Change(first, second, len(size), chance, errors, tuple(n for n in names if n not in errors), causes, findings,
                   scatter is not None)  # fmt: skip
 
