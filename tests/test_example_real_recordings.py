@@ -136,7 +136,7 @@ def test_whole_turns_repeat_each_other() -> None:
     assert found[0].start_s == pytest.approx((360.0 - 100.0) / 30.0)
     expected = np.cos(np.radians(found[0].commands["C"]))
     assert found[0].readings["s1_um"] == pytest.approx(expected, abs=1e-3)
-    with pytest.raises(InputError, match="whole turn"):
+    with pytest.raises(InputError, match="whole revolution"):
         turns_of(rows_of(run, slice(0, 50)), machine, step_deg=4.0)
 
 

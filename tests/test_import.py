@@ -177,7 +177,7 @@ def test_turns_cycles_and_rests_are_runs():
         for piece in even:
             np.testing.assert_allclose(piece.readings["dx_um"], np.cos(np.radians(piece.commands["C"])), atol=2e-3)
             assert np.sign(np.diff(piece.commands["C"])[0]) == np.sign(speed)
-    with pytest.raises(InputError, match="whole turn"):
+    with pytest.raises(InputError, match="whole revolution"):
         turns_of(every(run, 1).part(0, 50), machine)
     with pytest.raises(InputError, match="no sequence"):
         cycles_of(run)

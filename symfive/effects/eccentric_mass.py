@@ -46,7 +46,9 @@ class EccentricMass(Effect):
         held = [machine.errors.get(f"E{c}{self.axis}") for c in "ABC"]
         alone = not carriers(machine, str(self.axis))
         if alone and any(t is not None and t.over == (self.axis,) and t.basis == ("fourier",) for t in held):
-            raise InputError(f"the baseline already holds the tilt of {self.axis} once a turn", remedy="leave it there")
+            raise InputError(
+                f"the baseline already holds the tilt of {self.axis} once per revolution", remedy="leave it there"
+            )
         return self
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:

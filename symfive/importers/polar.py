@@ -239,7 +239,7 @@ def _timed(run: Run, phi: Array, ahead: Array, error: float) -> Run:
     if not known.any():
         problem = f"no reading is further than {np.degrees(error):.3g}° from where an axis reverses"
         raise InputError(
-            problem, remedy="give a smaller angle_error (--angle-error), in degrees, or more readings a turn"
+            problem, remedy="give a smaller angle_error (--angle-error), in degrees, or more readings per revolution"
         )
     run = rows_of(run, known)
     return replace(run, time=run.time - run.time[0])

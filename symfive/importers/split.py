@@ -78,7 +78,7 @@ def turns_of(run: Run, machine: Machine, *, axis: str | None = None, step_deg: f
     count = int((travelled.max() + 1e-6) // 360.0)
     if count == 0:
         raise InputError(
-            f"run {run.id}: no axis and no circle makes a whole turn", remedy="import it without --split turns"
+            f"run {run.id}: no axis and no circle makes a whole revolution", remedy="import it without --split turns"
         )
     masks = [(travelled >= 360.0 * k - 1e-9) & (travelled < 360.0 * (k + 1) - 1e-9) for k in range(count)]
     return [piece_of(run, mask, f"{run.id}-turn-{k}") for k, mask in enumerate(masks, start=1)]
@@ -104,7 +104,7 @@ def _even_turns(run: Run, angle: Array, axis: str, step_deg: float) -> list[Run]
             readings={n: drawn(values) for n, values in run.readings.items()},
         ))  # fmt: skip
     if not pieces:
-        problem = f"run {run.id}: {axis} makes no whole turn from a multiple of 360° on"
+        problem = f"run {run.id}: {axis} makes no whole revolution from a multiple of 360° on"
         raise InputError(problem, remedy="leave --step-deg out")
     return pieces
 

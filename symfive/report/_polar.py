@@ -98,7 +98,7 @@ def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | N
 
 
 def _notes(circles: Sequence[Circle], both: bool, groups: int) -> list[str]:
-    arcs = "" if all(c.whole for c in circles) else " (the mean only, where less than 3/4 of a turn was measured)"
+    arcs = "" if all(c.whole for c in circles) else " (the mean only, where less than 3/4 of a revolution was measured)"
     notes = [f"Measured: least-squares centre and mean radius of each run removed{arcs}.",
              _lines_in_words(circles, both)]  # fmt: skip
     return [*notes, f"Drawn: {MOST_GROUPS} of {groups} sets of runs."] if groups > MOST_GROUPS else notes

@@ -1,4 +1,4 @@
-"""Spectrum of the residuals: over frequency, and over order per turn."""
+"""Spectrum of the residuals: over frequency, and over order per revolution."""
 
 from __future__ import annotations
 
@@ -61,7 +61,8 @@ def residual_spectrum(identification: Identification, runs: str | Iterable[str] 
     panels = int(bool(over_time)) + int(bool(over_turn))
     if not panels:
         raise InputError(
-            "no run is a recording or goes round", remedy=f"choose a run of at least {LEAST_ROWS} rows or of one turn"
+            "no run is a recording or goes round",
+            remedy=f"choose a run of at least {LEAST_ROWS} rows or of one revolution",
         )
     figure = blank(4.9 * panels + 0.4, 3.8)
     axes = list(figure.subplots(1, panels, squeeze=False)[0])
@@ -228,6 +229,6 @@ def _draw_orders(
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0.0)
     over = " or ".join(dict.fromkeys(words for *_, words in found))
-    axes.set_xlabel(f"order per turn ({over})")
+    axes.set_xlabel(f"order per revolution ({over})")
     axes.set_ylabel(f"amplitude / {unit_words(unit)}")
     axes.set_title("over order")
