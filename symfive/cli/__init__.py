@@ -15,14 +15,13 @@ import click
 from symfive.cli import _measure, _evaluate, _history, _standards, _import, _files  # noqa: F401  # isort: skip  (order of the help)
 from symfive.cli._common import app
 from symfive.errors import InputError
+from symfive.outputs import by_command
 
 __all__ = ["app", "main"]
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 1 problems found, 2 bad input, 130 interrupted)."""
-    from symfive.outputs import by_command
-
     with by_command(shlex.join(["symfive", *(sys.argv[1:] if arguments is None else arguments)])):
         code = _guarded(lambda: app.main(arguments, prog_name="symfive", standalone_mode=False))
     if arguments is None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from symfive.errors import InputError
 from symfive.files import shown
 from symfive.separated import LARGEST, SMALLEST
 from symfive.version import __version__
@@ -155,7 +156,6 @@ def dialects_of(names: Sequence[str]) -> tuple[str, ...]:
 
 def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
     """A campaign, its notes printed; `measured`: raises `InputError` where a run has no readings."""
-    from symfive.errors import InputError
     from symfive.given import campaign_given
 
     campaign = campaign_given(path)
@@ -193,8 +193,6 @@ def tell(data: dict[str, Any], text: str, as_json: bool) -> None:
 
 def numbers_of(option: str, entries: Sequence[str], example: str, least: float = -LARGEST) -> dict[str, float]:
     """NAME=VALUE as a table. Raises `InputError` for text, and for what is no number from `least` up."""
-    from symfive.errors import InputError
-
     found = {}
     for entry in entries:
         name, sign, text = entry.rpartition("=")
@@ -210,8 +208,6 @@ def numbers_of(option: str, entries: Sequence[str], example: str, least: float =
 
 def point_of(option: str, text: str) -> tuple[float, float, float]:
     """X,Y,Z in mm. Raises `InputError` for anything else."""
-    from symfive.errors import InputError
-
     try:
         x, y, z = (float(word) for word in text.split(","))
         if not all(abs(value) <= LARGEST for value in (x, y, z)):

@@ -24,6 +24,7 @@ from symfive.cli._common import (
     scheduler,
     tell,
 )
+from symfive.outputs import output_folder, write_json
 
 also = click.option("--with", "also", type=PATH, multiple=True, help="A further campaign of the same machine.")
 
@@ -58,7 +59,6 @@ def identify(
     """Identify the errors of a machine. Writes identification.json, model.json, identification.html and figures."""
     from symfive.identify import identify as identify_campaign
     from symfive.model import effects_from_data, read_json
-    from symfive.outputs import output_folder
     from symfive.report import identification_text
     from symfive.results import write_identification
 
@@ -86,7 +86,6 @@ def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json:
     from symfive.campaign import write_campaign_files
     from symfive.identify import predict as predict_campaign
     from symfive.model import read_model
-    from symfive.outputs import output_folder, write_json
 
     with output_folder(output, overwrite=overwrite) as folder:
         result = predict_campaign(read_model(model), read(campaign, quiet))
@@ -121,7 +120,6 @@ def diagnose(
 ) -> None:
     """Find the faults of a machine. Cause, location, size and confidence, the corrected model, and the next test."""
     from symfive.diagnose import diagnose as diagnose_campaign
-    from symfive.outputs import output_folder
     from symfive.report import diagnosis_text
     from symfive.results import write_diagnosis
 

@@ -23,12 +23,13 @@ from symfive.cli._common import (
     read,
     written,
 )
+from symfive.errors import InputError, inside
+from symfive.outputs import output_file, output_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from symfive.campaign import Campaign, Run
-    from symfive.errors import InputError
     from symfive.importers import Matched, Probed
     from symfive.machine import Machine
 
@@ -98,9 +99,7 @@ def import_polar(
     import numpy as np
 
     from symfive.campaign import write_campaign_files
-    from symfive.errors import InputError, inside
     from symfive.importers import FITTED, along_run, polar_doubts, polar_run, read_polar
-    from symfive.outputs import output_folder
     from symfive.procedures import campaign_of
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
@@ -143,7 +142,6 @@ def import_polar(
 def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[str, Any]]]:
     """The machine, and what is known of each file's circle: of a plan what it planned, else the name alone."""
     from symfive.campaign import read_campaign
-    from symfive.errors import InputError
     from symfive.given import machine_given
     from symfive.importers import as_planned
 
@@ -164,8 +162,6 @@ def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[st
 
 def _not_in_the_file(path: Path, circle: Mapping[str, Any]) -> InputError:
     """What angle and deviation do not tell, and the options that do."""
-    from symfive.errors import InputError
-
     options = {"radius": "--radius 100 (mm)", "feed": "--feed 1000 (mm/min)"}
     missing = {name: option for name, option in options.items() if name not in circle}
     problem = f"angle and deviation are there, {' and '.join(missing)} not"
@@ -231,8 +227,6 @@ def _import_runs(
 ) -> None:  # fmt: skip
     """The campaign of the runs of a plan that `measured` makes of the machine, a planned run and its file."""
     from symfive.campaign import write_campaign_files
-    from symfive.errors import inside
-    from symfive.outputs import output_folder
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         plan = read(campaign, quiet)
@@ -248,8 +242,6 @@ def _import_runs(
 
 def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Sequence[str]) -> list[tuple[Path, Run]]:
     """Each file with its run: the one named, else the static ones in their order. Raises `InputError`."""
-    from symfive.errors import InputError
-
     runs = {run.id: run for run in plan.runs}
     wanted = names or tuple(run.id for run in plan.runs if not run.dynamic)[: len(files)]
     if len(wanted) != len(files) or len(set(wanted)) < len(wanted):
@@ -279,7 +271,6 @@ def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: b
     from symfive.importers import read_mtconnect
     from symfive.importers.mtconnect import TO_DO
     from symfive.machine import write_machine
-    from symfive.outputs import output_file
 
     with output_file(output) as path:
         machine = read_mtconnect(probe, device=device, code=code)
@@ -304,7 +295,6 @@ def convert(
     from symfive.campaign import write_campaign_files
     from symfive.convert import convert as convert_recording
     from symfive.importers import prepared
-    from symfive.outputs import output_folder
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         campaign = prepared(convert_recording(name, data), step=step, how=how, step_deg=step_deg)

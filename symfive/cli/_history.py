@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from symfive.cli._common import PATH, Number, Progress, app, as_json, noted, numbers_of, overwrite, quiet, tell
+from symfive.outputs import output_file, output_folder, write_bytes, write_text
 
 where = click.option(
     "--history", "index", type=PATH, default="history", envvar="SYMFIVE_HISTORY", help="The folder of the index."
@@ -104,7 +105,6 @@ def show(
 ) -> None:  # fmt: skip
     """A machine over the years: alarms with their causes, errors and rates, forecast, when to measure again."""
     from symfive.history import History, instant, trend_text
-    from symfive.outputs import output_folder, write_text
 
     limits = numbers_of("--tolerance", tolerances, "EX0C=10")
     with History(index) as opened:
@@ -127,7 +127,6 @@ def show(
 def fleet(index: Path, output: Path | None, overwrite: bool, as_json: bool) -> None:
     """All machines: open alarms, their dates and causes."""
     from symfive.history import History
-    from symfive.outputs import output_folder
 
     with History(index) as opened:
         table = opened.fleet()
@@ -189,7 +188,6 @@ def certificate(
     """A digital calibration certificate (PTB's DCC) of one result, unsigned; missing entries are marked."""
     from symfive.history import Details, Office, instant, taken
     from symfive.history import certificate as certificate_of
-    from symfive.outputs import output_file, write_bytes
 
     office = Office(
         laboratory=laboratory, laboratory_city=laboratory_city, person=person, customer=customer, country=country,

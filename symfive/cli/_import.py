@@ -23,6 +23,8 @@ from symfive.cli._common import (
     quiet,
     written,
 )
+from symfive.errors import InputError, inside
+from symfive.outputs import output_folder
 
 if TYPE_CHECKING:
     from symfive.campaign import Run
@@ -69,11 +71,9 @@ def import_table(
     from dataclasses import replace
 
     from symfive.campaign import write_campaign_files
-    from symfive.errors import InputError, inside
     from symfive.given import machine_given
     from symfive.importers import Setting, meanings, prepared, read_table, runs_of, shown_meanings, taken
     from symfive.importers.polar import DIRECTIONS
-    from symfive.outputs import output_folder
     from symfive.procedures import PLANES, campaign_of
 
     if plane not in PLANES:
@@ -119,8 +119,6 @@ def _doubts(machine: Machine, runs: Sequence[Run], radius: float | None, feed: f
 
 def _confirm(table: Table, found: Sequence[Meaning], shown: str, *, yes: bool, quiet: bool) -> None:
     """Show what the columns are taken for; ask where some of it is guessed. Raises `InputError` where nobody can answer."""
-    from symfive.errors import InputError
-
     if not quiet:
         click.echo(shown, err=True)
     if yes or not any(m.guessed for m in found):

@@ -43,6 +43,9 @@ from symfive.cli._plan_words import (
     setup_sigma_of,
     until_of,
 )
+from symfive.errors import InputError
+from symfive.files import shown
+from symfive.outputs import output_folder, write_json
 
 if TYPE_CHECKING:
     from symfive.effects import Effect
@@ -270,11 +273,9 @@ def plan(
     """Plan a measurement. A campaign without readings, certificate, NC programs, set-up sheet."""
     from symfive.design import circular_test, plan_circles, plan_sweeps, plan_together, plan_until
     from symfive.design import plan as make_plan
-    from symfive.errors import InputError
     from symfive.executors import executor
     from symfive.given import machine_given
     from symfive.nc import Post, can_probe
-    from symfive.outputs import output_folder
 
     dialects = dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
@@ -344,8 +345,6 @@ def assess(campaign: Path, given: Path | None, as_json: bool, quiet: bool) -> No
 
 def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
     """Values and effects of a truth file: `truth.json`, `model.json` or `identification.json`."""
-    from symfive.errors import InputError
-    from symfive.files import shown
     from symfive.model import effects_from_data, read_json
     from symfive.validation import is_number
 
@@ -374,7 +373,6 @@ def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
 def simulate(campaign: Path, output: Path, truth: Path | None, seed: int, overwrite: bool, quiet: bool) -> None:
     """Simulate the readings of a plan. The campaign with readings, and truth.json."""
     from symfive.campaign import write_campaign_files
-    from symfive.outputs import output_folder, write_json
     from symfive.simulate import simulate as simulate_plan
 
     with output_folder(output, overwrite=overwrite) as folder:

@@ -10,6 +10,7 @@ import click
 from click.core import ParameterSource
 
 from symfive.cli._common import point_of
+from symfive.errors import InputError
 
 if TYPE_CHECKING:
     from symfive.campaign import SetupSigma
@@ -32,8 +33,6 @@ def names_in(words: str) -> tuple[str, ...]:
 
 def refuse_with_several(context: click.Context) -> None:
     """Refuse options that a plan with several instruments has not, and one without minutes to share. Raises `InputError`."""
-    from symfive.errors import InputError
-
     for option in _given(context, ALONE):
         raise InputError(f"{option} is for one instrument", remedy=f"leave out {option}, or name one instrument")
     if context.params["minutes"] is None:
@@ -42,8 +41,6 @@ def refuse_with_several(context: click.Context) -> None:
 
 def refuse_in_motion(context: click.Context) -> None:
     """Refuse options that a plan in motion has not. Raises `InputError`."""
-    from symfive.errors import InputError
-
     for option in _given(context, AT_REST):
         raise InputError(f"a plan in motion has no {option}", remedy=f"leave out {option}, or --in-motion")
 
@@ -62,7 +59,6 @@ def part_of(
     part_tool: float | None, part_zero: str, part_tool_centre: bool, part_datum: bool,
 ) -> ToolPath | None:  # fmt: skip
     """The part's tool path. Raises `InputError` for options of a part without one, and with circles."""
-    from symfive.errors import InputError
     from symfive.toolpath import read_tool_path
 
     if path is None:
@@ -80,8 +76,6 @@ def part_of(
 
 def until_of(words: Sequence[str]) -> dict[str, float]:
     """NAME=1σ with its unit, as `EX0C=2um`, by name. Raises `InputError` for what is none, and for a unit of another kind."""
-    from symfive.errors import InputError
-
     found = {}
     for word in words:
         name, _, size = word.partition("=")
@@ -108,8 +102,6 @@ def setup_sigma_of(given: Mapping[str, float | None]) -> SetupSigma:
 
 
 def rotary_of(machine: Machine, names: str) -> tuple[str, ...]:
-    from symfive.errors import InputError
-
     found = names_in(names)
     for name in found:
         if name not in machine.rotary_axes:
@@ -119,8 +111,6 @@ def rotary_of(machine: Machine, names: str) -> tuple[str, ...]:
 
 
 def one_bar(bars: Sequence[float]) -> float | None:
-    from symfive.errors import InputError
-
     if len(bars) > 1:
         raise InputError(f"a circular test has one bar, {len(bars)} are given", remedy="give --bar once")
     return bars[0] if bars else None
@@ -133,7 +123,6 @@ def bars_of(machine: Machine) -> tuple[float, ...]:
 def effects_of(words: Sequence[str], family: str) -> list[Effect]:
     from symfive.design import FAMILIES
     from symfive.effects import make_effect
-    from symfive.errors import InputError
 
     if family not in FAMILIES:
         problem = f'there are no "{family}" circles'

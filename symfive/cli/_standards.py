@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from symfive.cli._common import PATH, app, as_json, campaign_path, numbers_of, quiet, read, tell
+from symfive.outputs import output_file, write_json
 
 
 @app.command(epilog='Example: symfive standards measured/ --tolerance "G(b)=10" --tolerance E=6')
@@ -28,7 +29,6 @@ def standards(
     campaign: Path, output: Path | None, tolerances: tuple[str, ...], uncertainties: tuple[str, ...], as_json: bool, quiet: bool
 ) -> None:  # fmt: skip
     """Report the numbers of the standards. ISO 230-4, ISO 230-2 and ISO 10791-6, decided by ISO 14253-1."""
-    from symfive.outputs import output_file, write_json
     from symfive.standards import decided, standard_values, standards_data, standards_text, with_uncertainties
 
     limits = numbers_of("--tolerance", tolerances, "E=6", least=0.0)
