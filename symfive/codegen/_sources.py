@@ -15,6 +15,7 @@ from symfive.codegen._subject import Subject
 from symfive.compiled.graph import Graph, graph_of
 from symfive.compiled.scalar import CALLS, Body, number, scalar_body
 from symfive.machine import Machine
+from symfive.version import __version__
 
 REAL_BYTES = 8
 FRAME_BYTES = 256
@@ -123,8 +124,6 @@ class Sources:
     @property
     def names(self) -> dict[str, object]:
         """What every template may use."""
-        from symfive.version import __version__
-
         return {"prefix": self.prefix, "PREFIX": self.prefix.upper(), "version": __version__,
                 "digest": self.subject.digest, "machine": _plain(self.machine.name),
                 "structure": self.machine.structure.code, "axes": self.axes, "parameters": self.parameters,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from symfive.effects._base import INSTRUMENT, Effect
 from symfive.effects._coordinates import ROW
-from symfive.effects._form import BALL, Form, Scan, Tone
+from symfive.effects._form import BALL, Form, Forms, Scan
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
 from symfive.parameters import Parameter
@@ -89,7 +88,7 @@ class SetupShift(Effect):
         return run.id == self.run and run.has_clock == self.over_time
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         for run in campaign.runs:
             margin = max(3, run.rows // 50)  # nearer to an end it could not be separated from the set-up
             rows = np.arange(margin, run.rows - margin, max(1, run.rows // MOST_PLACES))

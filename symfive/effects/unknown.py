@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -27,6 +27,7 @@ from symfive.effects._coordinates import (
     usual_span,
 )
 from symfive.effects._force import FORCE_SHARE, usual_force
+from symfive.effects._form import Forms
 from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
 from symfive.effects._series import share_of
 from symfive.effects._unidentified_forms import unidentified_forms
@@ -38,9 +39,6 @@ from symfive.motion import Acceleration, Direction, Position, ReversalDistance, 
 from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign, Run
-
-if TYPE_CHECKING:
-    from symfive.effects._form import Form, Scan, Tone
 
 PLACES = ("axis", "structure", "force")
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
@@ -115,7 +113,7 @@ class Unknown(Effect):
         return ", ".join(f"{name} in {self.run}" if name == ROW else name for name in self.over)
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form | Scan | Tone]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         """Every channel over every coordinate that the campaign moves, and cycles over time."""
         return unidentified_forms(cls, campaign)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -13,7 +13,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._coordinates import SIGN, VELOCITY, coordinate_in, coordinate_values, owner, signals_of
-from symfive.effects._form import Form, goes_round, moving
+from symfive.effects._form import Forms, goes_round, moving
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.motion import Signal
@@ -99,7 +99,7 @@ class Varying(Effect):
         return self.of.dynamic_only
 
     @classmethod
-    def candidates(cls, campaign: Campaign) -> Iterable[Form]:
+    def candidates(cls, campaign: Campaign) -> Forms:
         """None by itself: a diagnosis asks for those of the effects that it holds."""
         return ()
 

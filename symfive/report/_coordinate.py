@@ -10,6 +10,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.diagnose import Finding
+from symfive.effects import coordinate_values
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import unit_words
@@ -48,10 +49,10 @@ def coordinates_of(finding: Finding, identification: Identification) -> list[Coo
 def _of_axis(machine: Machine, runs: tuple[Run, ...], name: str, quantity: str) -> Coordinate:
     axis = machine.axes[name]
     unit = unit_words(axis.unit)
-    if quantity == "velocity":
-        return Coordinate(f"velocity of {name} / ({unit}/s)", lambda run: _rate(run, name, 1))
-    if quantity == "acceleration":
-        return Coordinate(f"acceleration of {name} / ({unit}/s²)", lambda run: _rate(run, name, 2))
+    if quantity in ("velocity", "acceleration"):
+        per = "s" if quantity == "velocity" else "s²"
+        rate = f"{name} {quantity}"
+        return Coordinate(f"{quantity} of {name} / ({unit}/{per})", lambda run: coordinate_values(rate, run, machine))
     if not folded(axis, runs):
         return Coordinate(f"{name} / {unit}", lambda run: np.asarray(run.commands[name]), name if quantity else None)
 
@@ -59,16 +60,6 @@ def _of_axis(machine: Machine, runs: tuple[Run, ...], name: str, quantity: str) 
         return np.asarray(np.mod(run.commands[name] + 180.0, 360.0) - 180.0)
 
     return Coordinate(f"{name} over one revolution / {unit}", position, name if quantity else None)
-
-
-def _rate(run: Run, name: str, order: int) -> Array:
-    """Derivative of the command by time; at rest at each row (static) it is zero."""
-    if not run.dynamic or run.rows < 3:
-        return np.zeros(run.rows)
-    rate = np.asarray(run.commands[name])
-    for _ in range(order):
-        rate = np.gradient(rate, run.time)
-    return rate
 
 
 def _clock(runs: tuple[Run, ...]) -> Coordinate:
