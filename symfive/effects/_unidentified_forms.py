@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
@@ -13,7 +15,6 @@ from symfive.arrays import Array
 from symfive.effects._coordinates import ACCELERATION, ROW, SIGN, SINCE, VELOCITY
 from symfive.effects._force import driven_axes
 from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing, revisited
-from symfive.effects._series import share_of
 from symfive.errors import InputError
 from symfive.runs import Campaign, Run
 
@@ -25,6 +26,7 @@ HARMONICS, LEAST_CYCLES = 3, 2.0
 SIDES, CLOSEST = 16, 1e-5
 """Number of intervals over the distance since reversal, each twice as long as the one before, and the length of the first as a
 share of the longest distance: a few µm, as of a backlash."""
+_ORDER = re.compile(r"(?:P|T|cos|sin)(\d+)(?![\d.^])")
 
 
 def unidentified_forms(kind: type[Unknown], campaign: Campaign) -> Iterable[Form | Scan | Tone]:
@@ -111,3 +113,12 @@ def _form(effect: Unknown, campaign: Campaign) -> Form:
         sigma=effect.parameters(campaign)[0].sigma,
         directions=len(effect.functions(campaign.machine).names) if effect.knots else 0,
     )
+
+
+def share_of(name: str) -> float:
+    """Prior 1σ of a coefficient, as `P3` or `P1(B)*cos2(C)`, over that of the first two of its series.
+
+    Curves with a slope that is bounded in the mean have coefficients that fall like k^(-3/2), in every factor; 1 for what is
+    in no series.
+    """
+    return math.prod(min(1.0, (2.0 / int(order)) ** 1.5) for order in _ORDER.findall(name))

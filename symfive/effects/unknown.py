@@ -29,8 +29,7 @@ from symfive.effects._coordinates import (
 from symfive.effects._force import FORCE_SHARE, usual_force
 from symfive.effects._form import Forms
 from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
-from symfive.effects._series import share_of
-from symfive.effects._unidentified_forms import unidentified_forms
+from symfive.effects._unidentified_forms import share_of, unidentified_forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import Basis

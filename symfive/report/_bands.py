@@ -10,8 +10,7 @@ from symfive.drawing import BLUE, INK
 from symfive.errors import InputError
 from symfive.identify import Identification, MotionCurve
 from symfive.numbers import unit_words
-from symfive.report._palette import DIVERGING, SEQUENTIAL
-from symfive.report._style import blank, footnote, styled
+from symfive.report._style import DIVERGING, SEQUENTIAL, blank, footnote, styled
 
 COLUMNS = 3
 NORMAL_95 = 1.959964

@@ -12,8 +12,7 @@ from symfive.arrays import Array
 from symfive.drawing import FAINT, INK
 from symfive.errors import InputError
 from symfive.identify import Identification
-from symfive.report._palette import DIVERGING
-from symfive.report._style import blank, footnote, short, styled
+from symfive.report._style import DIVERGING, blank, footnote, short, styled
 
 Group = tuple[str, list[tuple[str, int]]]
 MOST_SINGLE = 70

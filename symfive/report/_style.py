@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
@@ -28,6 +29,11 @@ _LOOK: Any = {
     "axes.formatter.useoffset": False, "text.parse_math": False, "svg.fonttype": "none", "svg.hashsalt": "symfive",
     "path.simplify": True, "agg.path.chunksize": 10_000, "xtick.major.size": 3.0, "ytick.major.size": 3.0,
 }  # fmt: skip
+DIVERGING = LinearSegmentedColormap.from_list(
+    "symfive_diverging", ["#00568a", "#5aa6d6", "#f7f8f9", "#e8935a", "#b84f00"]
+)
+SEQUENTIAL = LinearSegmentedColormap.from_list("symfive_sequential", ["#f7f8f9", "#9cc9e3", "#0072b2", "#00456d"])
+"""Colour maps from the same family as the lines: blue through white to vermilion, white to blue."""
 _DPI = 150
 _RESOLUTION = {"svg": 110}
 
