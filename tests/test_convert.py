@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from symfive.convert import CONVERTERS, VARIABLE, convert, data_folder
 from symfive.convert._chain import axes_of_modified_dh, forward
-from symfive.convert._files import Channel, read_log, sampling_times
+from symfive.convert._files import Channel, sampling_times
 from symfive.convert.irb120_tracker import AXES as IRB_AXES
 from symfive.convert.mukca import AXES as PANDA_AXES
 from symfive.convert.mukca import TOOL_BALL
@@ -70,18 +70,18 @@ def test_missing_and_empty_folders_are_one_sentence(name: str, tmp_path: Path) -
 
 
 def test_log_reads_alarms_and_skips_disconnections(tmp_path: Path) -> None:
-    write(tmp_path / "a.log", f"P:a {stamp(1.0)} 2.5 LOLO MAJOR\nP:b *** Not connected\nP:a {stamp(0.5)} 1.5\n")
-    log = read_log(tmp_path / "a.log")
-    assert log.skipped == 1
-    assert log.find(":a").value.tolist() == [1.5, 2.5]
-    with pytest.raises(InputError, match="no channel …:c"):
-        log.find(":c")
+    path = tmp_path / "jjxray-slit" / "a.log"
+    write(path, f"P:Enc-PosAct {stamp(1.0)} 2.5 LOLO MAJOR\nP:b *** Not connected\nP:Enc-PosAct {stamp(0.5)} 1.5\n")
+    assert convert("jjxray-slit", tmp_path).run("a").readings["X_act_mm"].tolist() == [1.5, 2.5]
+    write(path, f"P:other {stamp(1.0)} 2.5\n")
+    with pytest.raises(InputError, match="no channel …Enc-PosAct"):
+        convert("jjxray-slit", tmp_path)
 
 
 def test_broken_log_line_is_named(tmp_path: Path) -> None:
-    write(tmp_path / "a.log", f"P:a {stamp(1.0)} 2.5\nP:a {LOG_DAY}\n")
+    write(tmp_path / "jjxray-slit" / "a.log", f"P:Enc-PosAct {stamp(1.0)} 2.5\nP:Enc-PosAct {LOG_DAY}\n")
     with pytest.raises(InputError, match="line 2"):
-        read_log(tmp_path / "a.log")
+        convert("jjxray-slit", tmp_path)
 
 
 def test_sampling_times_undo_late_bursts_and_find_losses() -> None:

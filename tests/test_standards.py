@@ -15,8 +15,7 @@ import pytest
 
 from symfive.campaign import Campaign, Run, SetupSigma, write_campaign
 from symfive.cli import main
-from symfive.convert import data_folder
-from symfive.convert._iso230 import iso230_run
+from symfive.convert import convert, data_folder
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.machine import Machine, preset
@@ -228,10 +227,11 @@ def test_real_positioning_is_what_the_reports_of_others_print(name: str):
     }
     cycles = sorted({j for _, _, j in read})
     up, down = ([[read[d, i, j] for j in cycles] for i in sorted(target)] for d in ("FWD", "BWD"))
-    run = iso230_run(path, "test", REPORTS[name], ("X", "Y", "Z"), 0.3)
+    campaign = convert(name.partition("/")[0])
+    run = campaign.run(path.name.partition(".")[0])
     order = [(d, i, j) for j in cycles for d, flip in (("FWD", 1), ("BWD", -1)) for i in sorted(target)[::flip]]
     run = run.with_readings({f"{REPORTS[name]}_dev_um": np.array([read[key] for key in order])})
-    machine = replace(preset("three-axis"), errors={})
+    machine = replace(campaign.machine, errors={})
     values = {value.title: value.value for value in standard_values(Campaign(machine=machine, runs=(run,)))}
     axis = REPORTS[name]
     for key, value in _by_hand(up, down).items():

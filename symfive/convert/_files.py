@@ -86,11 +86,10 @@ class Channel:
 
 @dataclass(frozen=True)
 class Log:
-    """The channels of one log file by full name; `skipped` lines of channels that had no value."""
+    """The channels of one log file by full name."""
 
     path: Path
     channels: dict[str, Channel]
-    skipped: int
 
     def find(self, ending: str) -> Channel:
         """The one channel whose name ends so. Raises `InputError` where there is none."""
@@ -108,11 +107,9 @@ def read_log(path: Path) -> Log:
     """A log of EPICS `camonitor`: lines "channel date time value [alarm …]", channels asynchronous."""
     times: dict[str, list[float]] = {}
     values: dict[str, list[float]] = {}
-    skipped = 0
     for number, line in enumerate(read_text(path).split("\n"), start=1):
         cells = line.split()
         if not cells or any(mark in line for mark in _NO_VALUE):
-            skipped += bool(cells)
             continue
         try:
             instant = datetime.fromisoformat(f"{cells[1]} {cells[2]}").replace(tzinfo=UTC).timestamp()
@@ -134,7 +131,7 @@ def read_log(path: Path) -> Log:
     for name, instants in times.items():
         order = np.argsort(np.array(instants), kind="stable")
         channels[name] = Channel(np.array(instants)[order], np.array(values[name])[order])
-    return Log(path, channels, skipped)
+    return Log(path, channels)
 
 
 def sampling_times(channel: Channel, period: float, resolution: float) -> Array:

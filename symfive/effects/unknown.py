@@ -92,11 +92,6 @@ class Unknown(Effect):
         return self._key(",".join(self.over), self.run)
 
     @property
-    def owners(self) -> frozenset[str]:
-        """Axes of its coordinates, and `t` for time."""
-        return frozenset(map(owner, self.over))
-
-    @property
     def stage(self) -> str:  # type: ignore[override]
         """Where it enters."""
         return "reading" if self.place == "force" else self.place
