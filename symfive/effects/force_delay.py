@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Self
 
-from symfive.effects._base import INSTRUMENT, Effect
-from symfive.effects._force import driven_axes
-from symfive.effects._form import Form, Forms
+from symfive.effects._base import INSTRUMENT
+from symfive.effects._force import ForceEffect
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.motion import Signal
@@ -17,7 +16,7 @@ from symfive.runs import Campaign, Run
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceDelay(Effect):
+class ForceDelay(ForceEffect):
     """F += -delay·(mass·jerk + viscous·acceleration): the force of `delay` ago, to first order, in the recording of an axis'
     drive force.
 
@@ -26,14 +25,12 @@ class ForceDelay(Effect):
     """
 
     id = "force_delay"
-    stage = "reading"
     acts_in = INSTRUMENT
     says = "a delay between recorded force and recorded motion"
     hidden_by = "mass, where the axis accelerates by steps only"
     action = "correct the time stamps of the recording; the machine needs no repair"
     coordinate = "{axis} acceleration"
     reported_as = "latency"
-    needs_axis = True
     dynamic_only = True
     cut_off_hz: float = 0.0
 
@@ -50,13 +47,6 @@ class ForceDelay(Effect):
     def _seen(self, run: Run) -> bool:
         terms = run.options.get("force_terms", ("mass",))
         return driven_axis(run) == self.axis and "low_pass_hz" in run.options and "mass" in terms
-
-    def applies(self, run: Run) -> bool:
-        return super().applies(run) and self._seen(run)
-
-    @classmethod
-    def candidates(cls, campaign: Campaign) -> Forms:
-        yield from (Form(effect=cls(axis=axis)) for axis in driven_axes(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("delay_ms", "ms", 1.0),)

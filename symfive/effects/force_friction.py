@@ -7,8 +7,7 @@ from typing import Self
 
 import casadi as ca
 
-from symfive.effects._base import DRIVE, Effect
-from symfive.effects._force import driven_axes
+from symfive.effects._force import ForceEffect, driven_axes
 from symfive.effects._form import FORCE, Form, Forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
@@ -25,7 +24,7 @@ USUAL_SPEED = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceFriction(Effect):
+class ForceFriction(ForceEffect):
     """F += coulomb·sgn(v) + offset + skew·|v| + stribeck·sgn(v)·exp(-|v|/speed) in the recording of an axis' drive force,
     N or Nm.
 
@@ -37,14 +36,11 @@ class ForceFriction(Effect):
     """
 
     id = "force_friction"
-    stage = "reading"
-    acts_in = DRIVE
     says = "friction in the drive force"
     hidden_by = "viscous friction and mass, where an axis moves at one speed"
     action = "compare with an earlier recording; if friction has risen, check lubrication and preload"
     coordinate = "{axis} velocity sign"
     reported_as = "friction"
-    needs_axis = True
     dynamic_only = True
     parts: tuple[str, ...] = PARTS[:2]
     cut_off_hz: float = 0.0
@@ -77,9 +73,6 @@ class ForceFriction(Effect):
     def _seen(self, run: Run) -> bool:
         held, own = set(run.options.get("force_terms", PARTS[:2])) & set(PARTS[:2]), set(self.parts) & set(PARTS[:2])
         return driven_axis(run) == self.axis and not held & own and bool(held | own)
-
-    def applies(self, run: Run) -> bool:
-        return super().applies(run) and self._seen(run)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

@@ -8,15 +8,14 @@ from typing import Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import DRIVE
-from symfive.effects._force import FORCE_SHARE, driven_axes, usual_force
+from symfive.effects._force import FORCE_SHARE, ForceEffect, driven_axes, usual_force
 from symfive.effects._form import FORCE, Form, Forms, Tone
 from symfive.effects._periodic import Periodic, reach_and_shortest
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.parameters import Parameter
 from symfive.row import Row
-from symfive.runs import Campaign, Run
+from symfive.runs import Campaign
 
 LEAST_CYCLES = 4.0
 """Cycles over the way, at least: fewer are a course along the axis, not a ripple."""
@@ -25,7 +24,7 @@ RICHER = (2, 4)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceRipple(Periodic):
+class ForceRipple(Periodic, ForceEffect):
     """F += Σ amplitude_n·sin(2πn·q/period + phase_n), n = 1…`harmonics`, in the recording of an axis' drive force, N or Nm.
 
     `period` (mm or degree) with its 1σ `period_sigma` (0: known and fixed). Prior 1σ of an amplitude `sigma_force`: a share of
@@ -33,8 +32,6 @@ class ForceRipple(Periodic):
     """
 
     id = "force_ripple"
-    stage = "reading"
-    acts_in = DRIVE
     says = "the drive force changes periodically along the path"
     hidden_by = "a periodic force in time, where only one feed was run"
     action = "check motor, screw and gear for a part with this period"
@@ -48,9 +45,6 @@ class ForceRipple(Periodic):
         if not any(map(self.applies, campaign.runs)):
             raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
         return replace(prepared, sigma_force=self.sigma_force or usual_force(campaign, str(self.axis), FORCE_SHARE))
-
-    def applies(self, run: Run) -> bool:
-        return super().applies(run) and driven_axis(run) == self.axis
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

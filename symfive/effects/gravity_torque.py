@@ -8,24 +8,23 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import DRIVE, Effect
-from symfive.effects._force import driven_axes, usual_force
-from symfive.effects._form import FORCE, Form, Forms
+from symfive.effects._force import ForceEffect, usual_force
+from symfive.effects._form import FORCE
 from symfive.effects._gravity import DOWN, gravity_seen, rotary_chain
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
-from symfive.instruments.drive_force import DriveForce, driven_axis
+from symfive.instruments.drive_force import DriveForce
 from symfive.kinematics import axis_pose
 from symfive.parameters import Parameter
 from symfive.row import Row
-from symfive.runs import Campaign, Run
+from symfive.runs import Campaign
 
 USUAL = 0.5
 """Prior 1σ of a weight moment as a share of the recorded torque (rms): that of a tilted axis is mostly weight and inertia."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class GravityTorque(Effect):
+class GravityTorque(ForceEffect):
     """F += Σ_k s_k·(ĝ_k × e_k) in the recording of a rotary axis' drive torque, Nm.
 
     Over this axis and the rotary axes that it carries, k: ĝ_k is gravity's unit vector and e_k the direction of this axis, both
@@ -35,14 +34,11 @@ class GravityTorque(Effect):
     """
 
     id = "gravity_torque"
-    stage = "reading"
-    acts_in = DRIVE
     says = "the weight of its load acts on the drive of an axis"
     hidden_by = "Coulomb friction and offset, where the axis moves in one direction over a short path"
     action = "set the weight compensation (torque feed-forward) of the drive; check the counterbalance"
     coordinate = "{axis}"
     reported_as = "gravity_sag"
-    needs_axis = True
     down: tuple[float, float, float] = DOWN
     sigma_torque: float = 0.0
 
@@ -70,13 +66,6 @@ class GravityTorque(Effect):
     def _bodies(self, machine: Any) -> tuple[str, ...]:
         chain = rotary_chain(machine, str(self.axis))
         return chain[chain.index(str(self.axis)) :]
-
-    def applies(self, run: Run) -> bool:
-        return super().applies(run) and driven_axis(run) == self.axis
-
-    @classmethod
-    def candidates(cls, campaign: Campaign) -> Forms:
-        yield from (Form(effect=cls(axis=axis)) for axis in driven_axes(campaign))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         bodies = self._bodies(campaign.machine)
