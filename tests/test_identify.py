@@ -189,6 +189,12 @@ def test_whitening_is_the_exact_inverse_of_the_covariance():
     assert logs == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
 
 
+def test_whitening_a_table_without_columns_leaves_it_empty():
+    """A recording that is fitted without any parameter of its own."""
+    white, logs = whiten(np.empty((1000, 2, 0)), Noise(0.3, 0.7, 2.0), 0.1)
+    assert white.shape == (1000, 2, 0) and np.isfinite(logs)
+
+
 def test_isolated_outliers_are_reported_by_row_and_do_not_move_the_result():
     measured = simulate(_open("static-none"), seed=5)
     clean = identify(measured.campaign)
