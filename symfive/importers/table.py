@@ -20,11 +20,12 @@ from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 __all__ = ["Table", "read_table"]
 
 MAX_BYTES = 200_000_000
-_UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad))?$")
+_UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad|arcsec))?$")
 _BLANKS = re.compile(r",?\s+(?![\[(])")
 _SPELT = {
     "µm": "um", "μm": "um", "âµm": "um", "micron": "um", "microns": "um", "°": "deg", "degree": "deg",
     "degrees": "deg", "inch": "in", '"': "in", "sec": "s", "µrad": "urad", "gon": "gon",
+    "arcseconds": "arcsec", "″": "arcsec", "''": "arcsec",
 }  # fmt: skip
 """Units as they are found in heads."""
 
@@ -119,7 +120,7 @@ def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tup
     return names, tuple(_spelt(next((u for u in match.groups()[1:] if u), "")) if match else "" for match in split)
 
 
-_KNOWN = {"um", "mm", "m", "in", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "kN"}
+_KNOWN = {"um", "mm", "m", "in", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "arcsec", "kN"}
 
 
 def _spelt(unit: str) -> str:
