@@ -43,6 +43,21 @@ def test_whatever_the_separator_mark_and_encoding(separator: str, encoding: str,
     np.testing.assert_allclose(columns["deviation"][:, 0], 1e-3 * np.sin(ANGLES), atol=1e-6)
 
 
+def test_a_table_of_a_markdown_report(tmp_path: Path):
+    """As the reports of ecmc have it, with a ruled line under the head and with or without outer bars."""
+    rows = [
+        "i |tgt_pos(i) [mm]|x(i,1) [µm]|x(i,2) [µm]|",
+        "--- |--- |:---: |--- |",
+        "1|-10.0|-0.5|1.5|",
+        "2|0.25|0.5|2|",
+    ]
+    for outer in ("", "| "):
+        (tmp_path / "report.md").write_text("\n".join(outer + row for row in rows))
+        table = read_table(tmp_path / "report.md")
+        assert table.units == ("", "mm", "um", "um") and table.names[1] == "tgt_pos(i)"
+        assert table.numbers.tolist() == [[1.0, -10.0, -0.5, 1.5], [2.0, 0.25, 0.5, 2.0]]
+
+
 @given(st.binary(max_size=300))
 def test_any_file_is_a_table_or_a_sentence(tmp_path_factory, data: bytes):
     path = tmp_path_factory.mktemp("any") / "a.csv"
@@ -233,6 +248,9 @@ WRONG = {
     "empty": (["nothing"], [], "no table of numbers", "two columns"),
     "other": (["x;y", "1;2", "2;3"], ["--map", "X=1:mm"], "hold no reading", "--map dL=3:um"),
     "nowhere": (["t;y", "1;2", "2;3"], ["--map", "time=1:s", "--map", "X_dev=2:um"], "hold no position", "--hold X=0"),
+    "positions": (["1;1.01", "2;2.02", "4;3.99"], ["--map", "target=1:mm", "--map", "deviation=2:mm"], "these are positions",
+                  "--map measured=2:mm"),
+    "both": (["1;1.01;1", "2;2.02;2"], ["--map", "target=1:mm", "--map", "up=2:mm", "--map", "down=3:mm"], "are positions", ""),
     "side": (["1;2", "2;3"], ["--map", "target=1:mm"], "deviation or measured", "--map measured=2:mm"),
     "split": (["1;2", "2;3"], ["--map", "X=1:mm", "--map", "dL=2:um", "--radius", "100", "--split", "cycles"], "repeats", ""),
 }  # fmt: skip

@@ -147,12 +147,24 @@ def _positioning(machine: Machine, columns: Columns, setting: Setting, id: str) 
         steps = [(side, order if k == 0 else order[::-1]) for k, side in enumerate(sides) if side is not None]
         rows = [(target[i], side[i, j]) for j in range(cycles[0]) for side, ways in steps for i in ways]
         where, deviation = (np.array(column) for column in zip(*rows, strict=True))
+        _refuse_positions(where, deviation, "up and down")
         return positioning_run(machine, where, deviation, setting, id)
     if ("deviation" in columns) == ("measured" in columns):
         problem = "a positioning test needs one column deviation or measured beside the target"
         raise InputError(problem, remedy="say which: --map deviation=2:um, or --map measured=2:mm")
-    deviation = _one(columns, "deviation") if "deviation" in columns else _one(columns, "measured") - target
+    if "measured" in columns:
+        return positioning_run(machine, target, _one(columns, "measured") - target, setting, id)
+    deviation = _one(columns, "deviation")
+    _refuse_positions(target, deviation, "deviation")
     return positioning_run(machine, target, deviation, setting, id)
+
+
+def _refuse_positions(target: Array, values: Array, columns: str) -> None:
+    """Raise `InputError` where values that are to be deviations move as far as their targets: they are nearer to these."""
+    way, moved = target - target.mean(), values - values.mean()
+    if np.abs(moved - way).sum() < np.abs(moved).sum():
+        problem = f"the readings of {columns} move with the targets: these are positions and no deviations"
+        raise InputError(problem, remedy="give deviations, or rows in measured order with --map measured=2:mm")
 
 
 def positioning_run(

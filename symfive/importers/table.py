@@ -109,7 +109,7 @@ def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tup
     """Names and units from the last line of the head that has as many cells; a line of units may follow the names."""
     blanks = sign == " "  # those before a unit in brackets part nothing
     parted = (_BLANKS.split(line.strip()) if blanks else _cells(line, sign) for line in lines)
-    rows = [cells for cells in parted if len(cells) == count and any(cells)]
+    rows = [cells for cells in parted if len(cells) == count and any(cell.strip("-: ") for cell in cells)]
     if not rows:
         return ("",) * count, ("",) * count
     below = [_spelt(cell.strip("[]() ")) for cell in rows[-1]]
