@@ -169,6 +169,7 @@ def test_a_recording_of_the_drive_names_its_axis(column: str, option: dict[str, 
     (tmp_path / "c.csv").write_text("\n".join([f"time [s],C [deg],{column}", *rows]))
     campaign = _imported(tmp_path, "table-bc", tmp_path / "c.csv", "--yes")
     assert campaign.runs[0].options == option
+    assert f"noise 0.3 {'°' if 'deg' in column else 'Nm'}" in str(campaign.runs[0])
     assert main(["check", str(tmp_path / "out"), "-q"]) == 0
 
 
