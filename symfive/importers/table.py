@@ -24,7 +24,7 @@ _UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|
 _BLANKS = re.compile(r",?\s+(?![\[(])")
 _SPELT = {
     "µm": "um", "μm": "um", "âµm": "um", "micron": "um", "microns": "um", "°": "deg", "degree": "deg",
-    "degrees": "deg", "inch": "in", '"': "in", "sec": "s", "µrad": "urad", "gon": "gon",
+    "degrees": "deg", "inch": "in", '"': "in", "sec": "s", "µrad": "urad", "μrad": "urad", "gon": "gon",
     "arcseconds": "arcsec", "″": "arcsec", "''": "arcsec",
 }  # fmt: skip
 """Units as they are found in heads."""
