@@ -95,7 +95,7 @@ def check(path: Path | str) -> Check:
 
                 free = Model(campaign).parameters  # what a drive's force has, set-up
                 if not free:
-                    found = [_nothing_free(path)]
+                    found = [_nothing_free(path, runs)]
                 elif all(parameter.of_setup for parameter in free):
                     notes += ("no error is declared, so that only the set-up of the runs can be identified",)
             notes += doubts(campaign)
@@ -119,7 +119,11 @@ def _effect_problems(machine: Machine, runs: tuple[Run, ...], path: Path) -> lis
     return []
 
 
-def _nothing_free(path: Path) -> InputError:
+def _nothing_free(path: Path, runs: tuple[Run, ...] = ()) -> InputError:
+    if runs and {name for run in runs for name in run.instrument} == {"encoder"}:
+        problem = "an encoder of the control reads no error of the machine, so that nothing can be identified"
+        remedy = "add encoder_zero_sigma = 1.0 (mm or degree) to the runs: the drive can then be diagnosed"
+        return InputError(problem, path=path, remedy=remedy, keys=("run", 0))
     problem = "no error is declared, so that nothing can be identified"
     return InputError(
         problem, path=_machine_path(path), remedy="list the errors to identify under [errors]", keys=("errors",)

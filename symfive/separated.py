@@ -16,8 +16,10 @@ LARGEST = 1e12
 """No number in a file or an option is larger, in its unit: beside 1e12 µm a double resolves no nanometre any more."""
 SMALLEST = 1e-12
 """What has to be positive is at least this, in its unit."""
-SIGNS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
-_SPLIT = {";": re.compile(";"), "\t": re.compile("\t"), ",": re.compile(","), " ": re.compile(r",?\s+")}
+SIGNS = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "spaces"}
+_SPLIT = {sign: re.compile(re.escape(sign)) for sign in SIGNS} | {" ": re.compile(r",?\s+")}
+_ENDS = {" ": None, "|": " |"}
+"""What a row of cells may begin and end with besides."""
 
 
 def sign_of(head: str) -> str:
@@ -27,12 +29,12 @@ def sign_of(head: str) -> str:
 
 def signs_of(row: str) -> tuple[str, ...]:
     """What may separate a row of numbers, the likeliest first: a comma may as well be the decimal mark."""
-    return tuple(sign for sign in ";\t" if sign in row) or (" ", ",")
+    return tuple(sign for sign in ";\t|" if sign in row) or (" ", ",")
 
 
 def cells_of(row: str, sign: str) -> list[str]:
     """The cells of a row without the space around them."""
-    return [cell.strip() for cell in _SPLIT[sign].split(row.strip() if sign == " " else row)]
+    return [cell.strip() for cell in _SPLIT[sign].split(row.strip(_ENDS[sign]) if sign in _ENDS else row)]
 
 
 def plain_cell(value: Any) -> Any:

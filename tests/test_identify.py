@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from symfive.campaign import Campaign, read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
 from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
@@ -29,7 +29,7 @@ from symfive.identify import (
     predict,
     redundancies,
 )
-from symfive.inference import Noise, gauss_newton, whiten
+from symfive.inference import Noise, Problem, gauss_newton, whiten
 from symfive.inference._whitening import innovations
 from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model, read_model, write_model
@@ -187,6 +187,28 @@ def test_whitening_is_the_exact_inverse_of_the_covariance():
     white, logs = whiten(residual, noise, interval)
     np.testing.assert_allclose(white.T @ white, residual.T @ np.linalg.solve(covariance, residual), rtol=1e-9)
     assert logs == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
+
+
+def test_a_fit_settles_where_a_sum_is_known_and_its_parts_are_not():
+    """The zero of an angle and the skew EC0B read alike: each is known to 100 µrad, their sum to a fifth of one."""
+    angles = np.linspace(0.0, 345.0, 24)
+    commands = {name: np.zeros(24) for name in "XYZB"} | {"C": angles}
+    run = Run(id="c", instrument=("laser",), sampling="static", time=np.arange(24.0), commands=commands, noise_um=1.0,
+              options={"axis": "C"})  # fmt: skip
+    model = Model(simulate(Campaign(machine=preset("table-bc"), runs=(run,)), truth={}, seed=2).campaign)
+    problem = Problem.of(model)
+    best, _ = gauss_newton(problem, model.start, 1e-6)
+    beside = best.copy()
+    beside[model.index["setup.c.zero"]] += 0.9
+    values, converged = gauss_newton(problem, beside, 1e-2)
+    left = float(np.mean(model.predict(values)["c"] - model.predict(best)["c"]))
+    assert converged and abs(left) < 1e-2 / np.sqrt(24.0)
+
+
+def test_whitening_a_table_without_columns_leaves_it_empty():
+    """A recording that is fitted without any parameter of its own."""
+    white, logs = whiten(np.empty((1000, 2, 0)), Noise(0.3, 0.7, 2.0), 0.1)
+    assert white.shape == (1000, 2, 0) and np.isfinite(logs)
 
 
 def test_isolated_outliers_are_reported_by_row_and_do_not_move_the_result():

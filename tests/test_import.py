@@ -43,6 +43,21 @@ def test_whatever_the_separator_mark_and_encoding(separator: str, encoding: str,
     np.testing.assert_allclose(columns["deviation"][:, 0], 1e-3 * np.sin(ANGLES), atol=1e-6)
 
 
+def test_a_table_of_a_markdown_report(tmp_path: Path):
+    """As the reports of ecmc have it, with a ruled line under the head and with or without outer bars."""
+    rows = [
+        "i |tgt_pos(i) [mm]|x(i,1) [µm]|x(i,2) [µm]|",
+        "--- |--- |:---: |--- |",
+        "1|-10.0|-0.5|1.5|",
+        "2|0.25|0.5|2|",
+    ]
+    for outer in ("", "| "):
+        (tmp_path / "report.md").write_text("\n".join(outer + row for row in rows))
+        table = read_table(tmp_path / "report.md")
+        assert table.units == ("", "mm", "um", "um") and table.names[1] == "tgt_pos(i)"
+        assert table.numbers.tolist() == [[1.0, -10.0, -0.5, 1.5], [2.0, 0.25, 0.5, 2.0]]
+
+
 @given(st.binary(max_size=300))
 def test_any_file_is_a_table_or_a_sentence(tmp_path_factory, data: bytes):
     path = tmp_path_factory.mktemp("any") / "a.csv"
@@ -125,6 +140,39 @@ def test_a_laser_file_gives_the_numbers_of_its_test(tmp_path: Path):
     assert again["E X"] == pytest.approx(wanted["E X"], abs=0.01)
 
 
+def test_a_rotary_axis_has_a_positioning_test_too(tmp_path: Path):
+    """Readings of an autocollimator, arcseconds, at targets in degrees."""
+    rows = [f"{t},{u},{d}" for t, u, d in ((0.0, 0.0, 3.0), (90.0, -7.2, -3.6), (180.0, 1.8, 5.4))]
+    (tmp_path / "c.csv").write_text("\n".join(["target [°],up [arcsec],down [arcsec]", *rows]))
+    (run,) = _imported(tmp_path, "table-bc", tmp_path / "c.csv", "--yes", "--axis", "C").runs
+    np.testing.assert_allclose(run.commands["C"], [0.0, 90.0, 180.0, 180.0, 90.0, 0.0], atol=1e-5)
+    seconds = [0.0, -7.2, 1.8, 5.4, -3.6, 3.0]
+    np.testing.assert_allclose(run.readings["C_dev_urad"], 1e6 * np.radians(seconds) / 3600.0)
+    (tmp_path / "long.csv").write_text("target,measured\n0,0.001\n90,89.99\n")
+    words = ("table-bc", tmp_path / "long.csv", "--axis", "C", "--map", "target=1:deg", "--map", "measured=2:deg")
+    (long,) = _imported(tmp_path, *words, "--overwrite").runs
+    np.testing.assert_allclose(long.readings["C_dev_urad"], 1e6 * np.radians([0.001, -0.01]), atol=1e-6)
+
+
+def test_a_drift_at_a_standstill_needs_no_column_of_a_position(tmp_path: Path):
+    (tmp_path / "z.csv").write_text("time [s];Z_dev [µm]\n0;0\n60;4.5\n125;7\n")
+    (run,) = _imported(tmp_path, "three-axis", tmp_path / "z.csv", "--yes", "--hold", "Z=120", "--static").runs
+    assert run.commands["Z"].tolist() == [120.0] * 3 and run.options["axis"] == "Z"
+    assert run.sampling == "static" and run.has_clock and run.time.tolist() == [0.0, 60.0, 125.0]
+    (moving,) = _imported(tmp_path, "three-axis", tmp_path / "z.csv", "--yes", "--hold", "Z=120", "--overwrite").runs
+    assert moving.dynamic
+
+
+@pytest.mark.parametrize("column, option", [("C_act [deg]", {"encoder_axes": ["C"]}), ("C_torque [Nm]", {"axis": "C"})])
+def test_a_recording_of_the_drive_names_its_axis(column: str, option: dict[str, object], tmp_path: Path):
+    rows = [f"{0.01 * k:.2f},{0.3 * k:.1f},{0.3 * k:.1f}" for k in range(9)]
+    (tmp_path / "c.csv").write_text("\n".join([f"time [s],C [deg],{column}", *rows]))
+    campaign = _imported(tmp_path, "table-bc", tmp_path / "c.csv", "--yes")
+    assert campaign.runs[0].options == option
+    assert f"noise 0.3 {'°' if 'deg' in column else 'Nm'}" in str(campaign.runs[0])
+    assert main(["check", str(tmp_path / "out"), "-q"]) == 0
+
+
 def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path):
     """The centres that an exact machine with these errors would find, solved for here; nothing of the importer's."""
     machine = preset("table-bc")
@@ -200,6 +248,10 @@ WRONG = {
     "none": (["angle [deg];deviation [um]", "1;2", "2;3"], ["--yes"], "needs its radius and feed", "--radius 100"),
     "empty": (["nothing"], [], "no table of numbers", "two columns"),
     "other": (["x;y", "1;2", "2;3"], ["--map", "X=1:mm"], "hold no reading", "--map dL=3:um"),
+    "nowhere": (["t;y", "1;2", "2;3"], ["--map", "time=1:s", "--map", "X_dev=2:um"], "hold no position", "--hold X=0"),
+    "positions": (["1;1.01", "2;2.02", "4;3.99"], ["--map", "target=1:mm", "--map", "deviation=2:mm"], "these are positions",
+                  "--map measured=2:mm"),
+    "both": (["1;1.01;1", "2;2.02;2"], ["--map", "target=1:mm", "--map", "up=2:mm", "--map", "down=3:mm"], "are positions", ""),
     "side": (["1;2", "2;3"], ["--map", "target=1:mm"], "deviation or measured", "--map measured=2:mm"),
     "split": (["1;2", "2;3"], ["--map", "X=1:mm", "--map", "dL=2:um", "--radius", "100", "--split", "cycles"], "repeats", ""),
 }  # fmt: skip

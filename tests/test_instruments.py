@@ -1,9 +1,13 @@
 """Predictions of the three ball instruments against a chain written again in numpy, without CasADi."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import machine_from_data
 from symfive.model import Model
@@ -145,6 +149,39 @@ def test_grid_encoder(name):
     seen = d - np.cross(1e-6 * turn, d - origin)  # the plate turned by a, b, c about its origin
     expected = 1e3 * np.stack([seen @ u, seen @ v], axis=1) + [5.0, -6.0]
     assert predict(plan, setup) == pytest.approx(expected, abs=1e-6)
+
+
+def relative_rotations(plan, name):
+    """Of the tool in the workpiece frame, a row each, from where it carries four points."""
+    unit = [balls(plan, name, np.eye(3)[i]) - balls(plan, name, np.zeros(3)) for i in range(3)]
+    return Rotation.from_matrix(np.stack(unit, axis=2))
+
+
+@pytest.mark.parametrize("axis", ["B", "C"])
+def test_laser_on_a_rotary_axis(name, axis, monkeypatch):
+    plan = campaign(name, {"instrument": ("laser",), "tool_ball": tuple(TOOL), "options": {"axis": axis}})
+    real = relative_rotations(plan, name)
+    monkeypatch.setitem(globals(), "LOCATION", {})
+    monkeypatch.setitem(globals(), "MOTION", dict.fromkeys(MOTION, 0.0))
+    nominal = relative_rotations(plan, name)
+    run = plan.runs[0]
+    further = replace(plan, runs=(replace(run, commands={**run.commands, axis: run.commands[axis] + 1.0}),))
+    along = np.degrees((relative_rotations(further, name) * nominal.inv()).as_rotvec())
+    monkeypatch.undo()
+    expected = 1e6 * np.sum(along * (real * nominal.inv()).as_rotvec(), axis=1)
+    assert np.abs(expected).max() > 10.0
+    assert predict(plan, {"zero": 3.0})[:, 0] == pytest.approx(expected + 3.0, abs=1e-4)
+
+
+def test_laser_reads_a_large_error_of_a_rotary_axis_whole(name):
+    """A resolver with the wrong number of pole pairs is degrees off: no small angle."""
+    plan = campaign(name, {"instrument": ("laser",), "options": {"axis": "C"}})
+    model = Model(plan, [make_effect("transmission_error", "C", period=90.0)])
+    error = {"period": 90.0, "sin": 1.4e5, "cos": -2e4}
+    values = dict.fromkeys(model.index, 0.0) | {f"transmission_error.C.{k}": v for k, v in error.items()}
+    turn = 2.0 * np.pi * plan.runs[0].commands["C"] / 90.0
+    expected = 1.4e5 * np.sin(turn) - 2e4 * np.cos(turn)
+    assert model.predict(values)["r"][:, 0] == pytest.approx(expected, abs=1e-3)
 
 
 def test_straightedge(name):

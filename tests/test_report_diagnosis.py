@@ -26,6 +26,7 @@ from symfive.diagnose import (
 from symfive.effects import Quantity, make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
+from symfive.model import Model
 from symfive.numbers import change, in_words, percent, power_of_ten
 from symfive.report import _diagnosis, _save, diagnosis_report, diagnosis_text, identification_report, save_figures
 from symfive.report._chain import affected_link, chain_picture
@@ -141,6 +142,16 @@ def test_what_is_printed_is_verdict_findings_and_next_step(found):
     assert "1.67 → 1.9 µm rms" in " ".join(str(worse).split())
     clean = diagnosis_text(replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=1.0)))
     assert "Gravity sag" not in clean and "No fault found" in clean
+
+
+def test_a_residual_above_the_noise_asks_for_a_repeat_that_there_is_not_yet(found):
+    left = replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=6.8))
+    assert "repeat one run" in closing(left)
+    campaign = found.after.model.campaign
+    again = tuple(replace(run, id=f"{run.id}-2", file=f"{run.id}-2.csv") for run in campaign.runs)
+    model = Model(replace(campaign, runs=(*campaign.runs, *again)))
+    repeated = replace(left, after=replace(found.after, model=model))
+    assert "repeat one run" not in closing(repeated) and "scatter of the repeated runs" in closing(repeated)
 
 
 def test_a_size_that_no_machine_has_is_spoken_of(found):

@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 @click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
 @click.option("--hold", multiple=True, help="AXIS=POSITION of an axis without a column; may be repeated.")
 @click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
+@click.option("--static", is_flag=True, help="The axes are at rest at each row of a recording with a time.")
 @click.option("--fitted", is_flag=True, help="The software removed each circle's mean radius and centre.")
 @click.option("--angle-error", type=Number(0.0), default=0.5, help="Uncertainty of the angle in degrees.")
 @cut
@@ -64,8 +65,8 @@ if TYPE_CHECKING:
 def import_table(
     machine: str, files: tuple[Path, ...], output: Path, entries: tuple[str, ...], yes: bool, axis: str, centre: str,
     tool_ball: str | None, radius: float | None, feed: float | None, plane: str, direction: tuple[str, ...],
-    hold: tuple[str, ...], noise_um: float, fitted: bool, angle_error: float, how: str | None, step_deg: float | None,
-    step: int, overwrite: bool, quiet: bool,
+    hold: tuple[str, ...], noise_um: float, static: bool, fitted: bool, angle_error: float, how: str | None,
+    step_deg: float | None, step: int, overwrite: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Import tables of an instrument. Columns, units and separators are guessed, shown and confirmed."""
     from dataclasses import replace
@@ -86,16 +87,16 @@ def import_table(
         setting = Setting(
             centre=point_of("--centre", centre), tool_ball=None if tool_ball is None else point_of("--tool-ball", tool_ball),
             radius=radius, feed=feed, plane=plane, axis=axis, hold=numbers_of("--hold", hold, "Z=150"), noise_um=noise_um,
-            fitted=fitted, angle_error=angle_error,
+            static=static, fitted=fitted, angle_error=angle_error,
         )  # fmt: skip
         runs: list[Run] = []
         for number, path in enumerate(files):
             table = read_table(path)
-            found = meanings(table, data, entries)
+            found = meanings(table, data, entries, axis)
             _confirm(table, found, shown_meanings(table, found), yes=yes, quiet=quiet)
             own = replace(setting, direction=direction[number]) if direction else setting
             with inside(path=path):
-                runs += runs_of(data, taken(table, found, data), own, path.stem)
+                runs += runs_of(data, taken(table, found, data, axis), own, path.stem)
         campaign = prepared(campaign_of(data, runs, output.name), step=step, how=how, step_deg=step_deg)
         write_campaign_files(campaign, folder)
     noted(_doubts(data, runs, radius, feed), quiet)

@@ -36,7 +36,8 @@ class Backlash(Effect):
     says = "backlash between drive and axis"
     hidden_by = "servo mismatch where only one feed was run; location errors of a rotary axis"
     action = (
-        "check the preload of the drive (screw, nut, coupling, worm); enter it as backlash compensation in the control"
+        "check the preload of the drive (screw, nut, coupling, worm); enter it as backlash compensation in the control; "
+        "a negative width: reduce that compensation, or look why the control stops beyond its target"
     )
     coordinate = "{axis} velocity sign"
     needs_axis = True

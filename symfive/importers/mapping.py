@@ -19,7 +19,7 @@ from symfive.machine import Machine
 
 SCALES = {
     "length": {"mm": 1.0, "um": 1e-3, "m": 1e3, "in": 25.4},
-    "angle": {"deg": 1.0, "rad": 180.0 / np.pi, "gon": 0.9, "urad": 1.8e-4 / np.pi},
+    "angle": {"deg": 1.0, "rad": 180.0 / np.pi, "gon": 0.9, "urad": 1.8e-4 / np.pi, "arcsec": 1.0 / 3600.0},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "force": {"N": 1.0, "kN": 1e3},
     "torque": {"Nm": 1.0},
@@ -40,6 +40,8 @@ ALIASES = {
 """A meaning and the names in heads that it goes by."""
 SMALL = ("deviation", "ccw", "cw", "up", "down")
 """What is mostly written in µm."""
+TESTED = ("target", "measured", "deviation", "up", "down")
+"""What a positioning test has in the unit of its axis."""
 _READING = re.compile(r"(dL|d[xyz]|d[uv]|[A-Z]\w*_dev|[A-Z]\w*_act|[A-Z]\w*_force|[A-Z]\w*_torque)\Z")
 _NUMBERED = re.compile(r"\W*\d+\Z")
 
@@ -54,11 +56,12 @@ class Meaning:
     guessed: bool
 
 
-def _quantity(name: str, machine: Machine) -> str:
-    axis = name.partition("_")[0] if name.partition("_")[2] in ("act", "found") else name
+def _quantity(name: str, machine: Machine, axis: str) -> str:
+    """What a column's values are; in a positioning test those of `axis`."""
+    own = name.partition("_")[0] if name.partition("_")[2] in ("act", "found", "dev") else name
     if name == "time":
         return "time"
-    if name == "angle" or (axis in machine.rotary_axes):
+    if name == "angle" or (axis if name in TESTED else own) in machine.rotary_axes:
         return "angle"
     return "force" if name.endswith("_force") else "torque" if name.endswith("_torque") else "length"
 
@@ -83,10 +86,11 @@ def guessed_meanings(table: Table, machine: Machine) -> tuple[Meaning, ...]:
     return tuple(found)
 
 
-def meanings(table: Table, machine: Machine, entries: Sequence[str]) -> tuple[Meaning, ...]:
+def meanings(table: Table, machine: Machine, entries: Sequence[str], axis: str = "") -> tuple[Meaning, ...]:
     """The meaning of every column: as the user gives it (`NAME=COLUMN[:UNIT]`, by number, range or name), else from the header.
 
-    Where a name is said its guess is dropped. Raises `InputError` for an unknown name, column or unit.
+    Where a name is said its guess is dropped. `axis` is that of a positioning test. Raises `InputError` for an unknown name,
+    column or unit.
     """
     said: list[Meaning] = []
     for entry in entries:
@@ -103,15 +107,15 @@ def meanings(table: Table, machine: Machine, entries: Sequence[str]) -> tuple[Me
         m for m in guessed_meanings(table, machine) if m.name not in taken_names and m.column not in taken_columns
     ]
     found = tuple(sorted([*said, *guesses], key=lambda m: m.column))
-    _check_units(table, machine, found)
+    _check_units(table, machine, found, axis)
     return found
 
 
-def _check_units(table: Table, machine: Machine, found: Sequence[Meaning]) -> None:
+def _check_units(table: Table, machine: Machine, found: Sequence[Meaning], axis: str) -> None:
     """Raises `InputError` that names all columns without a unit at once, and what to say."""
     problems, remedies = [], []
     for m in found:
-        units = SCALES[_quantity(m.name, machine)]
+        units = SCALES[_quantity(m.name, machine, axis)]
         if m.unit not in units:
             has = "no unit" if not m.unit else f"the unit {shown(m.unit)}"
             problems.append(f"column {m.column + 1} ({m.name}) has {has}")
@@ -140,12 +144,16 @@ def shown_meanings(table: Table, found: Sequence[Meaning]) -> str:
     return "\n".join(lines)
 
 
-def taken(table: Table, found: Sequence[Meaning], machine: Machine) -> Mapping[str, Array]:
-    """Name → (N, n) of its columns, in mm, degree, s, N or Nm."""
+def taken(table: Table, found: Sequence[Meaning], machine: Machine, axis: str = "") -> Mapping[str, Array]:
+    """Name → (N, n) of its columns, in mm, degree, s, N or Nm; `axis` is that of a positioning test."""
     names = dict.fromkeys(m.name for m in found)
     return {
         name: np.stack(
-            [table.numbers[:, m.column] * SCALES[_quantity(name, machine)][m.unit] for m in found if m.name == name],
+            [
+                table.numbers[:, m.column] * SCALES[_quantity(name, machine, axis)][m.unit]
+                for m in found
+                if m.name == name
+            ],
             axis=1,
         )
         for name in names

@@ -6,9 +6,9 @@ Which of them a table is follows from what its columns mean:
 | --- | --- |
 | `angle` and `deviation` or `radius`, or a column each of `ccw`, `cw` | ball-bar circles, positions reconstructed (`polar_run`) |
 | `target` and `up`, `down` (n columns each) | a positioning test of ISO 230-2, cycle by cycle |
-| `target` and `deviation` or `measured` | the same, rows in measured order |
+| `target` and `deviation` or `measured` | the same, rows in measured order; also of a rotary axis |
 | `X_found`, `Y_found`, `Z_found` and rotary axes | a probe cycle: where the sphere's centre was found |
-| axes and readings by their names in a campaign (`dL`, `dx`, `X_dev`, `X_act` …) | a recording, dynamic where `time` is there |
+| readings by their names in a campaign (`dL`, `dx`, `X_dev`, `X_act` …), axes | a recording, dynamic where `time` is there |
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ Columns = Mapping[str, Array]
 SPHERE = SetupSigma(table_ball=1000.0, tool_ball=20.0)
 """A calibration sphere is put down by eye and a rule."""
 TURN_MM = 1e-6
-"""Where the same target stands twice, reached from either side, the second command is so much further: it tells the side."""
+"""Where the same target stands twice, reached from either side, the second command is so much further (mm or degree): it tells
+the side."""
+SMALL = {"um": 1e3, "urad": 1e6 * np.pi / 180.0}
+"""Unit of a reading → what multiplies it from mm or degree."""
 KINDS = {kind: (name, units) for name, found in INSTRUMENTS.items() for kind, *units in found.imported}
 """What a column of readings may be called → the instrument, and its units in a campaign for a linear and for a rotary axis."""
 
@@ -43,7 +46,7 @@ class Setting:
     `centre` mm of the table ball in the workpiece frame, `tool_ball` mm in the tool frame, `radius` mm of the circle (the
     bar's length), `feed` mm/min, `hold` positions of axes without a column, `axis` of a positioning test, `noise_um` 1σ of a
     reading; `fitted` where the software removed centre and mean radius; `direction` `ccw` or `cw` where the angles do not
-    run as the circle did.
+    run as the circle did; `static` where the axes are at rest at each row of a recording with a time.
     """
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -57,6 +60,7 @@ class Setting:
     fitted: bool = False
     angle_error: float = ANGLE_ERROR
     direction: str | None = None
+    static: bool = False
 
 
 def runs_of(machine: Machine, columns: Columns, setting: Setting, id: str) -> list[Run]:
@@ -141,23 +145,37 @@ def _positioning(machine: Machine, columns: Columns, setting: Setting, id: str) 
         steps = [(side, order if k == 0 else order[::-1]) for k, side in enumerate(sides) if side is not None]
         rows = [(target[i], side[i, j]) for j in range(cycles[0]) for side, ways in steps for i in ways]
         where, deviation = (np.array(column) for column in zip(*rows, strict=True))
+        _refuse_positions(where, deviation, "up and down")
         return positioning_run(machine, where, deviation, setting, id)
     if ("deviation" in columns) == ("measured" in columns):
         problem = "a positioning test needs one column deviation or measured beside the target"
         raise InputError(problem, remedy="say which: --map deviation=2:um, or --map measured=2:mm")
-    deviation = _one(columns, "deviation") if "deviation" in columns else _one(columns, "measured") - target
+    if "measured" in columns:
+        return positioning_run(machine, target, _one(columns, "measured") - target, setting, id)
+    deviation = _one(columns, "deviation")
+    _refuse_positions(target, deviation, "deviation")
     return positioning_run(machine, target, deviation, setting, id)
+
+
+def _refuse_positions(target: Array, values: Array, columns: str) -> None:
+    """Raise `InputError` where values that are to be deviations move as far as their targets: they are nearer to these."""
+    way, moved = target - target.mean(), values - values.mean()
+    if np.abs(moved - way).sum() < np.abs(moved).sum():
+        problem = f"the readings of {columns} move with the targets: these are positions and no deviations"
+        raise InputError(problem, remedy="give deviations, or rows in measured order with --map measured=2:mm")
 
 
 def positioning_run(
     machine: Machine, target: Sequence[float] | Array, deviation: Sequence[float] | Array, setting: Setting, id: str
 ) -> Run:
-    """A static run of a laser along `setting.axis`: `target` and `deviation` (N,) mm in measured order (ISO 230-2).
+    """A static run of a laser along (mm) or about (degree) `setting.axis`: `target` and `deviation` (N,) in measured order (ISO
+    230-2).
 
     At the ends the same target may stand twice, reached from either side after an overrun without a reading.
     """
-    if setting.axis not in machine.linear_axes:
-        raise InputError(f"the machine has no linear axis {setting.axis}", remedy="name one: --axis X")
+    if setting.axis not in machine.axes:
+        raise InputError(f"the machine has no axis {setting.axis}", remedy=f"name one: --axis {machine.axis_names[0]}")
+    unit = "urad" if machine.axes[setting.axis].rotary else "um"
     way, before = np.array(target, dtype=float), 1.0
     for i in range(1, len(way)):
         step = way[i] - way[i - 1]
@@ -168,7 +186,7 @@ def positioning_run(
     commands = Nominal(machine).commands({**setting.hold, setting.axis: way}, len(way))
     run = Run(
         id=id, instrument=("laser",), sampling="static", clock="none", time=np.arange(float(len(way))), commands=commands,
-        readings={f"{setting.axis}_dev_um": 1e3 * np.asarray(deviation, dtype=float)},
+        readings={f"{setting.axis}_dev_{unit}": SMALL[unit] * np.asarray(deviation, dtype=float)},
         tool_ball=tool_ball_of(machine, setting.tool_ball), noise_um=setting.noise_um, options={"axis": setting.axis},
     )  # fmt: skip
     return within_travel(machine, run, place="the targets' unit or the travel in the machine file")
@@ -203,9 +221,9 @@ def probe_run(
 
 
 def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) -> Run:
-    """A recording with the positions in it: dynamic where it has a time, else static. Axes without a column stand where
-    `setting.hold` says, or at home."""
-    readings, instruments = dict[str, Array](), dict[str, None]()
+    """A recording: dynamic where it has a time and is not `setting.static`. Axes without a column stand where `setting.hold`
+    says, which then is needed of one, or at home."""
+    readings, instruments, read = dict[str, Array](), dict[str, None](), dict[str, list[str]]()
     for name in columns:
         kind = name if name in KINDS else name.partition("_")[2]
         if kind not in KINDS:
@@ -213,23 +231,39 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
         axis = machine.axes.get(name.partition("_")[0])
         instrument, units = KINDS[kind]
         unit = units[axis is not None and axis.rotary]
-        readings[f"{name}_{unit}"] = _one(columns, name) * (1e3 if unit == "um" else 1.0)
+        readings[f"{name}_{unit}"] = _one(columns, name) * SMALL.get(unit, 1.0)
         instruments[instrument] = None
+        read.setdefault(instrument, []).append(name.partition("_")[0])
     commands = {name: _one(columns, name) for name in columns if name in machine.axes}
-    if not readings or not commands:
-        there = ", ".join(columns) or "none"
-        problem = f"the columns ({there}) hold no {'reading' if not readings else 'position of an axis'}"
-        raise InputError(problem, remedy="map them: --map X=2:mm --map dL=3:um, or angle and deviation of a circle")
+    if not readings or not (commands or setting.hold):
+        there, lacking = ", ".join(columns) or "none", "reading" if not readings else "position of an axis"
+        named = [axis for axes in read.values() for axis in axes if axis in machine.axes]
+        axis = machine.axes[(named or machine.axis_names)[0]]
+        remedy = f"map them: --map {axis.name}=2:{axis.unit} --map dL=3:um, or angle and deviation of a circle"
+        if readings:
+            remedy = f"map it: --map {axis.name}=2:{axis.unit}; of a test at a standstill give --hold {axis.name}=0"
+        raise InputError(f"the columns ({there}) hold no {lacking}", remedy=remedy)
     rows = len(next(iter(readings.values())))
     time = _one(columns, "time") if "time" in columns else None
     u, v = (np.eye(3)[i] for i in PLANES[setting.plane]) if "grid_encoder" in instruments else (None, None)
     run = Run(
-        id=id, instrument=tuple(instruments), sampling="static" if time is None else "dynamic",
+        id=id, instrument=tuple(instruments), sampling="static" if time is None or setting.static else "dynamic",
         clock="none" if time is None else "recorded", time=np.arange(float(rows)) if time is None else time - time[0],
         commands=Nominal(machine).commands({**setting.hold, **commands}, rows), readings=readings, table_ball=setting.centre,
         tool_ball=tool_ball_of(machine, setting.tool_ball), length=setting.radius, noise_um=setting.noise_um,
         u=None if u is None else (float(u[0]), float(u[1]), float(u[2])),
         v=None if v is None else (float(v[0]), float(v[1]), float(v[2])),
-        options={"axis": next(n.partition("_")[0] for n in columns if n.endswith("_dev"))} if "laser" in instruments else {},
+        options=_options(read),
     )  # fmt: skip
     return within_travel(machine, run, place="a position's unit or the travel in the machine file")
+
+
+def _options(read: Mapping[str, Sequence[str]]) -> dict[str, object]:
+    """Which axes the instruments (name → axes of its columns) of a run are of."""
+    found: dict[str, object] = {}
+    if "encoder" in read:
+        found["encoder_axes"] = list(read["encoder"])
+    for instrument in ("drive_force", "laser"):
+        if instrument in read:
+            found["axis"] = read[instrument][0]
+    return found

@@ -18,11 +18,12 @@ from symfive.files import one_line, read_bytes, shown
 from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
 MAX_BYTES = 200_000_000
-_UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad))?$")
+_UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad|arcsec))?$")
 _BLANKS = re.compile(r",?\s+(?![\[(])")
 _SPELT = {
     "µm": "um", "μm": "um", "âµm": "um", "micron": "um", "microns": "um", "°": "deg", "degree": "deg",
-    "degrees": "deg", "inch": "in", '"': "in", "sec": "s", "µrad": "urad", "gon": "gon",
+    "degrees": "deg", "inch": "in", '"': "in", "sec": "s", "µrad": "urad", "μrad": "urad", "gon": "gon",
+    "arcseconds": "arcsec", "″": "arcsec", "''": "arcsec",
 }  # fmt: skip
 """Units as they are found in heads."""
 
@@ -106,7 +107,7 @@ def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tup
     """Names and units from the last line of the head that has as many cells; a line of units may follow the names."""
     blanks = sign == " "  # those before a unit in brackets part nothing
     parted = (_BLANKS.split(line.strip()) if blanks else _cells(line, sign) for line in lines)
-    rows = [cells for cells in parted if len(cells) == count and any(cells)]
+    rows = [cells for cells in parted if len(cells) == count and any(cell.strip("-: ") for cell in cells)]
     if not rows:
         return ("",) * count, ("",) * count
     below = [_spelt(cell.strip("[]() ")) for cell in rows[-1]]
@@ -117,7 +118,7 @@ def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tup
     return names, tuple(_spelt(next((u for u in match.groups()[1:] if u), "")) if match else "" for match in split)
 
 
-_KNOWN = {"um", "mm", "m", "in", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "kN"}
+_KNOWN = {"um", "mm", "m", "in", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "arcsec", "kN"}
 
 
 def _spelt(unit: str) -> str:

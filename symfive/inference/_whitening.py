@@ -110,11 +110,11 @@ def _recurrence(theta: float, forcing: Array) -> Array:
     if count == 1:
         return np.asarray(inside[:rows, :rows] @ forcing)
     blocks = np.zeros((count, _BLOCK, columns))
-    blocks.reshape(-1, columns)[:rows] = forcing
+    blocks.reshape(count * _BLOCK, columns)[:rows] = forcing
     blocks = inside @ blocks
     ends = _recurrence(float(powers[-1]), blocks[:-1, -1])
     blocks[1:] += powers[1:, None] * ends[:, None, :]
-    return blocks.reshape(-1, columns)[:rows]
+    return blocks.reshape(count * _BLOCK, columns)[:rows]
 
 
 @lru_cache(maxsize=64)

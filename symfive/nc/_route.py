@@ -23,7 +23,11 @@ TOP_MM = 1.0
 
 
 def upright_axis(machine: Machine) -> str:
-    """The linear axis along the tool's axis with all axes at zero."""
+    """The linear axis along the tool's axis with all axes at zero. Raises `InputError` where the machine has none."""
+    if not machine.linear_axes:
+        raise InputError(
+            "the machine has no linear axis, so that no program can draw the tool back", remedy="move by hand"
+        )
     return max(machine.linear_axes, key=lambda name: abs(machine.axes[name].direction[2]))
 
 

@@ -39,6 +39,10 @@ def _next_step(diagnosis: Diagnosis) -> str:
     if diagnosis.findings:
         return "the corrected model is model.json; check it on a run that was not used here (symfive predict)"
     if diagnosis.noise_ratio > EXPLAINED:
+        if diagnosis.after.model.campaign.repeats:
+            return (
+                "enter the scatter of the repeated runs as noise_um; these readings do not name what is left beyond it"
+            )
         return "repeat one run: if both differ by as much as this residual, it is noise above the data sheet"
     return "model.json is the machine's model; check it on a run that was not used here (symfive predict), then symfive codegen"
 

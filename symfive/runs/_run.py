@@ -15,7 +15,7 @@ from symfive.arrays import Array, Indices
 from symfive.disk import release
 from symfive.errors import InputError
 from symfive.files import shown
-from symfive.numbers import plain_number
+from symfive.numbers import plain_number, unit_words
 from symfive.runs._options import check_options
 from symfive.runs._piece import Piece
 from symfive.screen import OnScreen, plural
@@ -214,7 +214,9 @@ class Run(OnScreen):
         state = "measured" if self.measured else "a plan, no readings yet"
         instruments = " and ".join(name.replace("_", " ") for name in self.instrument)
         noises = tuple(dict.fromkeys(plain_number(self.noise(name)) for name in self.instrument))
-        noise = f"noise {' and '.join(noises)} µm" + (" (or its reading's unit)" if len(noises) > 1 else "")
+        units = dict.fromkeys(unit_words(name.rpartition("_")[2]) for name in self.readings)
+        unit = next(iter(units)) if len(units) == 1 else "µm"
+        noise = f"noise {' and '.join(noises)} {unit}" + (" (or its reading's unit)" if len(noises) > 1 else "")
         clock = "" if self.has_clock else ", clock not recorded"
         return f"run {self.id}: {plural(self.rows, 'row')}, {instruments}, {self.sampling}{clock}, {noise}, {state}"
 

@@ -80,12 +80,13 @@ ONE: dict[str, Callable[[Array], float]] = {
 
 
 def positioning_values(campaign: Campaign) -> tuple[StandardValue, ...]:
-    """A, E, R of both directions together and of each, M and B, of every test with a laser at rest. Runs that repeat each
-    other are the cycles of one test."""
+    """A, E, R of both directions together and of each, M and B, of every test of a linear axis with a laser at rest. Runs that
+    repeat each other are the cycles of one test."""
     groups = {id: group for group in campaign.repeats for id in group}
     tests = dict.fromkeys(
         groups.get(run.id, (run.id,)) for run in campaign.runs
         if run.measured and not run.dynamic and "laser" in run.instrument
+        and str(run.options["axis"]) in campaign.machine.linear_axes
     )  # fmt: skip
     return tuple(value for ids in tests for value in _of_test(campaign, [campaign.run(id) for id in ids]))
 
