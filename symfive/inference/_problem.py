@@ -97,7 +97,7 @@ class Problem:
         """Residuals and sensitivities of every run and instrument at `values`, all rows."""
         found: dict[Key, Block] = {}
         for run in self.model.campaign.runs:
-            line = self.model.linearise(run, values)
+            line = self.model.linearise(run, values, ahead=True)
             residual = self.model.readings(run) - line.prediction if readings else np.zeros_like(line.prediction)
             found |= self._cut(run, slice(0, run.rows), residual, line.jacobian, line.columns)
         return found

@@ -104,11 +104,12 @@ def _margin(run: Run) -> int:
 
 def _window(model: Model, run: Run, values: Array, rows: slice, margin: int, slopes: int) -> Window:
     begin, end = max(0, rows.start - margin), min(run.rows, rows.stop + margin)
-    if end - begin < run.rows:
+    whole = end - begin == run.rows
+    if not whole:
         run = run.part(begin, end)
     inside = slice(rows.start - begin, rows.stop - begin)
     if rows.start < slopes:
-        line = model.linearise(run, values)
+        line = model.linearise(run, values, ahead=whole)
         return Window(rows.start, inside, run, line.prediction, line.jacobian, line.columns)
     return Window(rows.start, inside, run, model.predict_run(run, values), None, np.zeros(0, dtype=np.int64))
 

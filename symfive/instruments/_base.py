@@ -47,6 +47,8 @@ class Instrument:
     """What a program tells the operator to seat before a run."""
     ball_drawn: ClassVar[bool] = False
     """Whether it reads where `tool_ball` is in the workpiece frame, so that its poses are drawn."""
+    numbers: ClassVar[tuple[str, ...]] = ()
+    """Options that enter its reading as `constants` only: runs that differ in these share one function."""
     imported: ClassVar[tuple[tuple[str, str, str], ...]] = ()
     """Its columns in tables that are imported: `name`, of an axis behind `X_`, and the unit of a linear and of a rotary axis."""
 

@@ -28,6 +28,7 @@ class Tracker(Instrument):
     """
 
     name = "tracker"
+    numbers = ("placement", "placement_sigma")
     ball_drawn = True
 
     def check(self, run: Run, machine: Machine) -> None:

@@ -22,7 +22,7 @@ from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Run
 
-__all__ = ["RowFunction", "apply_errors", "assemble", "assembled", "machine_parameters", "sensed_columns"]
+__all__ = ["RowFunction", "apply_errors", "assemble", "assembled", "kind_of", "machine_parameters", "sensed_columns"]
 
 
 def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:
@@ -59,14 +59,21 @@ class RowFunction:
     moving: tuple[int, ...]
     value: Any
     slopes: Any
-    _mapped: dict[bool, Mapped] = field(default_factory=dict)
+    _mapped: dict[tuple[bool, tuple[int, ...]], Mapped] = field(default_factory=dict)
 
     def evaluate(self, inputs: Array, shared: Array, own: Array, constants: Array, *, slopes: bool) -> Array:
         """Readings and, where asked, behind them their slopes in shared, own and moving inputs: (N, ny, 1 + …); `inputs` are
         (N, ni)."""
-        if slopes not in self._mapped:
-            self._mapped[slopes] = Mapped(self._table(slopes), held=(1, 2, 3))
-        (table,) = self._mapped[slopes](inputs, shared, own, constants)
+        return self._evaluated(slopes, (1, 2, 3), inputs, shared, own, constants)
+
+    def evaluate_together(self, inputs: Array, shared: Array, own: Array, constants: Array) -> Array:
+        """The same with slopes for the rows of several runs, every row with its run's `own` (N, no) and `constants` (N, nc)."""
+        return self._evaluated(True, (1,), inputs, shared, own, constants)
+
+    def _evaluated(self, slopes: bool, held: tuple[int, ...], inputs: Array, *others: Array) -> Array:
+        if (slopes, held) not in self._mapped:
+            self._mapped[slopes, held] = Mapped(self._table(slopes), held)
+        (table,) = self._mapped[slopes, held](inputs, *others)
         ny = len(self.columns)
         return table.reshape(len(inputs), ny, table.shape[1] // ny)
 
@@ -83,15 +90,20 @@ MOST_KEPT = 64
 _LOCK = threading.Lock()
 
 
+def kind_of(run: Run) -> tuple[object, ...]:
+    """What the function of a run depends on beside the model: equal for runs that may share one."""
+    numbers = {name for instrument in instruments_of(run) for name in instrument.numbers}
+    options = repr(sorted((name, value) for name, value in run.options.items() if name not in numbers))
+    return run.instrument, run.dynamic, run.spindle is not None, options
+
+
 def assembled(
     machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool
 ) -> RowFunction:
     """`assemble`, once for all runs and models of a machine that ask for the same: a search tries each effect many times."""
     own = tuple((p.quantity, p.scale) for p in parameters if run.owns(p))
     shared = tuple((p.name, p.scale) for p in parameters if not p.of_setup)
-    options = repr(sorted(run.options.items(), key=lambda item: item[0]))
-    turned = run.spindle is not None
-    key = (id(machine), run.instrument, run.dynamic, turned, options, own, shared, tuple(effects), linear)
+    key = (id(machine), *kind_of(run), own, shared, tuple(effects), linear)
     with _LOCK:
         kept = _KEPT.get(key)
         if kept is None:

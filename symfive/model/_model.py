@@ -13,7 +13,8 @@ from symfive.arrays import Array, Indices
 from symfive.effects import Effect, baseline_effects
 from symfive.errors import EvaluationError, InputError
 from symfive.instruments import Column, check_mounting, has_clock_of_its_own, instruments_of, setup_parameter
-from symfive.model._assembly import RowFunction, assembled, machine_parameters, sensed_columns
+from symfive.model._assembly import RowFunction, assembled, kind_of, machine_parameters, sensed_columns
+from symfive.model._together import Given, Together
 from symfive.motion import GAINS, RunMotion, Series, Signal
 from symfive.parameters import Parameter
 from symfive.runs import Campaign, Run
@@ -64,7 +65,10 @@ class Model(OnScreen):
         self.parameters = self._collect()
         self.index = {p.name: i for i, p in enumerate(self.parameters)}
         self._freed = self._collect_freed()
+        self._quantities = dict.fromkeys(p.quantity for p in self.parameters if p.of_setup)
+        self._kinds: dict[tuple[object, ...], RowFunction] = {}
         self._functions: WeakKeyDictionary[Run, RowFunction] = WeakKeyDictionary()
+        self._together = Together(campaign.runs)
         self._inputs: WeakKeyDictionary[Run, tuple[tuple[float, ...], bool, list[_Clock]]] = WeakKeyDictionary()
 
     def __str__(self) -> str:
@@ -179,32 +183,41 @@ class Model(OnScreen):
             for run in self.campaign.runs
         }
 
-    def linearise(self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array) -> Linearisation:
-        """Predicted readings of one run and their exact derivatives."""
+    def linearise(
+        self, run: Run | str, values: Mapping[str, float] | Sequence[float] | Array, *, ahead: bool = False
+    ) -> Linearisation:
+        """Predicted readings of one run and their exact derivatives; `ahead`: the campaign's next runs are asked for at the same
+        values, and short ones are computed together."""
         run = self._run(run)
         with np.errstate(all="ignore"):  # what overflows is refused
-            names, together = self._linearised(run, self.vector(values))
+            names, together = self._linearised(run, self.vector(values), ahead=ahead)
         _require_finite(run, "readings or their slopes", together)
         columns = np.array([self.index[name] for name in names], dtype=np.int64)
         return Linearisation(together[:, :, 0], together[:, :, 1:], columns)
 
-    def _linearised(self, run: Run, vector: Array) -> tuple[list[str], Array]:
+    def _linearised(self, run: Run, vector: Array, *, ahead: bool) -> tuple[list[str], Array]:
         """The parameters that enter a run, and its readings and their slopes in these (N, ny, 1 + k)."""
         function = self._function(run)
         names = [*function.shared, *(run.full_name(name) for name in function.own)]
-        together, own = self._recorded(run, self._evaluated(run, vector, slopes=True), vector)
+        together, own = self._recorded(run, self._evaluated(run, vector, slopes=True, ahead=ahead), vector)
         for name, slopes in own.items():
             together[:, :, 1 + names.index(name)] += self.parameters[self.index[name]].scale * slopes
         return names, together
 
-    def _evaluated(self, run: Run, vector: Array, *, slopes: bool) -> Array:
+    def _evaluated(self, run: Run, vector: Array, *, slopes: bool, ahead: bool = False) -> Array:
         """Readings (N, ny, 1) before their recorder, with slopes (N, ny, 1 + k), every column on its own clock."""
-        function, arguments = self._arguments(run, vector)
+        function = self._function(run)
         names = (*function.shared, *function.own)
         place = {run.full_name(name): 1 + i for i, name in enumerate(names)} if slopes and function.moving else {}
-        parts = []
-        for columns, inputs, series in self._clocks(run, function, vector, slopes=slopes):
-            table = function.evaluate(inputs, *arguments, slopes=slopes)
+        shared, parts = vector[[self.index[name] for name in function.shared]], []
+        clocks = self._clocks(run, function, vector, slopes=slopes)
+        tables = self._together.tables(run, vector, shared, self._function, self._given) if ahead else ()
+        for number, (columns, inputs, series) in enumerate(clocks):
+            table = (
+                tables[number]
+                if tables
+                else function.evaluate(inputs, shared, *self._numbers(run, vector), slopes=slopes)
+            )
             if slopes:
                 table, by_input = np.split(table, [1 + len(names)], axis=2)
                 for i, entry in enumerate(function.moving):
@@ -252,18 +265,33 @@ class Model(OnScreen):
     def _function(self, run: Run) -> RowFunction:
         found = self._functions.get(run)
         if found is None:
-            effects = tuple(effect for effect in self.effects if effect.applies(run))
-            found = self._functions[run] = assembled(self.machine, run, effects, self.parameters, self.linear)
+            acting = tuple(effect.applies(run) for effect in self.effects)
+            kind = (*kind_of(run), acting, self._own(run))
+            if kind not in self._kinds:
+                effects = [effect for effect, acts in zip(self.effects, acting, strict=True) if acts]
+                self._kinds[kind] = assembled(self.machine, run, effects, self.parameters, self.linear)
+            found = self._functions[run] = self._kinds[kind]
         return found
 
-    def _arguments(self, run: Run, vector: Array) -> tuple[RowFunction, tuple[Array, Array, Array]]:
+    def _own(self, run: Run) -> tuple[tuple[str, float], ...]:
+        """The quantities of a run's set-up that are parameters, with their scales, in the order of these."""
+        names = ((quantity, run.full_name(f"setup.{quantity}")) for quantity in self._quantities)
+        places = sorted((self.index[name], quantity) for quantity, name in names if name in self.index)
+        return tuple((quantity, self.parameters[place].scale) for place, quantity in places)
+
+    def _numbers(self, run: Run, vector: Array) -> tuple[Array, Array]:
+        """A run's own parameters and its constants, as its function takes them."""
         function = self._function(run)
         constants: dict[str, float] = {}
         for instrument in instruments_of(run):
             constants |= instrument.constants(run, self.machine)
-        shared = vector[[self.index[name] for name in function.shared]]
         own = vector[[self.index[run.full_name(name)] for name in function.own]]
-        return function, (shared, own, np.array([constants[name] for name in function.constants]))
+        return own, np.array([constants[name] for name in function.constants])
+
+    def _given(self, run: Run, vector: Array) -> Given:
+        """All that a run hands to its function for slopes."""
+        clocks = self._clocks(run, self._function(run), vector)
+        return Given([clock.inputs for clock in clocks], *self._numbers(run, vector))
 
     def _clocks(self, run: Run, function: RowFunction, vector: Array, *, slopes: bool = True) -> list[_Clock]:
         """What the columns of a run see, if asked for with its `slopes` in the clock; kept until a parameter that moves it

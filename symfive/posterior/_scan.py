@@ -40,7 +40,7 @@ def placed(fit: Identification, scans: Sequence[Scan | Tone], nodes: Iterable[No
     taken, found, drafts = {effect.key for effect in fit.model.effects}, list[Form](), set[Effect]()
     channels = [(scan.channel, scan.axis) for scan in scans if scan.channel != BALL]
     model = Model(fit.model.campaign, (*fit.model.added, *probes(channels)))
-    lines = {run.id: model.linearise(run, model.vector(fit.named)) for run in fit.model.campaign.runs}
+    lines = {run.id: model.linearise(run, model.vector(fit.named), ahead=True) for run in fit.model.campaign.runs}
     for node in {(node.size, node.time): node for node in nodes}.values():
         seen = _Seen(fit, model, lines, node)
         for scan in scans:

@@ -43,7 +43,7 @@ class Placed:
 
 def smoothed(model: Model, run: Run, values: Array) -> Linearisation:
     """A run at parameter values (k,); slopes in parameters in which the readings are rough are taken over the effect's step."""
-    line = model.linearise(run, values)
+    line = model.linearise(run, values, ahead=True)
     steps = {n: s for e in model.effects if e.applies(run) for n, s in e.steps(model.campaign).items()}
     if not steps:
         return line
