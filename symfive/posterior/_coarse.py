@@ -25,7 +25,7 @@ from symfive.posterior._evidence import SHARE, LogEvidence, beside, explained, l
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior
 from symfive.posterior._fit import fitted
 from symfive.posterior._moments import Moments
-from symfive.posterior._noise import Node
+from symfive.posterior._noise import NEGLIGIBLE, Node
 from symfive.posterior._scale import STEPS
 from symfive.posterior._terms import UNIDENTIFIED
 
@@ -33,8 +33,6 @@ __all__ = ["coarsened", "contradicted", "misfit"]
 
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """1σ of the coefficients of what stays, in units of the unidentified terms' usual one, half a decade apart."""
-NEGLIGIBLE = 0.02
-"""Energy that changes no evidence: a hundredth of it."""
 
 
 def coarsened(posterior: Posterior) -> Posterior:
@@ -61,7 +59,7 @@ def coarsened(posterior: Posterior) -> Posterior:
 def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) -> Posterior:
     """The posterior by the likelihood to the power 1/(1 + `energy`/2), under noise whose nodes are so probable (log)."""
     moments, power = posterior.moments, 1.0 / (1.0 + 0.5 * energy)
-    if energy < NEGLIGIBLE:
+    if energy < 2.0 * NEGLIGIBLE:
         return posterior
     coarse = replace(
         moments, gram=moments.gram * (power / kappa2), rows=None, const=np.zeros_like(moments.const), log_prior=nodes

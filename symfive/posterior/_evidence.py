@@ -40,10 +40,10 @@ PLAIN = 1e10
 
 @dataclass(frozen=True)
 class LogEvidence:
-    """Log evidence of a subset by noise node (J,), node priors included, and the noise scale κ² at the best node."""
+    """Log evidence of a subset by noise node (J,), node priors included, and the noise `scales` κ² (J,)."""
 
     by_node: Array
-    kappa2: float
+    scales: Array
 
     @cached_property
     def total(self) -> float:
@@ -54,6 +54,11 @@ class LogEvidence:
     def node(self) -> int:
         """Index of the most probable noise node."""
         return int(np.argmax(self.by_node))
+
+    @property
+    def kappa2(self) -> float:
+        """The noise scale κ² at the most probable node."""
+        return float(self.scales[self.node])
 
 
 @dataclass(frozen=True)
@@ -141,9 +146,8 @@ def log_evidence(moments: Moments, members: Iterable[Selected], blocks: Blocks =
 def evidence_of(moments: Moments, s: Equations) -> LogEvidence:
     """The evidence of the subset whose equations these are."""
     form = Turned.of(s) if np.trace(s.h, axis1=1, axis2=2).max() > PLAIN else s
-    cost, kappa2 = settled(s.q, moments.count, form.weighed)
-    by_node = -0.5 * (cost + moments.const) + moments.log_prior
-    return LogEvidence(by_node, float(kappa2[np.argmax(by_node)]))
+    cost, kappa2 = settled(s.q / moments.count, moments.count, form.weighed)
+    return LogEvidence(-0.5 * (cost + moments.const) + moments.log_prior, kappa2)
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,9 @@ class Moments:
 def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form]) -> Moments:
     """The moments of a fit: `held` the forms of its effects beyond the machine file's, in order, `fresh` those that may join."""
     campaign = fit.model.campaign
-    nodes = nodes_of(max(_recorded(run) for run in campaign.runs))
+    runs = campaign.runs
+    readings = sum(run.rows * len(fit.model.columns(run)) for run in runs)
+    nodes = nodes_of(max(map(_recorded, runs)), min(run.interval for run in runs), readings)
     tables = Tables(fit, [form.effect for form in held], fresh)
     total, raw = Total(len(nodes), tables.size), Total(1, tables.size)
     const, count = np.zeros(len(nodes)), 0

@@ -20,7 +20,7 @@ from scipy.fft import dct
 from symfive.arrays import Array, Indices
 from symfive.inference import Noise, whiten
 
-__all__ = ["EXACT_ROWS", "Node", "grams", "nodes_of", "whitened"]
+__all__ = ["EXACT_ROWS", "NEGLIGIBLE", "Node", "grams", "nodes_of", "whitened"]
 
 SIZES, SHARES = (0.3, 1.0, 3.0), (0.003, 0.03, 0.3)
 """Coloured noise: 1σ in units of the declared noise, correlation time as a share of the longest run; half a decade and a decade
@@ -28,6 +28,8 @@ apart, so that no noise is further from a node than what its size and time are k
 USUAL = 0.4
 """Mean size of the slow noise of instruments: 0.09 to 1.3 of the white noise, 0.38 on average, in the seven series of
 docs/recordings.md that were recorded at rest and neither hum nor drift."""
+NEGLIGIBLE = 0.01
+"""Nats by which the log evidence may be off."""
 EXACT_ROWS = 1000
 """Rows below which whitening by the filter costs less than the bands."""
 SINGLE, RATIO = 8, 1.35
@@ -55,15 +57,18 @@ class Node:
         return np.asarray(1.0 + self.size**2 * (1.0 - phi**2) / (1.0 - 2.0 * phi * np.cos(omega) + phi**2))
 
 
-def nodes_of(longest: float) -> tuple[Node, ...]:
-    """White noise with a prior of ½; coloured ones share the rest, larger ones less: exp(-size/`USUAL`), E. T. Jaynes 1957."""
+def nodes_of(longest: float, interval: float = 0.0, readings: int = 1) -> tuple[Node, ...]:
+    """White noise with a prior of ½; coloured ones share the rest, larger ones less: exp(-size/`USUAL`), E. T. Jaynes 1957.
+
+    Noise that so many readings, an interval apart, cannot tell from white noise, whose scale is free, counts as white: the first
+    harmonic of its spectrum, 2φ·cos ω, changes the log evidence of n readings by n·φ²/2 or less.
+    """
     pairs = [(size, share * max(longest, 1e-9)) for size in SIZES for share in SHARES]
     weight = np.exp(-np.array([size for size, _ in pairs]) / USUAL)
-    logs = np.log(0.5 * weight / weight.sum())
-    return (
-        Node(0.0, 0.0, float(np.log(0.5))),
-        *(Node(s, t, float(p)) for (s, t), p in zip(pairs, logs, strict=True)),
-    )
+    share = 0.5 * weight / weight.sum()
+    slow = np.array([0.5 * readings * np.exp(-2.0 * interval / time) > NEGLIGIBLE for _, time in pairs])
+    coloured = [Node(*pair, float(np.log(p))) for pair, p, kept in zip(pairs, share, slow, strict=True) if kept]
+    return Node(0.0, 0.0, float(np.log(1.0 - np.sum(share[slow])))), *coloured
 
 
 def grams(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, Array]:

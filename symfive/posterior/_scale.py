@@ -12,25 +12,27 @@ from symfive.arrays import Array, Indices
 __all__ = ["STEPS", "settled", "solved"]
 
 STEPS = 3
-"""Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-2 or less."""
+"""Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-1 or less; one less from beside it."""
 SMALL = 8
 """Columns up to which the LU factors of all matrices in one call cost less than a call of each one's Cholesky factor."""
 
 
-def settled(q: Array, count: int, weigh: Callable[[Indices, Array], tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Cost (P,) of problems whose residuals are `q` (P,) of `count` readings, and their κ² (P,).
+def settled(
+    start: Array, count: int, weigh: Callable[[Indices, Array], tuple[Array, Array]], steps: int = STEPS
+) -> tuple[Array, Array]:
+    """Cost (P,) of problems of `count` readings, and their κ² (P,), from a first one `start` (P,) on.
 
     `weigh` says of some problems (p,) under such scales (p,) what is left (p,) and the rest of the cost (p,). Those that have
     reached their fixed point, as all do whose noise is as declared, are not solved again.
     """
-    scale, cost, rows = np.maximum(1.0, q / count), np.empty(len(q)), np.arange(len(q))
-    for step in range(STEPS):
+    scale, cost, rows = np.maximum(1.0, start), np.empty(len(start)), np.arange(len(start))
+    for step in range(steps):
         kappa2 = scale[rows]
         left, rest = weigh(rows, kappa2)
         cost[rows] = left / kappa2 + rest + count * np.log(kappa2)
         after = np.maximum(1.0, left / count)
         moves = after != kappa2
-        if step == STEPS - 1 or not moves.any():
+        if step == steps - 1 or not moves.any():
             break
         rows = rows[moves]
         scale[rows] = after[moves]

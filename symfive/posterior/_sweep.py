@@ -14,7 +14,7 @@ import numpy as np
 from symfive.arrays import Array, Flags, Indices
 from symfive.posterior._evidence import Blocks, Equations, Selected, Turned, equations, evidence_of
 from symfive.posterior._moments import Alike, Moments
-from symfive.posterior._scale import settled, solved
+from symfive.posterior._scale import STEPS, settled, solved
 
 __all__ = ["WIDTHS", "Sweep", "log_width", "nearest_width", "widths_of"]
 
@@ -65,12 +65,12 @@ class Sweep:
         """Log evidence (chosen,) with each of the `chosen` terms (not held) added, and the width of each: the most probable of
         those `_tried` under the noise that suits the subset. What a narrow prior leaves of an amplitude does not say how wide it
         should be."""
-        node = evidence_of(self.moments, self.equations).node
+        base = evidence_of(self.moments, self.equations)
         nodes = (self.moments.log_prior - 0.5 * self.moments.const)[:, None]
         found, widths = np.zeros(len(chosen)), np.ones(len(chosen))
         for at, own in self._alike(chosen):
-            pairs, count = self._pairs(own), len(at)
-            widths[at] = self._widths(own, pairs.some(slice(node * count, (node + 1) * count)))
+            pairs, count = self._pairs(own, base.scales), len(at)
+            widths[at] = self._widths(own, pairs.some(slice(base.node * count, (base.node + 1) * count)))
             scale = np.where(own.amplitude, widths[at][:, None], 1.0)
             each, _ = pairs.weighed(np.tile(scale, (len(nodes), 1)), self.moments.count)
             found[at] = np.logaddexp.reduce(nodes + each.reshape(-1, count), axis=0)
@@ -102,8 +102,9 @@ class Sweep:
             if rows:
                 yield [place[alike.numbers[row]] for row in rows], alike.some(rows)
 
-    def _pairs(self, own: Alike) -> _Pairs:
-        """Some terms of as many columns in every node, one node after the other."""
+    def _pairs(self, own: Alike, scales: Array) -> _Pairs:
+        """Some terms of as many columns in every node, one node after the other, where the subset alone leaves noise of such
+        `scales` κ² (J,)."""
         gram, exact, where, s = self.moments.gram, own.exact, own.where, self.equations
         axes = s.scale[:, None] * self.turned.axes
         q, g = np.repeat(s.q[:, None], len(exact), axis=1), self.slope[:, where]
@@ -119,18 +120,21 @@ class Sweep:
             np.matmul(gram[node].take(at), axes[node], out=out)
         cross = cross.reshape(*g.shape, len(s.d))
         departure = np.broadcast_to(own.departure, g.shape)
-        by_node = departure, own.gram, q, g, cross, base, power, d
+        start = np.repeat(scales[:, None], len(exact), axis=1)
+        by_node = departure, own.gram, start, q, g, cross, base, power, d
         return _Pairs(*(part.reshape(q.size, *part.shape[2:]) for part in by_node))
 
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Terms of as many columns beside a subset, each in a node: their `departure` (P, n), their `gram` (P, n, n), what stands for
-    the residual with itself `q` (P,) and with their columns `g` (P, n), these with the subset's columns `cross` (P, n, s), and of
-    the latter that with the residual `base`, the `power` and the departure `d` (P, s)."""
+    """Terms of as many columns beside a subset, each in a node: their `departure` (P, n), their `gram` (P, n, n), the κ² `start`
+    (P,) without them, what stands for the residual with itself `q` (P,) and with their columns `g` (P, n), these with the
+    subset's columns `cross` (P, n, s), and of the latter that with the residual `base`, the `power` and the departure `d` (P, s).
+    """
 
     departure: Array
     gram: Array
+    start: Array
     q: Array
     g: Array
     cross: Array
@@ -150,7 +154,7 @@ class _Pairs:
         for first in range(0, len(scale), rows):
             part = slice(first, first + rows)
             pairs = self.some(part)._scaled(scale[part])
-            cost[part], _ = settled(pairs.q, count, partial(pairs._solved, x[part]))
+            cost[part], _ = settled(pairs.start, count, partial(pairs._solved, x[part]), STEPS - 1)
         return -0.5 * cost, x
 
     def _scaled(self, scale: Array) -> _Pairs:
