@@ -8,31 +8,33 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from symfive.arrays import Array, Indices
+from symfive.posterior._noise import NEGLIGIBLE
 
 __all__ = ["STEPS", "settled", "solved"]
 
 STEPS = 3
-"""Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-1 or less; one less from beside it."""
+"""Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-1 or less."""
 SMALL = 8
 """Columns up to which the LU factors of all matrices in one call cost less than a call of each one's Cholesky factor."""
 
 
 def settled(
-    start: Array, count: int, weigh: Callable[[Indices, Array], tuple[Array, Array]], steps: int = STEPS
+    start: Array, count: int, columns: int, weigh: Callable[[Indices, Array], tuple[Array, Array]]
 ) -> tuple[Array, Array]:
-    """Cost (P,) of problems of `count` readings, and their κ² (P,), from a first one `start` (P,) on.
+    """Cost (P,) of problems of `count` readings and so many `columns`, and their κ² (P,), from a first one `start` (P,) on.
 
-    `weigh` says of some problems (p,) under such scales (p,) what is left (p,) and the rest of the cost (p,). Those that have
-    reached their fixed point, as all do whose noise is as declared, are not solved again.
+    `weigh` says of some problems (p,) under such scales (p,) what is left (p,) and the rest of the cost (p,). Those that are at
+    their fixed point, as all are whose noise is as declared, are not solved again: beside it the cost changes by no more than
+    the columns times the share by which κ² does.
     """
     scale, cost, rows = np.maximum(1.0, start), np.empty(len(start)), np.arange(len(start))
-    for step in range(steps):
+    for step in range(STEPS):
         kappa2 = scale[rows]
         left, rest = weigh(rows, kappa2)
         cost[rows] = left / kappa2 + rest + count * np.log(kappa2)
         after = np.maximum(1.0, left / count)
-        moves = after != kappa2
-        if step == steps - 1 or not moves.any():
+        moves = columns * np.abs(after - kappa2) > 2.0 * NEGLIGIBLE * kappa2
+        if step == STEPS - 1 or not moves.any():
             break
         rows = rows[moves]
         scale[rows] = after[moves]

@@ -14,7 +14,7 @@ import numpy as np
 from symfive.arrays import Array, Flags, Indices
 from symfive.posterior._evidence import Blocks, Equations, Selected, Turned, equations, evidence_of
 from symfive.posterior._moments import Alike, Moments
-from symfive.posterior._scale import STEPS, settled, solved
+from symfive.posterior._scale import settled, solved
 
 __all__ = ["WIDTHS", "Sweep", "log_width", "nearest_width", "widths_of"]
 
@@ -154,7 +154,8 @@ class _Pairs:
         for first in range(0, len(scale), rows):
             part = slice(first, first + rows)
             pairs = self.some(part)._scaled(scale[part])
-            cost[part], _ = settled(pairs.start, count, partial(pairs._solved, x[part]), STEPS - 1)
+            columns = pairs.d.shape[1] + pairs.g.shape[1]
+            cost[part], _ = settled(pairs.start, count, columns, partial(pairs._solved, x[part]))
         return -0.5 * cost, x
 
     def _scaled(self, scale: Array) -> _Pairs:
