@@ -170,7 +170,8 @@ def _lack_of_fit(fit: Identification, whitened: Mapping[str, Array]) -> list[Tes
         return []
     whole = sum(float(np.sum(table**2)) for table in whitened.values())
     ratio = max(whole - square, 0.0) / rest / (square / pure)
-    says = f"The residual is {np.sqrt(ratio):.3g} times the scatter of {sum(map(len, groups))} repeated runs."
+    runs = sum(map(len, groups))
+    says = f"The mean of {runs} repeated runs deviates from the model {np.sqrt(ratio):.3g} times as far as their scatter allows."
     return [Test("lack of fit", ratio, rest, float(f.sf(ratio, rest, pure)), says)]
 
 

@@ -355,13 +355,18 @@ class Diagnosis(OnScreen):
         names = [finding.title[:1].lower() + finding.title[1:] for finding in self.by_share]
         if names:
             faults = "Fault found" if len(names) == 1 else f"{len(names)} faults found"
-            rest = " Part of the deviation is not explained." if self.unnamed else ""
+            rest = " Part of the deviation is not explained." if self.unnamed else self._left
             return f"{faults}: {'; '.join(names)}.{rest}"
         if self.mismatch:
             return "The model does not explain these readings, and no effect of the catalogue does."
-        if self.noise_ratio > EXPLAINED:
-            return f"No fault found, but the residual is {plain_number(self.noise_ratio)} times the declared noise."
-        return "No fault found: the model explains these readings down to the noise."
+        explained = ": the model explains these readings down to the noise."
+        return f"No fault found{f', but the{self._left[4:]}' if self._left else explained}"
+
+    @property
+    def _left(self) -> str:
+        """A sentence on a residual beyond the noise."""
+        ratio = plain_number(self.noise_ratio)
+        return f" The residual is {ratio} times the declared noise." if self.noise_ratio > EXPLAINED else ""
 
     def __str__(self) -> str:
         lines = wrapped("", self.verdict)

@@ -76,12 +76,13 @@ def _deed(finding: Finding) -> str:
     several = "one cause or several" if finding.further else ""
     if finding.unidentified and known:
         return "; ".join(filter(None, (several, f"no known effect fits alone; resembles {', '.join(known)}")))
-    return several or finding.effect.says
+    return several or finding.effect.advice(finding.parameters)[0]
 
 
 def _to_do(finding: Finding) -> str:
     """What a service engineer does about it; nothing before the test that separates its name from its rivals."""
-    action = Unknown.action if finding.unidentified and not finding.effect.unidentified else finding.effect.action
+    known = not finding.unidentified or finding.effect.unidentified
+    action = finding.effect.advice(finding.parameters)[1] if known else Unknown.action
     return (
         f"record the next test; if it confirms this cause, {action}" if action and finding.test is not None else action
     )

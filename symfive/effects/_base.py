@@ -195,6 +195,10 @@ class Effect:
         mine = self.parameters(campaign)
         return found | {p.name.removeprefix(self.key + "."): own_quantity(p, values, covariance) for p in mine}
 
+    def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
+        """What it does and what a service engineer does about it where its parameters have these `sizes`."""
+        return self.says, self.action
+
     def amplitudes(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """Those of its parameters that say how large it is, of any unit."""
         return tuple(p for p in self.parameters(campaign) if self.departs or p.mean == 0.0)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Forms, reversing
+from symfive.effects._quantity import Quantity
 from symfive.motion import Direction, Play, Position, PreSliding, Signal
 from symfive.parameters import Parameter
 from symfive.row import Row
@@ -36,8 +38,7 @@ class Backlash(Effect):
     says = "backlash between drive and axis"
     hidden_by = "servo mismatch where only one feed was run; location errors of a rotary axis"
     action = (
-        "check the preload of the drive (screw, nut, coupling, worm); enter it as backlash compensation in the control; "
-        "a negative width: reduce that compensation, or look why the control stops beyond its target"
+        "check the preload of the drive (screw, nut, coupling, worm); enter it as backlash compensation in the control"
     )
     coordinate = "{axis} velocity sign"
     needs_axis = True
@@ -50,6 +51,15 @@ class Backlash(Effect):
             shapes = {shape: cls(axis=axis, shape=shape) for shape in SHAPES}
             yield Form(effect=shapes.pop("play"), shapes=tuple(shapes.values()))
             yield Form(effect=replace(shapes.pop("step"), tag="step"), shapes=tuple(shapes.values()))
+
+    def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
+        width = sizes.get("width")
+        if width is None or not isinstance(width.value, float) or width.value >= 0.0:
+            return super().advice(sizes)
+        return (
+            "axis goes beyond its target behind a reversal: the opposite of backlash",
+            "reduce the backlash compensation in the control, or see whether the axis overshoots its target",
+        )
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         rotary = self.its_axis(campaign).rotary

@@ -63,7 +63,7 @@ class ThermalDrift(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
         yield from cls().at_time_constants(campaign, cls(shape="mixture"))
-        yield Form(effect=cls(shape="linear", tag="linear"), shapes=(cls(),))
+        yield Form(effect=cls(shape="linear", tag="linear"), shapes=(cls(), cls(shape="mixture")))
         span = cls().clock_span(campaign)
         step = span / (ONSETS + 1)
 
