@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,12 +51,12 @@ class Form:
         """Whether a scan picked its place; then others of its name may act at other places."""
         return self.places > 1.0
 
-    @cached_property
-    def proportional(self) -> bool:
+    def proportional(self, campaign: Campaign) -> bool:
         """Whether the readings are proportional to its amplitudes, whatever their size: it moves no drive and no play, and no
-        signal depends on its parameters."""
+        signal depends on its parameters. Of axes at rest only the direction counts from which they came."""
         effect = self.effect
-        return self.basis is not None or not (effect.frees() or any(signal.parameters for signal in effect.signals()))
+        moves = bool(effect.frees()) or any(signal.parameters for signal in effect.signals())
+        return self.basis is not None or not (moves and any(run.dynamic for run in campaign.runs))
 
 
 @dataclass(frozen=True, kw_only=True)

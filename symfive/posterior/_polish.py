@@ -274,7 +274,11 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
 def _linear(moments: Moments, term: int) -> bool:
     """Whether the moments hold all of a form: no other shape, and nothing to be found beside its amplitudes."""
     form = moments.terms[term].form
-    return form.proportional and not form.shapes and bool(moments.columns[term].amplitude.all())
+    return (
+        form.proportional(moments.fit.model.campaign)
+        and not form.shapes
+        and bool(moments.columns[term].amplitude.all())
+    )
 
 
 def _classified(form: Form, fit: Identification) -> Form:
