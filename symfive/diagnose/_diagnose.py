@@ -21,7 +21,7 @@ from symfive.effects import Varying
 from symfive.errors import InputError
 from symfive.given import campaign_given
 from symfive.plausible import unreadable
-from symfive.posterior import EXPECTED, Posterior, baseline, candidates, coarsened, decide, fitted, over_all, polish
+from symfive.posterior import EXPECTED, Posterior, baseline, candidates, fitted, over_all, polish, verdicts_on
 from symfive.threads import one_thread
 
 __all__ = ["diagnose"]
@@ -48,8 +48,8 @@ def diagnose(
     withdrawn, and every value is identified from all rows, window by window. Raises `InputError` for a campaign without readings,
     for readings outside the range of the instrument, and if nothing is left to fit.
 
-    The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened` and `decide` of
-    `symfive.posterior`; `withdraw`, `findings_of`, `cross_validated`, `held_out`.
+    The steps are usable alone: `detect`, `locate`; `candidates`, `moments_of`, `explore`, `polish`, `coarsened`, `decide` and
+    `verdicts_on` of `symfive.posterior`; `withdraw`, `findings_of`, `cross_validated`, `held_out`.
     """
     whole = campaign = campaign_given(campaign)
     said = unreadable(campaign)
@@ -86,7 +86,7 @@ def diagnose(
                 withdrawn = (*variations_withdrawn(full, laws, whole, split), *gone)
                 posterior, here, first = other, plain, same.fit
         hold_out_result = held_out(before, here.fit, whole, split, withdrawn)
-    verdicts = decide(posterior, coarsened(posterior))
+    verdicts = verdicts_on(posterior)
     if searched is not None or hold_out_result is not None:
         kept = {form.effect.key for form in here.held}
         verdicts = tuple(v for v in verdicts if posterior.moments.terms[v.term].effect.key in kept)

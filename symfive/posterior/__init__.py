@@ -6,11 +6,12 @@ posterior = explore(moments)              subsets of terms: birth, death, swap, 
 posterior = polish(before, candidates)    exact refits of the best few, relinearised, until converged
 coarse    = coarsened(posterior)          tempered by the misfit that no named effect explains, and by what they make worse
 verdicts  = decide(posterior, coarse)     one rule from stated losses: name, class, unknown, nothing
+verdicts  = verdicts_on(posterior)        both, until what is left without a name counts as misfit
 """
 
 from symfive.posterior._about import moments_about
 from symfive.posterior._coarse import coarsened, contradicted, misfit
-from symfive.posterior._decide import SAME, Verdict, decide
+from symfive.posterior._decide import SAME, Verdict, decide, verdicts_on
 from symfive.posterior._evidence import log_evidence, solution
 from symfive.posterior._explore import Posterior, Subset, explore
 from symfive.posterior._fit import Expansion, baseline, fitted, linear_estimate, over_all, refitted
@@ -24,5 +25,5 @@ __all__ = [
     "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term",
     "Verdict", "baseline", "candidates", "coarsened", "contradicted", "decide", "expanded", "explore", "fitted", "grams",
     "linear_estimate", "log_evidence", "log_width", "misfit", "moments_about", "moments_of", "name_of", "nearest_width",
-    "nodes_of", "over_all", "polish", "refitted", "solution", "widths_of",
+    "nodes_of", "over_all", "polish", "refitted", "solution", "verdicts_on", "widths_of",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ adds to runs that are explained better without it. So a name is believed only if
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,8 +35,9 @@ SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """1σ of the coefficients of what stays, in units of the unidentified terms' usual one, half a decade apart."""
 
 
-def coarsened(posterior: Posterior) -> Posterior:
-    """The posterior over the same terms by the coarsened likelihood; the same one where all that stays is noise.
+def coarsened(posterior: Posterior, unnamed: Collection[int] = ()) -> Posterior:
+    """The posterior over the same terms by the coarsened likelihood; the same one where all that stays is noise. `unnamed` are
+    members (numbers of terms) that stand for a cause without a name.
 
     Slow noise of a size that instruments hardly have may be no noise: then it belongs to what stays.
     """
@@ -44,7 +45,7 @@ def coarsened(posterior: Posterior) -> Posterior:
     held = held_by(moments)
     evidence = log_evidence(moments, held)
     node = moments.nodes[evidence.node]
-    energy = misfit(moments, held) + contradicted(moments.fit, node, evidence.kappa2)
+    energy = misfit(moments, held, unnamed) + contradicted(moments.fit, node, evidence.kappa2)
     nodes = evidence.by_node - np.logaddexp.reduce(evidence.by_node)
     usual = _tempered(posterior, energy, nodes, evidence.kappa2)
     doubt = _no_noise(moments, node)
@@ -118,10 +119,11 @@ def contradicted(after: Identification, node: Node, kappa2: float) -> float:
     return max(found, 0.0)
 
 
-def misfit(moments: Moments, subset: Subset) -> float:
-    """M of a subset: what its unidentified members are wrong by, and what no member explains."""
+def misfit(moments: Moments, subset: Subset, unnamed: Collection[int] = ()) -> float:
+    """M of a subset: what its members without a name are wrong by, unidentified ones and the `unnamed`, and what no member
+    explains."""
     evidence = log_evidence(moments, subset)
-    open_ = [moments.terms[t].effect.unidentified for t, _ in subset]
+    open_ = [t in unnamed or moments.terms[t].effect.unidentified for t, _ in subset]
     energies = explained(moments, subset, evidence)
     return SHARE**2 * float(np.dot(energies, open_)) + left_over(moments, subset, evidence)
 

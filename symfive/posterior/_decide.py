@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.effects import Unknown
+from symfive.posterior._coarse import coarsened
 from symfive.posterior._explore import Posterior, log_prior
 from symfive.posterior._terms import Name
 
-__all__ = ["Verdict", "decide"]
+__all__ = ["Verdict", "decide", "verdicts_on"]
 
 WRONG, UNKNOWN, MISSED = 10.0, 4.0, 5.0
 """In units of testing one more cause: a repair in vain; a fault that the diagnosis only places; one that it overlooks."""
@@ -47,6 +48,18 @@ class Verdict:
         """Whether nothing is known of its cause: no name is stated, and none is as probable as that it has none."""
         rivals = self.rivals.values()
         return not self.names and self.probability - sum(rivals) > max(rivals, default=0.0)
+
+
+def verdicts_on(posterior: Posterior) -> tuple[Verdict, ...]:
+    """The verdicts on what the fit holds (`decide`) by the coarsened likelihood. A member that they leave without a name is an
+    unidentified effect, and what that may be wrong by counts against the names of all others, until no further name falls."""
+    unnamed, terms = set[int](), posterior.moments.terms
+    while True:
+        verdicts = decide(posterior, coarsened(posterior, unnamed))
+        fallen = {v.term for v in verdicts if not v.names and not terms[v.term].effect.unidentified} - unnamed
+        if not fallen:
+            return verdicts
+        unnamed |= fallen
 
 
 def decide(posterior: Posterior, coarse: Posterior) -> tuple[Verdict, ...]:
