@@ -27,7 +27,18 @@ from symfive.diagnose import (
 from symfive.effects import Form, make_effect
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset
-from symfive.posterior import Posterior, baseline, candidates, coarsened, decide, expanded, explore, moments_of, polish
+from symfive.posterior import (
+    Posterior,
+    baseline,
+    candidates,
+    coarsened,
+    decide,
+    expanded,
+    explore,
+    moments_of,
+    polish,
+    verdicts_on,
+)
 from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid, static_ball_bar
 from symfive.simulate import simulate
 
@@ -65,7 +76,8 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
         ("thermal_drift", None),
     }
     posterior, here = polish(before, stated)
-    verdicts = decide(posterior, coarsened(posterior))
+    verdicts = verdicts_on(posterior)
+    assert verdicts == decide(posterior, coarsened(posterior))  # both have a name
     assert {verdict.names for verdict in verdicts} == {(("gravity_sag", "B"),), (("thermal_drift", None),)}
     findings = findings_of(posterior, here, before, verdicts, located(posterior.moments, detection))
     shares = {finding.name: finding.share for finding in findings}

@@ -92,6 +92,29 @@ def test_models_that_ask_for_the_same_function_share_it(static):
     assert Model(replace(static, machine=replace(static.machine)), [play])._function(run) is not one
 
 
+def test_short_runs_computed_together_are_those_computed_alone(static):
+    """To the last bit, in any order, at values that change, trackers that stand elsewhere among them."""
+    nest, runs = static.runs[0], []
+    for k in range(12):
+        option = {"placement": [100.0 * k, 50.0, -30.0 * k, 1.0 * k, 0.0, 10.0]}
+        more = {"instrument": ("tracker",), "options": option} if k % 3 == 0 else {}
+        runs.append(
+            replace(nest, id=f"run{k}", file=f"run{k}.csv", readings={}, tool_ball=(0.0, 0.0, -150.0 - k), **more)
+        )
+    model = Model(
+        replace(static, runs=tuple(runs)),
+        [make_effect("backlash", "C"), make_effect("gravity_sag", "B", component="EZB")],
+    )
+    rng = np.random.default_rng(4)
+    for order in (range(12), (3, 3, 1, 11, 0, 5)):
+        values = model.start + 0.1 * rng.normal(size=len(model.parameters))
+        for k in order:
+            alone, together = (model.linearise(f"run{k}", values, ahead=ahead) for ahead in (False, True))
+            assert np.array_equal(alone.columns, together.columns)
+            assert np.array_equal(alone.prediction, together.prediction)
+            assert np.array_equal(alone.jacobian, together.jacobian)
+
+
 def test_error_motion_over_two_axes(static):
     term = ErrorTerm(name="EAC", sigma=20.0, over=("B", "C"), basis=("polynomial", "fourier"), order=(2, 1))
     campaign = static.with_machine(replace(static.machine, errors={**static.machine.errors, "EAC": term}))

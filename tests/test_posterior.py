@@ -40,6 +40,7 @@ from symfive.posterior import (
     moments_of,
     nodes_of,
     refitted,
+    solution,
     widths_of,
 )
 from symfive.posterior._scale import solved
@@ -232,6 +233,16 @@ def test_what_stays_is_the_same_by_rows_and_by_products(members: tuple[tuple[int
     expected = misfit(replace(moments, rows=None), members)
     assert expected > 1.0
     assert misfit(moments, members) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_member_without_a_name_may_be_wrong_by_a_third(moments: Moments) -> None:
+    """0.3² of what it explains, as of an unidentified effect."""
+    members = ((3, 3.0), (7, 1.0))
+    evidence = log_evidence(moments, members)
+    (x, _), own = solution(moments, members, evidence), moments.columns[3]
+    explained = x @ moments.gram[evidence.node][np.ix_(own.where, own.where)] @ x / evidence.kappa2
+    assert explained > 1.0
+    assert misfit(moments, members, {3}) - misfit(moments, members) == pytest.approx(0.09 * explained)
 
 
 @pytest.mark.parametrize("members", [(), ((3, 1.0),), ((3, 3.0), (7, 1.0), (12, 30.0))])
