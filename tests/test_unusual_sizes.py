@@ -33,9 +33,9 @@ def _stops_short(size: float) -> Diagnosis:
     return diagnose(Campaign(machine=SERVO, runs=(run,)))
 
 
-@pytest.mark.parametrize("size", [17000.0, 170.0, 1.7])
+@pytest.mark.parametrize("size", [17000.0, 1700.0, 170.0, 17.0])
 def test_backlash_is_found_at_any_size(size: float) -> None:
-    """A servo that misses a degree was no backlash: prior widths ended at a hundred times the usual size."""
+    """A servo that misses a degree was no backlash: the width of its prior was guessed from what the usual one leaves."""
     (found,) = _stops_short(size).findings
     assert (found.name, found.axis) == ("backlash", "C")
     assert found.confidence > 0.7
