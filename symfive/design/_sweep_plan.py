@@ -31,7 +31,7 @@ from symfive.design._relaxed import relax
 from symfive.design._request import check_counts, interest_of, task_of
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import make_space
-from symfive.design._sweep_search import Grid, best_way, grid_of, positions_of, refined_way
+from symfive.design._sweep_search import Grid, best_way, draw, grid_of, positions_of, refined_way
 from symfive.design._sweeps import SHORTEST, Sweep, Sweeps
 from symfive.design._write import SCHEMA, write_recordings
 from symfive.effects import Effect
@@ -48,9 +48,18 @@ from symfive.threads import one_thread
 
 __all__ = ["SweepCertificate", "SweepPlan", "plan_sweeps"]
 
-INSTRUMENTS = {"r_test": "R-test", "ball_bar": "ball bar"}
-POSES = {"r_test": 200, "ball_bar": 2000}
-"""Poses at rest by which a mounting is chosen, and with which sweeps are compared; those of a bar have two more variables."""
+
+@dataclass(frozen=True)
+class _Kind:
+    """An instrument: its `name`, the `poses` at rest by which its mounting is chosen and with which its sweeps are compared, and
+    the sweeps `drawn` at random beside those of the grid, which is coarse where a bar adds two variables."""
+
+    name: str
+    poses: int
+    drawn: int
+
+
+INSTRUMENTS = {"r_test": _Kind("R-test", 200, 0), "ball_bar": _Kind("ball bar", 2000, 10_000)}
 SPEEDS = (5.0, 10.0, 20.0)
 SLOW_S = 1.0
 """Correlation time of the slow noise where none is given, s: `identify` finds 0.27 µm and 1.07 s, beside 0.30 µm of white noise,
@@ -157,7 +166,7 @@ class SweepPlan(OnScreen):
         ball = tuple(round(v) for v in run.table_ball)
         bar = "" if run.length is None else f", bar {run.length:g} mm"
         head = [
-            f"{INSTRUMENTS[self.instrument]} in motion, {len(self.stops) - 1} sweeps at {self.speed:g} °/s in one "
+            f"{INSTRUMENTS[self.instrument].name} in motion, {len(self.stops) - 1} sweeps at {self.speed:g} °/s in one "
             f"recording of {run.duration:.0f} s, {self.minutes:.1f} min with set-up",
             f"  ball at {ball} mm, tool {-run.tool_ball[2]:g} mm{bar}",
         ]
@@ -196,7 +205,7 @@ def plan_sweeps(
         raise InputError(
             f"{minutes:g} min leave no time beside the mounting, {SETUP_S / 60.0:g} min", remedy="give more minutes"
         )
-    (setup,), ((length,),) = best_setups(space, task, 1, READINGS, pose_grid(space, POSES[instrument]))
+    (setup,), ((length,),) = best_setups(space, task, 1, READINGS, pose_grid(space, INSTRUMENTS[instrument].poses))
     sweeps = Sweeps(space, setup, float(length), noise, rate_hz)
     goal = Goal(
         task.criterion, np.array([sweeps.model.index[names[i]] for i in task.interest]), sweeps.model.prior_sigma
@@ -231,6 +240,7 @@ def _searched(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: floa
     """Speed and stops of the best recording found. Raises `InputError` where no sweep is possible."""
     positions, step = positions_of(sweeps)
     speed = _best_speed(sweeps, goal, positions, speeds, seconds)
+    draw(sweeps, INSTRUMENTS[sweeps.space.instrument].drawn, speed)
     stops: list[Array] = []
     for _ in range(ROUNDS):
         grid = grid_of(sweeps, positions, step, _ends(sweeps, positions), speed)
@@ -317,7 +327,7 @@ def _certified(
 def _at_rest(sweeps: Sweeps, task: Task, seconds: float) -> float:
     """The lowest ψ of poses at rest in this mounting, with weights of any size, each in the workspace's `seconds_per_pose`."""
     space, length = sweeps.space, np.array([[sweeps.length]])
-    candidates = candidates_in(space, sweeps.setup[None], length, pose_grid(space, POSES[space.instrument]))
+    candidates = candidates_in(space, sweeps.setup[None], length, pose_grid(space, INSTRUMENTS[space.instrument].poses))
     return relax(task, candidates, 1, seconds / space.machine.workspace.seconds_per_pose).bound
 
 

@@ -19,7 +19,7 @@ from symfive.arrays import Array, Flags
 from symfive.design._circles import Goal
 from symfive.design._sweeps import Sweep, Sweeps
 
-__all__ = ["Grid", "best_way", "grid_of", "positions_of", "refined_way"]
+__all__ = ["Grid", "best_way", "draw", "grid_of", "positions_of", "refined_way"]
 
 MOST_POSITIONS, FEWEST_LEVELS = 48, 5
 """Positions of the grid, between any two of which a sweep is offered, and of every variable."""
@@ -66,6 +66,14 @@ def positions_of(sweeps: Sweeps) -> tuple[Array, Array]:
         found, steps = finer, np.array([level[1] - level[0] for level in levels])
     picked = np.sort(np.random.default_rng(0).permutation(len(found))[:MOST_POSITIONS])
     return np.round(found[picked], DIGITS), steps
+
+
+def draw(sweeps: Sweeps, count: int, speed: float) -> None:
+    """Offer sweeps between random positions, of which a variable turns or stays by chance."""
+    generator = np.random.default_rng(0)
+    for _ in range(count):
+        start, there = np.round(generator.uniform(sweeps.low, sweeps.high, (2, len(sweeps.low))), DIGITS)
+        sweeps.between(start, np.where(generator.random(len(start)) < 0.5, start, there), speed)
 
 
 def grid_of(sweeps: Sweeps, positions: Array, step: Array, ends: Flags, speed: float) -> Grid:
