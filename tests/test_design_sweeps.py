@@ -16,7 +16,7 @@ import pytest
 from plant import NoiseOptions, simulate_run
 from scipy.stats import chi2
 
-from symfive.campaign import Campaign, Run, SetupSigma, read_campaign
+from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign_files
 from symfive.cli import main
 from symfive.design import SweepPlan, assess, plan_sweeps
 from symfive.errors import InputError
@@ -255,6 +255,12 @@ def test_plant_is_identified_within_the_stated_uncertainty(folder: Path, made: S
 def test_plant_read_by_a_bar_is_identified_within_the_stated_uncertainty(bar: SweepPlan, tmp_path: Path) -> None:
     bar.write(tmp_path / "bar", nc=())
     _compare_with_the_plant(tmp_path / "bar", bar)
+    campaign, _ = measured(tmp_path / "bar", 1)
+    (tmp_path / "measured").mkdir()
+    write_campaign_files(campaign, tmp_path / "measured")
+    arguments = ["identify", str(tmp_path / "measured"), "-o", str(tmp_path / "r")]
+    assert main([*arguments, "--effects", str(tmp_path / "bar" / "plan.json"), "--no-figures", "--quiet"]) == 0
+    assert "latency.delay_ms" in json.loads((tmp_path / "r" / "identification.json").read_text())["parameters"]
 
 
 def _compare_with_the_plant(folder: Path, made: SweepPlan) -> None:
@@ -280,8 +286,6 @@ def test_without_lag_the_geometry_is_wrong(folder: Path, made: SweepPlan) -> Non
 
 
 def test_command_line_frees_the_effects_of_the_plan(folder: Path, tmp_path: Path) -> None:
-    from symfive.campaign import write_campaign_files
-
     campaign, truth = measured(folder, 1)
     (tmp_path / "measured").mkdir()
     write_campaign_files(campaign, tmp_path / "measured")
