@@ -1,11 +1,13 @@
-"""R-tests in motion against R-tests at rest in the same minutes, and what the independent plant says of the promised 1σ.
+"""Instruments in motion against themselves at rest in the same minutes, and what the independent plant says of the promised 1σ.
 
     python benchmarks/sweeps.py                      # two criteria, five machines, 40 machines drawn from the priors for each
     python benchmarks/sweeps.py --quick              # one machine, 5 drawn
     python benchmarks/sweeps.py table-bc --minutes 8
+    python benchmarks/sweeps.py table-bc --instrument ball_bar --poses 48
 
 By machine and criterion: the certified efficiency of the sweeps, and how many times as large the variance (criterion, per
-parameter) of the plan at rest is, by `assess` with white noise only (which favours it), and of poses with weights of any size.
+parameter) of the plan at rest is, by `assess` with white noise only (which favours it), and of poses with weights of any size;
+`--poses`: the plan at rest has so many, in as many minutes as they take.
 Then the plant (`tests/plant`: own chain, own drives) draws errors and set-up from the priors, position gains (10 %), a delay
 (5 ms) and slow noise (0.3 µm, 1 s), reads the recording, and symfive identifies: rms of errors over stated and over promised
 1σ, and the share of 95 % intervals that hold the truth.
@@ -48,19 +50,22 @@ def read(plant: Plant, made: SweepPlan, names: list[str], seed: int) -> tuple[Ca
     for axis in data["axes"].values():
         if "drive" in axis:
             axis["drive"]["position_gain"] *= 1.0 + GAIN * generator.standard_normal()
+    bar, sigma = run.length is not None, run.setup_sigma_um
     spec = {
-        "id": run.id, "instrument": "r_test", "sampling": "dynamic", "t_s": run.time, "command": run.commands,
-        "table_ball": run.table_ball, "tool_ball": run.tool_ball, "noise_um": run.noise_um,
+        "id": run.id, "instrument": run.instrument[0], "sampling": "dynamic", "t_s": run.time, "command": run.commands,
+        "table_ball": run.table_ball, "tool_ball": run.tool_ball, "noise_um": run.noise_um, "length": run.length or 0.0,
         "setup_um": {
-            "table_ball": [0.0] * 3, "length": 0.0, "zero": list(UNKNOWN_UM * generator.standard_normal(3)),
-            "tool_ball": list(run.setup_sigma_um.tool * generator.standard_normal(3)),
+            "table_ball": list(bar * sigma.table_ball * generator.standard_normal(3)),
+            "length": bar * sigma.length * generator.standard_normal(),
+            "zero": [] if bar else list(UNKNOWN_UM * generator.standard_normal(3)),
+            "tool_ball": list(sigma.tool * generator.standard_normal(3)),
         },
     }  # fmt: skip
     delay = {"effect": "latency", "delay_ms": DELAY_MS * generator.standard_normal()}
     values = simulate_run(
         data, spec, plant.location(truth), plant.motions(truth), [delay], seed=seed, noise_options=NOISE, oversample=FINE
     ).values  # fmt: skip
-    readings = dict(zip(("dx_um", "dy_um", "dz_um"), values.T, strict=True))
+    readings = dict(zip(("dL_um",) if bar else ("dx_um", "dy_um", "dz_um"), values.T, strict=True))
     return Campaign(machine=made.campaign.machine, runs=(run.with_readings(readings),)), truth
 
 
@@ -81,15 +86,18 @@ def covered(plant: Plant, made: SweepPlan, machines: int) -> tuple[float, float,
     )
 
 
-def compare(name: str, minutes: float, machines: int) -> None:
-    """The rows of one machine."""
+def compare(name: str, instrument: str, minutes: float, poses: int | None, machines: int) -> None:
+    """The rows of one machine; `poses` at rest, or as many as take as long."""
     plant = Plant(preset(name))
     for criterion in ("D", "A"):
         start = time.process_time()
-        made = plan_sweeps(name, minutes=minutes, criterion=criterion)
+        made = plan_sweeps(name, instrument=instrument, minutes=minutes, criterion=criterion)
         spent = time.process_time() - start
         assert made.certificate is not None
-        rest = plan(name, minutes=minutes, points=200, starts=1, criterion=criterion, anywhere=False, prove=False)
+        rest = plan(
+            name, instrument=instrument, minutes=None if poses else minutes, points=poses or 200, starts=1,
+            criterion=criterion, anywhere=False, prove=False,
+        )  # fmt: skip
         ratio = math.exp(size(rest.assessment, criterion) - size(made.assessment, criterion))
         stated, promised, share = covered(plant, made, machines)
         print(
@@ -103,8 +111,12 @@ def compare(name: str, minutes: float, machines: int) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse the options and measure."""
-    parser = argparse.ArgumentParser(description="R-tests in motion against R-tests at rest, by the independent plant.")
+    parser = argparse.ArgumentParser(
+        description="Instruments in motion against those at rest, by the independent plant."
+    )
     parser.add_argument("machines", nargs="*", default=list(MACHINES), help="presets with two rotary axes")
+    parser.add_argument("--instrument", default="r_test", choices=("r_test", "ball_bar"))
+    parser.add_argument("--poses", type=int, help="of the plan at rest (default: as many as take the same minutes)")
     parser.add_argument("--minutes", type=float, default=8.0)
     parser.add_argument("--drawn", type=int, default=40, help="machines drawn for each plan")
     parser.add_argument("--quick", action="store_true", help="one machine, 5 drawn")
@@ -114,7 +126,7 @@ def main(arguments: list[str] | None = None) -> int:
         f"{options.minutes:g} min; {drawn} machines drawn; rms of errors over stated and promised 1σ, within 95 % intervals"
     )
     for name in options.machines[: 1 if options.quick else None]:
-        compare(name, options.minutes, drawn)
+        compare(name, options.instrument, options.minutes, options.poses, drawn)
     return 0
 
 

@@ -109,7 +109,7 @@ def test_a_turning_table_is_few_blocks_with_tool_centre_control() -> None:
     """The words stand still but for the table's: from the run-up's end to the run-out's beginning one block."""
     run = rotary_circle(TABLE, axis="C", direction="ccw")[0]
     text = program(TABLE, run, "siemens", CENTRED)
-    inside = text.split("ZERO IT")[1].split("FREE BALL BAR")[0]
+    inside = text.split("THEN RECORD")[1].split("REMOVE BAR")[0]
     blocks = re.findall(r"^G1 (.*) C(\S+) F", inside, re.M)
     assert len({words for words, _ in blocks}) == 1 and len(blocks) < 150
     assert np.abs(np.diff([float(c) for _, c in blocks])).max() > 359.0

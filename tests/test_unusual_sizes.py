@@ -73,3 +73,28 @@ def test_two_bodies_that_grow_in_opposite_ways_are_one_drift() -> None:
     assert result.fit.rms_after_um < 2.0
     assert found.parameters["time_constant_s"].value == pytest.approx(280.0, rel=0.2)
     assert found.parameters["slow_time_constant_s"].value == pytest.approx(900.0, rel=0.2)
+
+
+@pytest.mark.parametrize("sampling", ["static", "dynamic"])
+def test_a_recording_in_which_nothing_moves_is_diagnosed(sampling: str) -> None:
+    """The next test was planned at the feed of axes that stand: a traceback, and nothing was written."""
+    time = 2.0 * np.arange(200.0)
+    drift = 80.0 * (1.0 - np.exp(-time / 150.0)) + np.random.default_rng(8).normal(0.0, 1.0, len(time))
+    run = Run(
+        id="standing", instrument=("laser",), sampling=sampling, time=time, commands={"Z": np.zeros(len(time))},
+        readings={"Z_dev_um": drift}, noise_um=1.0, options={"axis": "Z"},
+    )  # fmt: skip
+    (found,) = diagnose(Campaign(machine=COLUMN, runs=(run,))).findings
+    assert found.coordinate == "t"
+
+
+def test_a_run_without_an_unknown_of_its_own_is_diagnosed() -> None:
+    """An encoder whose zero is known: a table without columns was folded, a traceback."""
+    time = 0.02 * np.arange(300.0)
+    ways = 10.0 * np.sin(1.3 * time)
+    noise = np.random.default_rng(9).normal(0.0, 0.001, len(time))
+    run = Run(
+        id="servo", instrument=("encoder",), sampling="dynamic", time=time, commands={"C": ways},
+        readings={"C_act_deg": ways + noise}, noise_um=0.001, options={"encoder_axes": ["C"]},
+    )  # fmt: skip
+    assert not diagnose(Campaign(machine=SERVO, runs=(run,))).findings

@@ -150,7 +150,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--in-motion",
     is_flag=True,
-    help="Instead of poses at rest, sweeps of the rotary axes in one recording of --minutes (default 8), R-test.",
+    help="Instead of poses at rest, sweeps in one recording of --minutes (default 8); R-test or ball bar.",
 )
 @click.option(
     "--speed",

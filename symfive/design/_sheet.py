@@ -163,7 +163,9 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
             _signs(run),
         ]
     if "touch_probe" not in run.instrument:
-        return [f"Start the program of run {run.id}; it stops where you mount the instrument."]
+        start = f"Start the program of run {run.id}; it stops where you mount the instrument."
+        mount = "Mount the bar and start its recording there, then let the program go on."
+        return [start, *([mount] if "ball_bar" in run.instrument and run.dynamic else [])]
     post = sheet.post
     return [
         f"Sphere of radius {post.sphere_radius:g} mm, tip of radius {post.tip_radius:g} mm, probe switched on, spindle locked.",

@@ -1,9 +1,9 @@
-"""`plan_sweeps`: an R-test read on the way, as one recording of one mounting in given minutes.
+"""`plan_sweeps`: an R-test or a ball bar read on the way, as one recording of one mounting in given minutes.
 
 The rotary axes turn straight from stop to stop at a constant speed, one alone or several together, and the linear axes keep the
-ball in its nest. The mounting is the best one for poses at rest. Decided are the stops, their order, and the speed
-(`_sweep_search`). The certificate compares the recording with optimal seconds on a dense set of sweeps (`relaxed_bound`), as for
-circles: what lies between these is not proved.
+ball in its nest, or the bar at its length; a bar swings with them in its azimuth and elevation. The mounting is the best one for
+poses at rest. Decided are the stops, their order, and the speed (`_sweep_search`). The certificate compares the recording with
+optimal seconds on a dense set of sweeps (`relaxed_bound`), as for circles: what lies between these is not proved.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from symfive.design._reach import Reach
 from symfive.design._relaxed import relax
 from symfive.design._request import check_counts, interest_of, task_of
 from symfive.design._schedule import SETUP_S
-from symfive.design._space import Space, make_space
-from symfive.design._sweep_search import Grid, best_way, grid_of, positions_of, refined_way
+from symfive.design._space import make_space
+from symfive.design._sweep_search import Grid, best_way, draw, grid_of, positions_of, refined_way
 from symfive.design._sweeps import SHORTEST, Sweep, Sweeps
 from symfive.design._write import SCHEMA, write_recordings
 from symfive.effects import Effect
@@ -48,12 +48,25 @@ from symfive.threads import one_thread
 
 __all__ = ["SweepCertificate", "SweepPlan", "plan_sweeps"]
 
+
+@dataclass(frozen=True)
+class _Kind:
+    """An instrument: its `name`, the `poses` at rest by which its mounting is chosen and with which its sweeps are compared, and
+    the sweeps `drawn` at random beside those of the grid, which is coarse where a bar adds two variables."""
+
+    name: str
+    poses: int
+    drawn: int
+
+
+INSTRUMENTS = {"r_test": _Kind("R-test", 200, 0), "ball_bar": _Kind("ball bar", 2000, 10_000)}
 SPEEDS = (5.0, 10.0, 20.0)
 SLOW_S = 1.0
 """Correlation time of the slow noise where none is given, s: `identify` finds 0.27 µm and 1.07 s, beside 0.30 µm of white noise,
 in the circular tests of `tests/data/campaigns/planar-none`. State your own: it prints them for every recording."""
 ROUNDS = 2
-POSES = 200
+READINGS = 200
+"""With which mountings are compared."""
 SAMPLE = 60
 """Sweeps by which speeds are compared."""
 REMEDY = "what helps: a lower speed, a longer tool, more travel, a lower sigma of the errors"
@@ -91,14 +104,15 @@ class SweepCertificate:
 
 @dataclass(frozen=True, repr=False)
 class SweepPlan(OnScreen):
-    """Sweeps in one recording: the `campaign` without readings; `stops` (n, axes), degree, of the axes `rotary`, between which
-    they turn at `speed` degree/s; `effects` that an identification has to free with the geometry (lag and delay); `value` the ψ
-    of `criterion`; `at_rest` by how much the variance of poses at rest is larger in the same mounting and the same minutes, at
-    least; the `assessment` with the correlated `noise`."""
+    """Sweeps in one recording: the `campaign` without readings; `stops` (n, axes), degree, of the rotary `axes` and, of a ball
+    bar, its azimuth and elevation in the workpiece frame, between which they turn at `speed` degree/s; `effects` that an
+    identification has to free with the geometry (lag and delay); `value` the ψ of `criterion`; `at_rest` by how much the variance
+    of poses at rest is larger in the same mounting and the same minutes, at least; the `assessment` with the correlated
+    `noise`."""
 
     campaign: Campaign
     criterion: str
-    rotary: tuple[str, ...]
+    axes: tuple[str, ...]
     stops: Array
     speed: float
     effects: tuple[Effect, ...]
@@ -110,6 +124,11 @@ class SweepPlan(OnScreen):
     notes: tuple[str, ...] = ()
 
     @property
+    def instrument(self) -> str:
+        """What reads."""
+        return self.campaign.runs[0].instrument[0]
+
+    @property
     def minutes(self) -> float:
         """Time of the recording and the mounting."""
         return (SETUP_S + self.campaign.runs[0].duration) / 60.0
@@ -118,10 +137,10 @@ class SweepPlan(OnScreen):
         """plan.json as nested mappings; `effects` as `symfive identify --effects` reads them."""
         noise = self.noise
         return {
-            "schema": SCHEMA, "machine": self.campaign.machine.name, "instrument": "r_test",
+            "schema": SCHEMA, "machine": self.campaign.machine.name, "instrument": self.instrument,
             "criterion": {"name": self.criterion, "value": six_digits(self.value)},
             "certificate": None if self.certificate is None else self.certificate.to_data(),
-            "minutes": six_digits(self.minutes), "speed_deg_per_s": self.speed, "axes": list(self.rotary),
+            "minutes": six_digits(self.minutes), "speed_deg_per_s": self.speed, "axes": list(self.axes),
             "stops_deg": self.stops.tolist(), "variance_at_rest": six_digits(self.at_rest),
             "noise": {"white_um": noise.white, "coloured_um": noise.coloured, "correlation_s": noise.time_constant},
             "effects": [effect_to_data(effect) for effect in self.effects],
@@ -145,12 +164,13 @@ class SweepPlan(OnScreen):
     def __str__(self) -> str:
         run = self.campaign.runs[0]
         ball = tuple(round(v) for v in run.table_ball)
+        bar = "" if run.length is None else f", bar {run.length:g} mm"
         head = [
-            f"R-test in motion, {len(self.stops) - 1} sweeps at {self.speed:g} °/s in one recording of {run.duration:.0f} s, "
-            f"{self.minutes:.1f} min with set-up",
-            f"  ball at {ball} mm, tool {-run.tool_ball[2]:g} mm",
+            f"{INSTRUMENTS[self.instrument].name} in motion, {len(self.stops) - 1} sweeps at {self.speed:g} °/s in one "
+            f"recording of {run.duration:.0f} s, {self.minutes:.1f} min with set-up",
+            f"  ball at {ball} mm, tool {-run.tool_ball[2]:g} mm{bar}",
         ]
-        stops = [" ".join(f"{n} {v:g}°" for n, v in zip(self.rotary, stop, strict=True)) for stop in self.stops]
+        stops = [" ".join(f"{n} {v:g}°" for n, v in zip(self.axes, stop, strict=True)) for stop in self.stops]
         ways = [f"  {before} to {after}" for before, after in itertools.pairwise(stops)]
         return "\n".join(
             [*head, *listed(ways, "plan.stops", 10), *listed(self._says, "plan.notes", 10), str(self.assessment)]
@@ -163,20 +183,21 @@ def plan_sweeps(
     for_: Iterable[str] = (), speeds: Sequence[float] = SPEEDS, noise_um: float = 0.3, coloured_um: float | None = None,
     correlation_s: float = SLOW_S, rate_hz: float = 50.0, setup_sigma: SetupSigma | None = None, certify: bool = True,
 ) -> SweepPlan:  # fmt: skip
-    """The most informative sweeps of the rotary axes in `minutes`, 5 min of mounting included, and their certificate.
+    """The most informative sweeps of the rotary axes, and of a `ball_bar`'s direction, in `minutes`, 5 min of mounting included,
+    and their certificate.
 
-    `speeds` degree/s to choose from, of the axis that turns most; `noise_um` 1σ of the white noise, `coloured_um` (default: as
-    large) and `correlation_s` those of the slow one; `for_` the errors that count (default: all); `setup_sigma` as in `plan`;
-    `certify` compares the recording with a dense set of sweeps. Lag of the drives and delay of the recording are nuisance
-    parameters. Raises `InputError` where nothing can be planned.
+    `speeds` degree/s to choose from, of the axis (or angle of the bar) that turns most; `noise_um` 1σ of the white noise,
+    `coloured_um` (default: as large) and `correlation_s` those of the slow one; `for_` the errors that count (default: all);
+    `setup_sigma` as in `plan`; `certify` compares the recording with a dense set of sweeps. Lag of the drives and delay of the
+    recording are nuisance parameters. Raises `InputError` where nothing can be planned.
     """
     machine, noise = machine_given(machine), _noise_of(noise_um, coloured_um, correlation_s)
-    if instrument != "r_test":
-        raise InputError(f"sweeps with {instrument} are not planned", remedy="use instrument r_test")
+    if instrument not in INSTRUMENTS:
+        raise InputError(f"sweeps with {instrument} are not planned", remedy="use instrument r_test or ball_bar")
     if not speeds or not all(0.0 < speed < math.inf for speed in speeds):
         raise InputError("a speed of the sweeps is not positive", remedy="give speeds in degree/s, as 10")
     check_counts(machine, {})
-    space = make_space(machine, "r_test", noise_um=noise_um, setup_sigma=setup_sigma)
+    space = make_space(machine, instrument, noise_um=noise_um, setup_sigma=setup_sigma)
     names = [p.name for p in space.shared]
     task = task_of(space, criterion, interest_of(names, tuple(for_)), None)
     seconds = 60.0 * minutes - SETUP_S - DWELL_S
@@ -184,8 +205,8 @@ def plan_sweeps(
         raise InputError(
             f"{minutes:g} min leave no time beside the mounting, {SETUP_S / 60.0:g} min", remedy="give more minutes"
         )
-    (setup,), _ = best_setups(space, task, 1, POSES, pose_grid(space, POSES))
-    sweeps = Sweeps(space, setup, noise, rate_hz)
+    (setup,), ((length,),) = best_setups(space, task, 1, READINGS, pose_grid(space, INSTRUMENTS[instrument].poses))
+    sweeps = Sweeps(space, setup, float(length), noise, rate_hz)
     goal = Goal(
         task.criterion, np.array([sweeps.model.index[names[i]] for i in task.interest]), sweeps.model.prior_sigma
     )
@@ -194,9 +215,9 @@ def plan_sweeps(
     value = goal.psi(information)
     certificate = _certified(sweeps, goal, value, run.duration, tuple(sorted(speeds))) if certify else None
     campaign = campaign_of(machine, (run,), "sweeps")
-    at_rest = _at_rest(space, task, sweeps.setup, run.duration)
+    at_rest = _at_rest(sweeps, task, run.duration)
     return SweepPlan(
-        campaign, criterion, tuple(sweeps.rotary), np.stack(stops), speed, sweeps.effects, noise, value, certificate,
+        campaign, criterion, sweeps.names, np.stack(stops), speed, sweeps.effects, noise, value, certificate,
         math.exp(at_rest - value), assess(campaign, effects=sweeps.effects, noise=noise), tuple(_notes(sweeps, speed, speeds)),
     )  # fmt: skip
 
@@ -219,6 +240,7 @@ def _searched(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: floa
     """Speed and stops of the best recording found. Raises `InputError` where no sweep is possible."""
     positions, step = positions_of(sweeps)
     speed = _best_speed(sweeps, goal, positions, speeds, seconds)
+    draw(sweeps, INSTRUMENTS[sweeps.space.instrument].drawn, speed)
     stops: list[Array] = []
     for _ in range(ROUNDS):
         grid = grid_of(sweeps, positions, step, _ends(sweeps, positions), speed)
@@ -302,9 +324,10 @@ def _certified(
     return SweepCertificate(min(1.0, math.exp(bound - value)), bound, len(offered), speeds)
 
 
-def _at_rest(space: Space, task: Task, setup: Array, seconds: float) -> float:
+def _at_rest(sweeps: Sweeps, task: Task, seconds: float) -> float:
     """The lowest ψ of poses at rest in this mounting, with weights of any size, each in the workspace's `seconds_per_pose`."""
-    candidates = candidates_in(space, setup[None], np.zeros((1, 1)), pose_grid(space, POSES))
+    space, length = sweeps.space, np.array([[sweeps.length]])
+    candidates = candidates_in(space, sweeps.setup[None], length, pose_grid(space, INSTRUMENTS[space.instrument].poses))
     return relax(task, candidates, 1, seconds / space.machine.workspace.seconds_per_pose).bound
 
 

@@ -1,4 +1,4 @@
-"""The way of one recording: straight sweeps through positions of the rotary axes, the most informative in the time.
+"""The way of one recording: straight sweeps through positions (`_sweeps`), the most informative in the time.
 
 Every sweep between two positions of a grid adds its information (`_sweeps`) and takes its seconds. A way grows by the position
 that lowers ψ most per time, wherever it is put in; then positions are exchanged, put in and left out as long as ψ falls and the
@@ -19,10 +19,10 @@ from symfive.arrays import Array, Flags
 from symfive.design._circles import Goal
 from symfive.design._sweeps import Sweep, Sweeps
 
-__all__ = ["Grid", "best_way", "grid_of", "positions_of", "refined_way"]
+__all__ = ["Grid", "best_way", "draw", "grid_of", "positions_of", "refined_way"]
 
 MOST_POSITIONS, FEWEST_LEVELS = 48, 5
-"""Positions of the grid, between any two of which a sweep is offered, and of every axis."""
+"""Positions of the grid, between any two of which a sweep is offered, and of every variable."""
 EXACT = 6
 """Changes of a way that are computed, of all that are ranked."""
 LEAST_GAIN = 1e-6
@@ -37,8 +37,9 @@ DIGITS = 2
 
 @dataclass(frozen=True)
 class Grid:
-    """Positions (n, axes), degree, with the information (n, n, k, k) and the seconds (n, n) of the sweeps between them,
-    infinite where there is none; `step` (axes,) degree between positions; `ends` (n,) where the instrument can be mounted."""
+    """Positions (n, variables), degree, with the information (n, n, k, k) and the seconds (n, n) of the sweeps between them,
+    infinite where there is none; `step` (variables,) degree between positions; `ends` (n,) where the instrument can be
+    mounted."""
 
     positions: Array
     matrices: Array
@@ -53,12 +54,11 @@ class Grid:
 
 
 def positions_of(sweeps: Sweeps) -> tuple[Array, Array]:
-    """A grid of positions (n, axes), degree, inside all limits, with the ends of every range; its steps (axes,)."""
-    space = sweeps.space
-    low, high = (np.degrees(bounds[: space.poses]) for bounds in (space.lower, space.upper))
-    found, steps = np.zeros((0, space.poses)), np.zeros(space.poses)
+    """A grid of positions (n, variables), degree, inside all limits, with the ends of every range; its steps (variables,)."""
+    size = len(sweeps.names)
+    found, steps = np.zeros((0, size)), np.zeros(size)
     for count in range(FEWEST_LEVELS, MOST_POSITIONS + 1, 2):
-        levels = [np.linspace(*pair, count) for pair in zip(low, high, strict=True)]
+        levels = [np.linspace(*pair, count) for pair in zip(sweeps.low, sweeps.high, strict=True)]
         finer = np.array(list(itertools.product(*levels)))
         finer = finer[sweeps.reachable(finer)]
         if len(finer) > MOST_POSITIONS and len(found):
@@ -66,6 +66,14 @@ def positions_of(sweeps: Sweeps) -> tuple[Array, Array]:
         found, steps = finer, np.array([level[1] - level[0] for level in levels])
     picked = np.sort(np.random.default_rng(0).permutation(len(found))[:MOST_POSITIONS])
     return np.round(found[picked], DIGITS), steps
+
+
+def draw(sweeps: Sweeps, count: int, speed: float) -> None:
+    """Offer sweeps between random positions, of which a variable turns or stays by chance."""
+    generator = np.random.default_rng(0)
+    for _ in range(count):
+        start, there = np.round(generator.uniform(sweeps.low, sweeps.high, (2, len(sweeps.low))), DIGITS)
+        sweeps.between(start, np.where(generator.random(len(start)) < 0.5, start, there), speed)
 
 
 def grid_of(sweeps: Sweeps, positions: Array, step: Array, ends: Flags, speed: float) -> Grid:

@@ -1,4 +1,9 @@
-"""Sweeps of one mounting: what a straight way of the rotary axes tells while the instrument reads, and how long it takes.
+"""Sweeps of one mounting: what a straight path of the rotary axes, and of a bar's direction, tells while the instrument reads,
+and how long it takes.
+
+A position is what `Space` decides of a pose, in degree: the rotary axes and, of a ball bar, its azimuth and elevation in the
+workpiece frame. The linear axes keep the ball in its nest, or the bar at its length. Circles of a bar and rotary axes that turn
+with the bar radial, axial or tangential (ISO 230-4, ISO 10791-6) are straight paths between such positions.
 
 Rows of a recording are correlated: its noise is white plus a Gauss-Markov part (`symfive.inference`), so reading faster does not
 promise more than it gives. The information of a sweep is that of its whitened rows after a rest at its first position, which is
@@ -24,12 +29,15 @@ from symfive.errors import InputError
 from symfive.inference import Noise, whiten
 from symfive.machine import Machine
 from symfive.model import Model
-from symfive.procedures import DWELL_S, Nominal, checked, through
+from symfive.procedures import DWELL_S, checked, through
 
 __all__ = ["Sweep", "Sweeps", "nuisances"]
 
 LOOKED_AT_DEG = 2.0
 """The limits of a sweep are evaluated so densely; its bodies are tested along the program (`_moves`)."""
+OFF_THE_CUP_DEG = 1.0
+"""More than a pose's least elevation, by as much as `_moves` takes together: on a straight block of the axes a bar that lies on
+the cup's limit would cross it."""
 Ends = tuple[tuple[float, ...], tuple[float, ...]]
 MEMORY = 3.0
 """Correlation times of rest before a sweep after which its noise no longer depends on the beginning."""
@@ -39,7 +47,7 @@ SHORTEST = 2.0
 
 @dataclass(frozen=True)
 class Sweep:
-    """From one position of the rotary axes to another: information (k, k), file units, and the seconds it takes."""
+    """From one position to another: information (k, k), file units, and the seconds it takes."""
 
     matrix: Array
     seconds: float
@@ -62,15 +70,18 @@ def nuisances(machine: Machine) -> tuple[Effect, ...]:
 
 
 class Sweeps:
-    """All sweeps of one mounting: `setup` as in `SETUP_VARIABLES`; `noise` of the readings, `rate_hz` rows per second."""
+    """All sweeps of one mounting: `setup` as in `SETUP_VARIABLES`, `length` of its bar, mm (0 of an R-test); `noise` of the
+    readings, `rate_hz` rows per second. `names` of what turns, from `low` to `high` (variables,), degree."""
 
-    def __init__(self, space: Space, setup: Array, noise: Noise, rate_hz: float) -> None:
-        self.space, self.setup, self.noise, self.rate_hz = space, setup, noise, rate_hz
+    def __init__(self, space: Space, setup: Array, length: float, noise: Noise, rate_hz: float) -> None:
+        self.space, self.setup, self.length, self.noise, self.rate_hz = space, setup, length, noise, rate_hz
         self.machine, self.effects = space.machine, nuisances(space.machine)
-        self.rotary = space.names[: space.poses]
-        self.nominal = Nominal(self.machine)
+        self.names = space.names[: space.poses]
+        self.bar = space.instrument == "ball_bar"
+        self.low, self.high = (np.degrees(bounds[: space.poses]) for bounds in (space.lower, space.upper))
+        self.low[-1] += OFF_THE_CUP_DEG if self.bar else 0.0
         z = np.concatenate([np.zeros(space.poses), setup])
-        self.nest, self.tool_ball = space.table_ball(z), space.tool_ball(z)
+        self.table_ball, self.tool_ball = space.table_ball(z), space.tool_ball(z)
         self.model = Model(
             Campaign(machine=self.machine, runs=(self._run(np.zeros((1, space.poses)), 1.0),)), self.effects
         )
@@ -82,39 +93,38 @@ class Sweeps:
         self._known: dict[tuple[Ends, float], Sweep | None] = {}
 
     def run(self, stops: Array, speed: float) -> Run:
-        """The recording through `stops` (n, axes), degree, at `speed` degree/s. Raises `InputError` where an axis cannot
+        """The recording through `stops` (n, variables), degree, at `speed` degree/s. Raises `InputError` where an axis cannot
         follow."""
         run = self._run(stops, speed)
         return checked(self.machine, run, feed=60.0 * speed, unit="degree/min", place="the speed or the mounting")
 
     def _run(self, stops: Array, speed: float) -> Run:
         time, positions = through(stops, speed, self.rate_hz)
-        turned: dict[str, float | Array] = dict(zip(self.rotary, positions.T, strict=True))
-        target = np.tile(self.nest, (len(time), 1))
-        commands = self.nominal.follow(target, self.tool_ball, turned, "sweeps")
         return Run(
-            id="sweeps", instrument=("r_test",), sampling="dynamic", time=time, commands=commands, table_ball=self.nest,
-            tool_ball=self.tool_ball, noise_um=self.space.noise_um, setup_sigma_um=self.space.setup_sigma,
-            options=self.space.options,
+            id="sweeps", instrument=(self.space.instrument,), sampling="dynamic", time=time,
+            commands=self.space.commands(*self.poses(positions)), table_ball=self.table_ball, tool_ball=self.tool_ball,
+            length=self.length if self.bar else None, noise_um=self.space.noise_um,
+            setup_sigma_um=self.space.setup_sigma, options=self.space.options,
         )  # fmt: skip
 
     def seen(self, run: Run) -> Array:
-        """Whitened slopes (N, 3, k) of the rows of a run that begins after a rest, zero for what it does not depend on. Raises
-        `InputError` where the readings expected leave the sensor's range."""
+        """Whitened slopes (N, readings, k) of the rows of a run that begins after a rest, zero for what it does not depend on.
+        Raises `InputError` where the readings expected leave the sensor's range."""
         line = self.model.linearise(run, self.start)
         slopes = np.zeros((*line.prediction.shape, len(self.start)))
         slopes[:, :, line.columns] = line.jacobian
         spread = SIGMAS_IN_RANGE * np.sqrt(np.square(slopes) @ np.square(self._sizes))
         most = 1e-3 * float((np.abs(line.prediction) + spread).max())
-        if most > self.machine.workspace.stroke(bar=False):
-            problem = f"the readings may reach {most:.2g} mm, beyond the sensor_range"
-            raise InputError(problem, remedy="lower the speed, or raise sensor_range in [workspace]")
+        if most > self.machine.workspace.stroke(bar=self.bar):
+            limit = "bar_stroke" if self.bar else "sensor_range"
+            problem = f"the readings may reach {most:.2g} mm, beyond the {limit}"
+            raise InputError(problem, remedy=f"lower the speed, or raise {limit} in [workspace]")
         before = math.ceil(MEMORY * self.noise.time_constant * self.rate_hz)
         rested = np.concatenate([np.repeat(slopes[:1], before, axis=0), slopes])
         return whiten(rested, self.noise, 1.0 / self.rate_hz)[0][before:]
 
     def between(self, before: Array, after: Array, speed: float) -> Sweep | None:
-        """The sweep from one position (axes,), degree, to another; None where a limit is in the way."""
+        """The sweep from one position (variables,), degree, to another; None where a limit is in the way."""
         key = ((tuple(before), tuple(after)), speed)
         if key not in self._known:
             try:
@@ -151,13 +161,14 @@ class Sweeps:
         return np.asarray(before + share[:, None] * (after - before))
 
     def poses(self, positions: Array) -> tuple[Array, Array]:
-        """Positions (n, axes), degree, as the variables of `Space` and its constants."""
+        """Positions (n, variables), degree, as the variables of `Space` and its constants."""
         z = np.concatenate([np.radians(positions), np.tile(self.setup, (len(positions), 1))], axis=1)
-        return z, np.zeros((len(positions), 1))
+        return z, np.full((len(positions), 1), self.length)
 
     def reachable(self, positions: Array) -> Flags:
-        """Which positions (n, axes), degree, are inside all limits."""
-        return self.space.feasible(*self.poses(positions))
+        """Which positions (n, variables), degree, are inside all limits."""
+        inside: Flags = np.all((positions >= self.low) & (positions <= self.high), axis=1)
+        return inside & self.space.feasible(*self.poses(positions))
 
     def recorded(self, stops: Sequence[Array], speed: float) -> tuple[Run, Array]:
         """The recording through some stops, and its information (k, k)."""

@@ -206,8 +206,8 @@ def _along(direction: Sequence[float]) -> Iterator[str]:
 
 
 def _planar(campaign: Campaign, run: Run) -> bool:
-    """Only linear axes move: then a test can be shifted in space as it is."""
-    return all(
+    """Linear axes alone move: then a test can be shifted in space as it is."""
+    return bool(moving(replace(campaign, runs=(run,)))) and all(
         np.ptp(run.commands[name]) == 0.0 and run.commands[name][0] == 0.0
         for name, axis in campaign.machine.axes.items()
         if axis.rotary

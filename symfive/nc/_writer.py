@@ -91,20 +91,20 @@ class Writer:
         self.seated = False
         found += self.first_moves()
         found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
-        said = "MOUNT BAR, THEN RECORD" if self._pulled else f"SEAT {self._ball}, ZERO IT"
+        said = "MOUNT BAR, THEN RECORD" if self._recorded_bar else f"SEAT {self._ball}, ZERO IT"
         return [*found, Step(kind="stop", text=said)]
 
     def closing(self) -> list[Step]:
         """The stop at which the instrument is freed, and the last moves."""
         self.seated = False
-        found = self.last_moves("STORED? REMOVE BAR" if self._pulled else f"FREE {self._ball}, START")
+        found = self.last_moves("STORED? REMOVE BAR" if self._recorded_bar else f"FREE {self._ball}, START")
         upright = self.circle is not None and self.circle.plane != "XY"
         return [*found, Step(kind="contour", text="XY")] if upright else found
 
     @property
-    def _pulled(self) -> bool:
-        """Whether a bar is mounted pulled out."""
-        return self.circle is not None and self.bar
+    def _recorded_bar(self) -> bool:
+        """Whether a bar is read while it moves: its length is its zero."""
+        return self.run.dynamic and self.bar
 
     @property
     def _ball(self) -> str:

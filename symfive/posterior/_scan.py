@@ -79,7 +79,7 @@ class _Seen:
             flat = self._white(run, self._scaled(run, line.jacobian[:, :, own] * sigma[where]))
             residual = self._white(run, self._scaled(run, np.array(fit.residuals[run.id])[:, :, None]))
             self._twice[run.id] = self._white(run, residual[::-1])[::-1, :, 0]
-            self._fitted[run.id] = where, flat.reshape(-1, flat.shape[2])
+            self._fitted[run.id] = where, flat.reshape(residual.size, flat.shape[2])
             self._residual[run.id] = residual.ravel()
             self._normal[np.ix_(where, where)] += self._fitted[run.id][1].T @ self._fitted[run.id][1]
             self._slope[where] += self._fitted[run.id][1].T @ self._residual[run.id]
