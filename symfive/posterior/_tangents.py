@@ -154,7 +154,7 @@ def compressed(
     cross = [np.zeros((geometry, size)) for size in sizes]
     own = [np.zeros((size, size)) for size in sizes]
     for run, (base, setup) in zip(model.campaign.runs, bases, strict=True):
-        flat = base.reshape(-1, base.shape[2])
+        flat = base.reshape(base.shape[0] * base.shape[1], base.shape[2])
         gram = flat.T @ flat
         factor = np.linalg.cholesky(gram[:setup, :setup] + np.eye(setup))
         mixed = np.linalg.solve(factor, gram[:setup, setup:])
