@@ -242,13 +242,14 @@ NUMBERS = [i if i in FIRST else pytest.param(i, marks=pytest.mark.slow) for i in
 def test_every_effect(eager, number) -> None:
     model = model_of(number)
     run = next(run for run in model.campaign.runs if model.effects[-1].applies(run))
-    function, arguments = model._arguments(run, around(model))
-    inputs = model._clocks(run, function, around(model))[0].inputs
+    function, values = model._function(run), around(model)
+    arguments = values[[model.index[name] for name in function.shared]], *model._numbers(run, values)
+    inputs = model._clocks(run, function, values)[0].inputs
     fresh = replace(function, _mapped={})
     for slopes in (True,) if number in FIRST else (True, False):
         expected = interpreted(function._table(slopes), (1, 2, 3), inputs, *arguments)[0]
         fresh.evaluate(inputs, *arguments, slopes=slopes)
-        assert fresh._mapped[slopes].compiled, status().refused
+        assert fresh._mapped[slopes, (1, 2, 3)].compiled, status().refused
         assert same(fresh.evaluate(inputs, *arguments, slopes=slopes).reshape(expected.shape), expected)
         assert same(by_columns(function._table(slopes), (1, 2, 3), inputs, *arguments)[0], expected)
 
