@@ -90,7 +90,7 @@ def test_a_step_to_where_there_are_no_readings_is_shortened(circles: Campaign, s
     model, refused = model_of(circles), list[float]()
     linearise, gain = model.linearise, model.index[GAIN]
 
-    def fenced(run, values):
+    def fenced(run, values, ahead=False):
         if values[gain] < plain[GAIN] - 2.0 * plain.uncertainty(GAIN):
             refused.append(values[gain])
             raise EvaluationError("too far")
