@@ -256,7 +256,7 @@ def test_sweep_is_the_direct_evidence_in_the_best_width(
     for k, mass, width in list(zip(chosen, swept, widths, strict=True))[::5]:
         each = {w: log_evidence(moments, [*members, (k, w)]) for w in widths_of(moments, k)}
         assert mass == pytest.approx(each[width].total, abs=0.03)
-        if moments.terms[k].form.proportional(moments.fit.model.campaign):
+        if moments.proportional[k]:
             odds = {w: e.by_node[node] + log_width(w, widths_of(moments, k)) for w, e in each.items()}
             assert odds[width] == pytest.approx(max(odds.values()), abs=1e-2)
 

@@ -53,9 +53,10 @@ def test_an_axis_that_goes_too_far_is_not_advised_to_be_compensated_more() -> No
             id="laser", instrument=("laser",), sampling="static", time=4.0 * np.arange(len(ways)), commands={"X": ways},
             readings={"X_dev_um": readings}, noise_um=0.1, options={"axis": "X"},
         )  # fmt: skip
-        (found,) = diagnose(Campaign(machine=STAGE, runs=(run,))).findings
+        result = diagnose(Campaign(machine=STAGE, runs=(run,)))
+        (found,) = result.findings
         assert found.name == "backlash"
-        assert word in " ".join(str(diagnose(Campaign(machine=STAGE, runs=(run,)))).split())
+        assert word in " ".join(str(result).split())
 
 
 def test_two_bodies_that_grow_in_opposite_ways_are_one_drift() -> None:

@@ -290,13 +290,11 @@ class Diagnosis(OnScreen):
     def _summary(self) -> str:
         if self.mismatch:
             return " ".join([*(f.says for f in self.findings), *self.doubts])
-        left, ratio = plain_number(self.fit.rms_after_um, self.after.unit), plain_number(self.noise_ratio)
+        left = plain_number(self.fit.rms_after_um, self.after.unit)
         text = f"None of the {len(self.observability)} effects tested is significant (residual {left} {self.after.unit} rms)."
-        if self.noise_ratio > EXPLAINED:
-            return (
-                f"{text} It is {ratio} times the declared noise: slow noise of the instrument, or an effect that these "
-                "recordings cannot locate."
-            )
+        if self._beyond_noise:
+            beyond = "slow noise of the instrument, or an effect that these recordings cannot locate"
+            return f"{text} It is {self._beyond_noise}: {beyond}."
         return f"{text} The model explains the readings down to the declared noise."
 
     def _warned(self, said: str) -> str:
@@ -307,6 +305,11 @@ class Diagnosis(OnScreen):
     def noise_ratio(self) -> float:
         """What is left, in declared noise."""
         return float(np.sqrt(max(self.fit.chi2_dof_after, 0.0)))
+
+    @property
+    def _beyond_noise(self) -> str:
+        """How large the residual is where it is more than noise, else nothing."""
+        return f"{plain_number(self.noise_ratio)} times the declared noise" if self.noise_ratio > EXPLAINED else ""
 
     @property
     def by_share(self) -> list[Finding]:
@@ -355,18 +358,14 @@ class Diagnosis(OnScreen):
         names = [finding.title[:1].lower() + finding.title[1:] for finding in self.by_share]
         if names:
             faults = "Fault found" if len(names) == 1 else f"{len(names)} faults found"
-            rest = " Part of the deviation is not explained." if self.unnamed else self._left
+            left = f" The residual is {self._beyond_noise}." if self._beyond_noise else ""
+            rest = " Part of the deviation is not explained." if self.unnamed else left
             return f"{faults}: {'; '.join(names)}.{rest}"
         if self.mismatch:
             return "The model does not explain these readings, and no effect of the catalogue does."
-        explained = ": the model explains these readings down to the noise."
-        return f"No fault found{f', but the{self._left[4:]}' if self._left else explained}"
-
-    @property
-    def _left(self) -> str:
-        """A sentence on a residual beyond the noise."""
-        ratio = plain_number(self.noise_ratio)
-        return f" The residual is {ratio} times the declared noise." if self.noise_ratio > EXPLAINED else ""
+        if self._beyond_noise:
+            return f"No fault found, but the residual is {self._beyond_noise}."
+        return "No fault found: the model explains these readings down to the noise."
 
     def __str__(self) -> str:
         lines = wrapped("", self.verdict)

@@ -98,12 +98,13 @@ def kind_of(run: Run) -> tuple[object, ...]:
 
 
 def assembled(
-    machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool
-) -> RowFunction:
-    """`assemble`, once for all runs and models of a machine that ask for the same: a search tries each effect many times."""
-    own = tuple((p.quantity, p.scale) for p in parameters if run.owns(p))
+    machine: Machine, run: Run, effects: Sequence[Effect], parameters: Sequence[Parameter], linear: bool,
+    kind: tuple[object, ...],
+) -> RowFunction:  # fmt: skip
+    """`assemble`, once for all runs of a `kind` and models of a machine that ask for the same: a search tries each effect many
+    times."""
     shared = tuple((p.name, p.scale) for p in parameters if not p.of_setup)
-    key = (id(machine), *kind_of(run), own, shared, tuple(effects), linear)
+    key = (id(machine), kind, shared, tuple(effects), linear)
     with _LOCK:
         kept = _KEPT.get(key)
         if kept is None:

@@ -266,11 +266,12 @@ class Model(OnScreen):
         found = self._functions.get(run)
         if found is None:
             acting = tuple(effect.applies(run) for effect in self.effects)
-            kind = (*kind_of(run), acting, self._own(run))
-            if kind not in self._kinds:
+            kind = (*kind_of(run), self._own(run))
+            if (kind, acting) not in self._kinds:
                 effects = [effect for effect, acts in zip(self.effects, acting, strict=True) if acts]
-                self._kinds[kind] = assembled(self.machine, run, effects, self.parameters, self.linear)
-            found = self._functions[run] = self._kinds[kind]
+                made = assembled(self.machine, run, effects, self.parameters, self.linear, kind)
+                self._kinds[kind, acting] = made
+            found = self._functions[run] = self._kinds[kind, acting]
         return found
 
     def _own(self, run: Run) -> tuple[tuple[str, float], ...]:

@@ -31,6 +31,7 @@ class Together:
 
     def __init__(self, runs: Sequence[Run]) -> None:
         self._runs = [run for run in runs if run.rows < FEW]
+        self._place = {run: place for place, run in enumerate(self._runs)}
         self._kept: dict[int, tuple[bytes, dict[str, list[Array]]]] = {}
 
     def tables(
@@ -39,7 +40,7 @@ class Together:
     ) -> list[Array]:  # fmt: skip
         """Readings and slopes (N, ny, 1 + …) of a run by its clocks, handed out once; nothing for a run that is evaluated alone.
         `function` and `given` say what belongs to a run, `shared` are the function's parameters that all runs share."""
-        if not any(run is each for each in self._runs):
+        if run not in self._place:
             return []
         own, stamp = function(run), vector.tobytes()
         known, tables = self._kept.get(id(own), (b"", {}))
@@ -50,10 +51,9 @@ class Together:
 
     def _from(self, run: Run, own: RowFunction, function: Callable[[Run], RowFunction]) -> Iterator[Run]:
         """A run and those of the same function behind it, as many as one call takes."""
-        rows, begun = 0, False
-        for each in self._runs:
-            begun = begun or each is run
-            if begun and function(each) is own:
+        rows = 0
+        for each in self._runs[self._place[run] :]:
+            if function(each) is own:
                 rows += each.rows
                 if rows > MOST:
                     return

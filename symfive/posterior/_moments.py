@@ -99,6 +99,11 @@ class Moments:
             found.append(Alike(tuple(numbers), where, amplitude, departure, np.array([c.exact for c in own]), gram))
         return tuple(found)
 
+    @cached_property
+    def proportional(self) -> tuple[bool, ...]:
+        """Of every term whether the readings are proportional to its amplitudes."""
+        return tuple(term.form.proportional(self.fit.model.campaign) for term in self.terms)
+
     @property
     def size(self) -> int:
         """Columns, the residual's included."""

@@ -274,11 +274,7 @@ def _promising(posterior: Posterior, subset: Subset) -> bool:
 def _linear(moments: Moments, term: int) -> bool:
     """Whether the moments hold all of a form: no other shape, and nothing to be found beside its amplitudes."""
     form = moments.terms[term].form
-    return (
-        form.proportional(moments.fit.model.campaign)
-        and not form.shapes
-        and bool(moments.columns[term].amplitude.all())
-    )
+    return moments.proportional[term] and not form.shapes and bool(moments.columns[term].amplitude.all())
 
 
 def _classified(form: Form, fit: Identification) -> Form:

@@ -90,7 +90,7 @@ class Sweep:
         """The widths to try for a term, of which the narrowest leaves amplitudes of such a size. Slopes of which the readings are
         not proportional to the amplitudes say nothing of sizes far from theirs."""
         widths = widths_of(self.moments, number)
-        if self.moments.terms[number].form.proportional(self.moments.fit.model.campaign):
+        if self.moments.proportional[number]:
             return widths
         return (nearest_width(float(np.sqrt(np.mean(narrow**2))) if narrow.size else 0.0, widths),)
 
