@@ -6,7 +6,7 @@ posterior = explore(moments)              subsets of terms: birth, death, swap, 
 posterior = polish(before, candidates)    exact refits of the best few, relinearised, until converged
 coarse    = coarsened(posterior)          tempered by the misfit that no named effect explains, and by what they make worse
 verdicts  = decide(posterior, coarse)     one rule from stated losses: name, class, unknown, nothing
-verdicts  = verdicts_on(posterior)        both, until what is left without a name counts as misfit
+verdicts  = verdicts_on(posterior)        both, until all that stays unidentified counts as misfit
 """
 
 from symfive.posterior._about import moments_about

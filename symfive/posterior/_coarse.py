@@ -37,7 +37,7 @@ SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 def coarsened(posterior: Posterior, unnamed: Collection[int] = ()) -> Posterior:
     """The posterior over the same terms by the coarsened likelihood; the same one where all that stays is noise. `unnamed` are
-    members (numbers of terms) that stand for a cause without a name.
+    members (numbers of terms) that are taken for unidentified effects.
 
     Slow noise of a size that instruments hardly have may be no noise: then it belongs to what stays.
     """
@@ -120,8 +120,7 @@ def contradicted(after: Identification, node: Node, kappa2: float) -> float:
 
 
 def misfit(moments: Moments, subset: Subset, unnamed: Collection[int] = ()) -> float:
-    """M of a subset: what its members without a name are wrong by, unidentified ones and the `unnamed`, and what no member
-    explains."""
+    """M of a subset: what its unidentified members and the `unnamed` ones are wrong by, and what no member explains."""
     evidence = log_evidence(moments, subset)
     open_ = [t in unnamed or moments.terms[t].effect.unidentified for t, _ in subset]
     energies = explained(moments, subset, evidence)

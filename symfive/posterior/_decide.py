@@ -51,7 +51,7 @@ class Verdict:
 
 
 def verdicts_on(posterior: Posterior) -> tuple[Verdict, ...]:
-    """The verdicts on what the fit holds (`decide`) by the coarsened likelihood. A member that they leave without a name is an
+    """The verdicts on what the fit holds (`decide`) by the coarsened likelihood. A member that they leave unnamed is an
     unidentified effect, and what that may be wrong by counts against the names of all others, until no further name falls."""
     unnamed, terms = set[int](), posterior.moments.terms
     while True:

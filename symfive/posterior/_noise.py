@@ -60,8 +60,8 @@ class Node:
 def nodes_of(longest: float, interval: float = 0.0, readings: int = 1) -> tuple[Node, ...]:
     """White noise with a prior of ½; coloured ones share the rest, larger ones less: exp(-size/`USUAL`), E. T. Jaynes 1957.
 
-    Noise that so many readings, an interval apart, cannot tell from white noise, whose scale is free, counts as white: the first
-    harmonic of its spectrum, 2φ·cos ω, changes the log evidence of n readings by n·φ²/2 or less.
+    Noise that so many readings, an interval apart, cannot distinguish from white noise, whose scale is free, counts as white:
+    the first harmonic of its spectrum, 2φ·cos ω, changes the log evidence of n readings by n·φ²/2 or less.
     """
     pairs = [(size, share * max(longest, 1e-9)) for size in SIZES for share in SHARES]
     weight = np.exp(-np.array([size for size, _ in pairs]) / USUAL)
