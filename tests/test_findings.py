@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_outliers import NOISE_UM, TARGETS, campaign
 
 from symfive.campaign import read_campaign
-from symfive.diagnose import Finding, amend, facts_of, findings_of, locate
+from symfive.diagnose import Finding, amend, diagnose, facts_of, findings_of, locate
 from symfive.effects import EFFECTS, Form, make_effect
 from symfive.posterior import (
     Expansion,
@@ -66,3 +67,30 @@ def test_an_unidentified_cause_over_one_coordinate_of_a_run_is_one_finding() -> 
 def test_what_has_a_name_or_acts_in_another_run_is_a_finding_of_its_own(names: tuple, elsewhere: bool) -> None:
     found, _ = _found(names, elsewhere)
     assert [finding.further for finding in found] == [(), ()]
+
+
+def test_what_a_law_is_off_by_is_fitted_and_said_with_it() -> None:
+    """A bow that is no polynomial of the catalogue: the law alone would predict the readings worse than is believed."""
+    rng, way = np.random.default_rng(3), np.concatenate([TARGETS, TARGETS[::-1]])
+    place = (way - 150.0) / 160.0
+    bent = 30.0 * place**2 * np.sign(place) + 3.0 * np.sin(5.0 * place) * place
+    found = diagnose(campaign([bent + NOISE_UM * rng.standard_normal(len(way)) for _ in range(5)]))
+    (finding,) = found.findings
+    ((effect, _),) = finding.discrepancies
+    assert found.fit.rms_after_um == pytest.approx(NOISE_UM, rel=0.05)
+    values = found.after.values.copy()
+    for p in effect.parameters(found.after.model.campaign):
+        values[found.after.model.index[p.name]] = 0.0
+    lawful = found.after.problem().residuals_at(values)
+    assert np.sqrt(np.mean([np.mean(r**2) for r in lawful.values()])) > 2.0 * found.fit.rms_after_um
+    assert finding.to_data()["discrepancies"][0]["form"] == effect.key
+    assert "discrepancy 0.9" in facts_of(finding, found.after)["how large"]
+    assert effect in finding.effects  # what is corrected together
+
+
+def test_a_law_that_holds_has_no_discrepancy() -> None:
+    rng, way = np.random.default_rng(3), np.concatenate([TARGETS, TARGETS[::-1]])
+    wave = 4.0 * np.sin(2.0 * np.pi * way / 70.0)
+    found = diagnose(campaign([wave + NOISE_UM * rng.standard_normal(len(way)) for _ in range(5)]))
+    (finding,) = found.findings
+    assert (finding.name, finding.discrepancies) == ("transmission_error", ())

@@ -5,7 +5,7 @@
 left out in turn, `withdraw` and `held_out` on a part that takes no part in any fit.
 """
 
-from symfive.diagnose._cross_validation import cross_validated
+from symfive.diagnose._cross_validation import Fit, cross_validated
 from symfive.diagnose._detect import Detection, Disagreement, Test, detect, log_tail
 from symfive.diagnose._diagnose import diagnose
 from symfive.diagnose._findings import amend, findings_of, model_averaged, moved
@@ -14,7 +14,7 @@ from symfive.diagnose._hold_out import WORSE, HoldOut, Withdrawn, held_out, held
 from symfive.diagnose._intervals import Interval, direction_of, intervals_of
 from symfive.diagnose._locate import Location, Observability, Suspect, locate, located
 from symfive.diagnose._next_test import next_test, possible_tests
-from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, Fit, RivalName
+from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, RivalName
 from symfive.diagnose._split import Split, first_half, parted, runs_of
 from symfive.diagnose._stretches import stretches_of
 from symfive.diagnose._words import facts_of, place_words, sentence_of

@@ -3,22 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from symfive.arrays import Array
 from symfive.diagnose._groups import way
-from symfive.diagnose._result import Fit
+from symfive.diagnose._hold_out import WORSE
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.inference import gauss_newton
 from symfive.model import Model
+from symfive.numbers import change, plain_number
 from symfive.threads import one_thread
 
-__all__ = ["cross_validated"]
+__all__ = ["Fit", "cross_validated"]
 
 FOLDS = 4
+BEYOND = 1.5
+"""Held-out readings predicted so many times worse than fitted ones are reported."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Quality before and after: rms over all readings, excluded outliers too; χ² over those that each fit kept; the held-out
+    part by leaving out runs in turn, `heldout_by` a whole feed or place at a time: what → (before, after), µm."""
+
+    rms_before_um: float
+    rms_after_um: float
+    chi2_dof_before: float
+    chi2_dof_after: float
+    heldout_rms_before_um: float | None
+    heldout_rms_after_um: float | None
+    heldout_by: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def doubts(self, unit: str) -> tuple[str, ...]:
+        """What speaks against the findings: held-out readings that are predicted worse with them, or far worse than those that
+        were fitted."""
+        runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
+        said = []
+        for what, (before, after) in {"run": runs, **self.heldout_by}.items():
+            if before is None or after is None:
+                continue
+            one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"
+            if after > (1.0 + WORSE) * before:
+                advice = "treat them as a hint, not as proven" if what == "run" else beyond
+                said.append(f"{one} is predicted worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
+            elif after > BEYOND * self.rms_after_um:
+                sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
+                said.append(
+                    f"{one} is predicted to {sizes[0]} {unit} rms only; the fitted readings leave {sizes[1]} {unit}: "
+                    + (
+                        "the other runs do not determine all its errors, or the machine changes from run to run."
+                        if what == "run"
+                        else f"{beyond}."
+                    )
+                )
+        return tuple(said)
 
 
 @one_thread

@@ -25,7 +25,6 @@ from symfive.posterior import (
     Posterior,
     Subset,
     Verdict,
-    fitted,
     log_evidence,
     refitted,
     solution,
@@ -103,10 +102,12 @@ def findings_of(
 
 @dataclass(frozen=True)
 class _Cause:
-    """One cause: its `verdicts`, the largest first, their `effects`, and what these do to the readings (run → (N, ny))."""
+    """One cause: its `verdicts`, the largest first, their `effects`, what these are off by, `discrepancies`, and what all do to
+    the readings (run → (N, ny))."""
 
     verdicts: tuple[Verdict, ...]
     effects: tuple[Effect, ...]
+    discrepancies: tuple[Effect, ...]
     contribution: Mapping[str, Array]
 
     @property
@@ -138,10 +139,13 @@ def _size(contribution: Array) -> float:
 
 def _causes(posterior: Posterior, here: Expansion, verdicts: Sequence[Verdict]) -> list[_Cause]:
     """The verdicts as causes, the unidentified ones that share a run together."""
-    problem, groups = here.fit.problem(), list[list[_Cause]]()
+    problem, groups, told = here.fit.problem(), list[list[_Cause]](), set[str]()
     for verdict in verdicts:
         effect = posterior.moments.terms[verdict.term].effect
-        cause = _Cause((verdict,), (effect,), problem.contribution(effect, here.fit.values))
+        beside = [form.effect for form in here.discrepancies_of([effect.key]) if form.effect.key not in told]
+        told |= {each.key for each in beside}  # of two laws over one coordinate it is said with the first
+        parts = [problem.contribution(each, here.fit.values) for each in (effect, *beside)]
+        cause = _Cause((verdict,), (effect,), tuple(beside), _sum(parts))
         joined, apart = [cause], list[list[_Cause]]()
         for group in groups:
             if any(map(cause.beside, group)):
@@ -155,8 +159,14 @@ def _causes(posterior: Posterior, here: Expansion, verdicts: Sequence[Verdict]) 
 def _together(causes: Sequence[_Cause]) -> _Cause:
     """Several causes as one."""
     ranked = sorted(causes, key=lambda cause: -sum(map(_size, cause.contribution.values())))
-    total = {run: np.sum([c.contribution[run] for c in ranked], axis=0) for run in ranked[0].contribution}
-    return _Cause(tuple(c.verdicts[0] for c in ranked), tuple(c.effects[0] for c in ranked), total)
+    verdicts, effects = tuple(c.verdicts[0] for c in ranked), tuple(c.effects[0] for c in ranked)
+    beside = tuple(chain.from_iterable(c.discrepancies for c in ranked))
+    return _Cause(verdicts, effects, beside, _sum([c.contribution for c in ranked]))
+
+
+def _sum(contributions: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Run → (N, ny) of several contributions together."""
+    return {run: np.sum([each[run] for each in contributions], axis=0) for run in contributions[0]}
 
 
 def _shares(
@@ -173,8 +183,7 @@ def _shares(
 
     def with_only(joined: frozenset[str]) -> Identification:
         if joined not in fits:
-            kept = [e for e in after.model.added if e.key not in keys - joined]
-            fits[joined] = fitted(Model(after.model.campaign, kept), [after.named], here.node, here.kappa2, after)
+            fits[joined] = here.without(keys - joined).fit
         return fits[joined]
 
     def left(joined: frozenset[str]) -> float:
@@ -215,6 +224,7 @@ def _finding(
         visible=next((o.visible for o in location.observability if o.form == effect.key), 1.0),
         alias=tuple(alias), by_experience=verdict.by_experience, sigmas=_sigmas_from_nothing(after, effect),
         further=tuple((e, e.describe(campaign, after.named, _covariance(after, e))) for e in cause.effects[1:]),
+        discrepancies=tuple((e, e.describe(campaign, after.named, _covariance(after, e))) for e in cause.discrepancies),
     )  # fmt: skip
     test = asked(posterior, here, verdict)
     says = sentence_of(draft, after)

@@ -17,7 +17,7 @@ from symfive.identify import Identification
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 from symfive.numbers import change, unit_words
-from symfive.posterior import Expansion, fitted
+from symfive.posterior import Expansion
 from symfive.threads import one_thread
 
 __all__ = [
@@ -148,9 +148,9 @@ def _set_up(model: Model, known: Mapping[str, float], strange: Sequence[str]) ->
 def withdraw(
     here: Expansion, before: Identification, campaign: Campaign, split: Split
 ) -> tuple[Expansion, tuple[Withdrawn, ...]]:
-    """The fit without the effects that make the held-out part of the campaign worse, one after the other, the worst first; all
-    else is identified anew each time. What remains predicts it no worse than the baseline `before`, which is all that remains
-    if need be. Raises `InputError` where no held-out reading has the unit of the fit's."""
+    """The fit without the effects, and discrepancies, that make the held-out part of the campaign worse, one after the other, the
+    worst first; all else is identified anew each time. What remains predicts it no worse than the baseline `before`, which is all
+    that remains if need be. Raises `InputError` where no held-out reading has the unit of the fit's."""
     unit, gone = here.fit.file_unit, list[Withdrawn]()
 
     if not held_out_square(here.fit, campaign, split, unit)[1]:
@@ -158,16 +158,18 @@ def withdraw(
         raise InputError(problem, remedy="hold out runs of the same instrument")
     now, plain = (_held_out_rms(fit, campaign, split) for fit in (here.fit, before))
     while here.held:
-        others = [_refit_without(here, form.effect) for form in here.held]
+        forms = [*here.discrepancies, *here.held]
+        others = [here.without([form.effect.key]) for form in forms]
         sizes = [_held_out_rms(other.fit, campaign, split) for other in others]
         least = int(np.argmin(sizes))
         if now <= (1.0 + WORSE) * sizes[least]:
             break
-        gone.append(Withdrawn(here.held[least].effect, sizes[least], now))
+        if least >= len(here.discrepancies):
+            gone.append(Withdrawn(forms[least].effect, sizes[least], now))
         here, now = others[least], sizes[least]
     if now > (1.0 + WORSE) * plain:  # no single one is to blame: all, and the noise that was found with them
         gone += [Withdrawn(form.effect, plain, now) for form in here.held]
-        here = replace(here, fit=before, held=())
+        here = replace(here, fit=before, held=(), discrepancies=())
     return here, tuple(gone)
 
 
@@ -209,14 +211,6 @@ def validated(before: Identification, here: Expansion, campaign: Campaign, split
     """The fit after withdrawals, and how the baseline and this fit predict the held-out part."""
     here, withdrawn = withdraw(here, before, campaign, split)
     return here, held_out(before, here.fit, campaign, split, withdrawn)
-
-
-def _refit_without(here: Expansion, effect: Effect) -> Expansion:
-    """Refit without an effect; noise and excluded outliers unchanged."""
-    kept = tuple(form for form in here.held if form.effect.key != effect.key)
-    model = Model(here.fit.model.campaign, [form.effect for form in kept])
-    fit = fitted(model, [here.fit.named], here.node, here.kappa2, here.fit)
-    return Expansion(fit, kept, here.node, here.kappa2)
 
 
 def root(square: float, count: int) -> float:

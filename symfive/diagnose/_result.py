@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from symfive.arrays import Array
 from symfive.design import Discrimination
+from symfive.diagnose._cross_validation import Fit
 from symfive.diagnose._detect import Detection
-from symfive.diagnose._hold_out import WORSE, HoldOut
+from symfive.diagnose._hold_out import HoldOut
 from symfive.diagnose._intervals import Interval
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._words import facts_of
@@ -22,12 +23,10 @@ from symfive.numbers import change, expected_ratio, in_words, percent, plain_num
 from symfive.screen import OnScreen, listed, wrapped
 
 __all__ = [
-    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "Fit", "RivalName", "mean_square",
+    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "RivalName", "mean_square",
 ]  # fmt: skip
 
 SCHEMA = "symfive.diagnosis/1"
-BEYOND = 1.5
-"""Held-out readings predicted so many times worse than fitted ones are reported."""
 EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
 SHOWN_SHARE = 0.01
@@ -61,7 +60,7 @@ class Finding(OnScreen):
     how common it is puts its name before those of `alias`, effects that the readings do not distinguish from it; `sigmas` by
     which all its amplitudes together differ from nothing. `test` is what to record next where a rival stays, `next_test` the
     folder of its plan. `further`: effects that describe the same unidentified cause together with `effect`, the largest of
-    them, and their parameters.
+    them, and their parameters; `discrepancies`: unidentified ones that say what its law is off by.
     """
 
     effect: Effect
@@ -86,11 +85,12 @@ class Finding(OnScreen):
     next_test: str | None = None
     test: Discrimination | None = None
     further: tuple[tuple[Effect, Mapping[str, Quantity]], ...] = ()
+    discrepancies: tuple[tuple[Effect, Mapping[str, Quantity]], ...] = ()
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """All effects that describe it."""
-        return (self.effect, *(effect for effect, _ in self.further))
+        """All effects that describe it, and the discrepancies of their laws."""
+        return (self.effect, *(effect for effect, _ in (*self.further, *self.discrepancies)))
 
     @property
     def unidentified(self) -> bool:
@@ -124,10 +124,8 @@ class Finding(OnScreen):
                 "direction": None if self.direction is None else list(self.direction),
             },
             "parameters": {name: _quantity(q) for name, q in self.parameters.items()},
-            "further": [
-                {"form": effect.key, "parameters": {name: _quantity(q) for name, q in parameters.items()}}
-                for effect, parameters in self.further
-            ],
+            "further": [_described(*each) for each in self.further],
+            "discrepancies": [_described(*each) for each in self.discrepancies],
             "rivals": [
                 {"effect": r.effect, "axis": r.axis, "confidence": round(r.confidence, 4), "component": r.component}
                 for r in self.rivals
@@ -143,6 +141,10 @@ class Finding(OnScreen):
             "next_test": self.next_test,
             "next_test_separation_sigma": None if self.test is None else self.test.separation,
         }
+
+
+def _described(effect: Effect, parameters: Mapping[str, Quantity]) -> dict[str, Any]:
+    return {"form": effect.key, "parameters": {name: _quantity(q) for name, q in parameters.items()}}
 
 
 def _quantity(q: Quantity) -> Any:
@@ -168,44 +170,6 @@ def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
         total += float(np.sum(residual**2)) - out
         count += residual.size - sum(o.run == run for o in outliers)
     return total / max(count, 1)
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Quality before and after: rms over all readings, excluded outliers too; χ² over those that each fit kept; the held-out
-    part by leaving out runs in turn, `heldout_by` a whole feed or place at a time: what → (before, after), µm."""
-
-    rms_before_um: float
-    rms_after_um: float
-    chi2_dof_before: float
-    chi2_dof_after: float
-    heldout_rms_before_um: float | None
-    heldout_rms_after_um: float | None
-    heldout_by: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-    def doubts(self, unit: str) -> tuple[str, ...]:
-        """What speaks against the findings: held-out readings that are predicted worse with them, or far worse than those that
-        were fitted."""
-        runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
-        said = []
-        for what, (before, after) in {"run": runs, **self.heldout_by}.items():
-            if before is None or after is None:
-                continue
-            one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"
-            if after > (1.0 + WORSE) * before:
-                advice = "treat them as a hint, not as proven" if what == "run" else beyond
-                said.append(f"{one} is predicted worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
-            elif after > BEYOND * self.rms_after_um:
-                sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
-                said.append(
-                    f"{one} is predicted to {sizes[0]} {unit} rms only; the fitted readings leave {sizes[1]} {unit}: "
-                    + (
-                        "the other runs do not determine all its errors, or the machine changes from run to run."
-                        if what == "run"
-                        else f"{beyond}."
-                    )
-                )
-        return tuple(said)
 
 
 @dataclass(frozen=True, repr=False)

@@ -30,7 +30,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     """
     machine = after.model.machine
     words, numbers, vectors = _sizes(finding, after)
-    sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors]
+    sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors, *_discrepancies(finding)]
     if (usual := _times_usual(finding, after)) > HUGE:
         sizes.append(f"{plain_number(usual)} times its usual size: check the units, or look for another cause")
     hidden = [f"geometry and set-up absorbed {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
@@ -59,7 +59,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
 def sentence_of(finding: Finding, after: Identification) -> str:
     """One sentence: name, axis, the two main values, how sure, what hid it."""
     words, numbers, _ = _sizes(finding, after)
-    text = ", ".join([*words, *numbers[:2], _sure(finding, after.model.machine)])
+    text = ", ".join([*words, *numbers[:2], *_discrepancies(finding), _sure(finding, after.model.machine)])
     if (usual := _times_usual(finding, after)) > HUGE:
         text += f"; {plain_number(usual)} times its usual size: check the units, or look for another cause"
     if finding.moved:
@@ -112,7 +112,7 @@ def _sizes(finding: Finding, after: Identification) -> tuple[list[str], list[str
     if finding.further:
         most = max(float(np.abs(c - np.median(c, axis=0)).max()) for c in finding.contribution.values())
         unit = unit_words(after.file_unit)
-        return [f"up to {plain_number(most, unit)} {unit} of the readings, by {len(finding.effects)} terms"], [], []
+        return [f"up to {plain_number(most, unit)} {unit} of the readings, by {1 + len(finding.further)} terms"], [], []
     words, clear, faint, vectors = list[str](), list[str](), list[str](), list[str]()
     for name, q in finding.parameters.items():
         said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}"
@@ -123,6 +123,12 @@ def _sizes(finding: Finding, after: Identification) -> tuple[list[str], list[str
     if not clear and faint:
         faint.insert(1, f"together {plain_number(finding.sigmas, 'σ')}σ from zero")
     return words, clear or faint, vectors
+
+
+def _discrepancies(finding: Finding) -> list[str]:
+    """What its law is off by."""
+    found = [(coordinate_words(effect.coordinate), quantities["rms"]) for effect, quantities in finding.discrepancies]
+    return [f"discrepancy {in_words(q.value, q.std, q.unit or '')} rms over {over}" for over, q in found]
 
 
 def _times_usual(finding: Finding, after: Identification) -> float:

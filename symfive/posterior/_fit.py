@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,12 +31,27 @@ WHITE = Node(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Expansion:
-    """A fit, the forms of the effects that it holds beyond the machine file's, in its order, and the noise it was made under."""
+    """A fit, the forms of the effects that it holds beyond the machine file's, in its order, and the noise it was made under;
+    `discrepancies`: unidentified forms beside them, each what a law among them is off by over its own coordinate."""
 
     fit: Identification
     held: tuple[Form, ...]
     node: Node
     kappa2: float
+    discrepancies: tuple[Form, ...] = ()
+
+    def discrepancies_of(self, keys: Collection[str]) -> tuple[Form, ...]:
+        """What the effects of these keys are off by."""
+        laws = {form.effect.answers for form in self.held if form.effect.key in keys}
+        return tuple(form for form in self.discrepancies if (form.channel, form.effect.coordinate) in laws)
+
+    def without(self, keys: Collection[str]) -> Expansion:
+        """The fit without the forms of these keys, noise and excluded outliers unchanged; with the last law that it belongs to, a
+        discrepancy leaves too."""
+        held = [form for form in self.held if form.effect.key not in keys]
+        of_laws = self.discrepancies_of([form.effect.key for form in held])
+        beside = [form for form in of_laws if form.effect.key not in keys]
+        return _identified(self, self.fit.model.campaign, held, beside, self.fit)
 
     @property
     def keys(self) -> frozenset[tuple[str, str]]:
@@ -103,24 +118,41 @@ def _effects(moments: Moments, subset: Subset) -> dict[int, Effect]:
     return {t: replace(term.effect, spread=width[term.effect.key]) for t, term in found.items()}
 
 
-def settled(here: Expansion) -> Expansion:
-    """The same with the outliers that it leaves by itself, and the noise found anew."""
-    fit = fitted(here.fit.model, [here.fit.named], here.node, here.kappa2)
-    return replace(here, fit=fit)
+def settled(here: Expansion, discrepancies: Sequence[Form] = ()) -> Expansion:
+    """The same, `discrepancies` beside it, with the outliers that it leaves by itself."""
+    if discrepancies:
+        return _identified(here, here.fit.model.campaign, here.held, discrepancies)
+    return replace(here, fit=fitted(here.fit.model, [here.fit.named], here.node, here.kappa2))
 
 
 def over_all(here: Expansion, campaign: Campaign) -> Expansion:
     """The same effects identified from a campaign of which the fit's is some rows, under the same noise."""
-    model = Model(campaign, [form.effect for form in here.held])
-    fit = fitted(model, [here.fit.named], here.node, here.kappa2)
-    return expansion(fit, here.held, here.node, here.kappa2)
+    return _identified(here, campaign, here.held, here.discrepancies)
 
 
-def expansion(fit: Identification, forms: Sequence[Form], node: Node, kappa2: float) -> Expansion:
+def _identified(
+    here: Expansion,
+    campaign: Campaign,
+    held: Sequence[Form],
+    discrepancies: Sequence[Form],
+    like: Identification | None = None,
+) -> Expansion:
+    """Some forms identified from a campaign, from where another fit is, under its noise."""
+    model = Model(campaign, [form.effect for form in (*held, *discrepancies)])
+    fit = fitted(model, [here.fit.named], here.node, here.kappa2, like)
+    return expansion(fit, held, here.node, here.kappa2, discrepancies)
+
+
+def expansion(
+    fit: Identification, held: Sequence[Form], node: Node, kappa2: float, discrepancies: Sequence[Form] = ()
+) -> Expansion:
     """A fit with the forms of its effects, in its order."""
-    by_key = {form.effect.key: form for form in forms}
-    held = tuple(replace(by_key[effect.key], effect=effect) for effect in fit.model.added)
-    return Expansion(fit, held, node, kappa2)
+
+    def of_model(forms: Sequence[Form]) -> tuple[Form, ...]:
+        by_key = {form.effect.key: form for form in forms}
+        return tuple(replace(by_key[e.key], effect=e) for e in fit.model.added if e.key in by_key)
+
+    return Expansion(fit, of_model(held), node, kappa2, of_model(discrepancies))
 
 
 def _stepped(moments: Moments, term: int, step: Array) -> dict[str, float]:

@@ -157,4 +157,4 @@ def _blocks(terms: Sequence[Term], columns: Sequence[Columns]) -> tuple[int, ...
     """Of every term the unidentified one that is its discrepancy, if the readings see any of that."""
     free = [k for k, (t, c) in enumerate(zip(terms, columns, strict=True)) if t.form.basis is not None and len(c.where)]
     places = {(terms[k].form.channel, terms[k].effect.coordinate): k for k in free}
-    return tuple(places.get(t.covers, -1) for t in terms)
+    return tuple(-1 if t.effect.unidentified else places.get(t.covers, -1) for t in terms)

@@ -51,7 +51,8 @@ def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) 
 def polish(
     before: Identification, candidates: Candidates, progress: Progress = lambda message: None
 ) -> tuple[Posterior, Expansion]:
-    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset.
+    """The posterior expanded at its own best subset, its nearest rivals weighed by exact refits, and the fit of that subset, with
+    the discrepancies that its evidence counts.
 
     First the effects that have a name; then whether those that are held are the same everywhere, and whether something acts that
     none of them explains: a law of which the moments hold the slope alone is refitted before anything more general may stand in
@@ -59,8 +60,11 @@ def polish(
     """
     first = _first(before, candidates, progress)
     now = _opened(_settled(first), first)
-    held = held_by(now.posterior.moments)
-    return now.posterior.corrected(now.exactly | {held: now.mass}), settled(now.here)
+    moments, held = now.posterior.moments, held_by(now.posterior.moments)
+    _, blocks = marginal_evidence(moments, held)
+    forms = [moments.terms[number].form for number, _ in blocks]
+    beside = [replace(f, effect=replace(f.effect, spread=size)) for f, (_, size) in zip(forms, blocks, strict=True)]
+    return now.posterior.corrected(now.exactly | {held: now.mass}), settled(now.here, beside)
 
 
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:

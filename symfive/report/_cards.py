@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from markupsafe import Markup
 
 from symfive.diagnose import Diagnosis, Finding, RivalName, facts_of
-from symfive.effects import Quantity
+from symfive.effects import Quantity, coordinate_words
 from symfive.machine import Machine
 from symfive.numbers import in_words, percent, plain_number, rounded, unit_words
 from symfive.report._geometry import moved_table
@@ -60,6 +60,9 @@ def _parameters(finding: Finding) -> str:
             said = name.removesuffix("_s") if quantity.unit == "s" else name
             part = f" (part {number})" if finding.further else ""
             rows.append([said.replace("_", " ") + part, value, std, unit])
+    for effect, parameters in finding.discrepancies:
+        value, std, unit = _words(parameters["rms"])
+        rows.append([f"discrepancy over {coordinate_words(effect.coordinate)}, rms", value, std, unit])
     return table("Parameters", ["parameter", "value", "± 1σ", "unit"], rows) if rows else ""
 
 
