@@ -623,6 +623,7 @@ def test_vocabulary_is_that_of_the_conventions() -> None:
         "inertial_compliance", "structural_resonance", "unknown",
     }  # fmt: skip
     others = {"force_friction", "force_delay", "force_ripple", "gravity_torque", "varying"}  # below
+    others |= {"following_lag"}  # of axes without a drive: test_following_lag
     assert {case.effect for case in CASES} | others == set(EFFECTS)
 
 

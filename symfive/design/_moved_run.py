@@ -24,7 +24,6 @@ from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.model import Model, RowFunction, assemble
 from symfive.motion import (
-    FRICTION,
     GAINS,
     LOOP,
     Acceleration,
@@ -299,7 +298,7 @@ def _along(function: RowFunction) -> Any:
 def _check(function: RowFunction, freed: dict[tuple[str, str], str], recording: list[str]) -> None:
     known = (Position, Velocity, Acceleration, Command, Direction, Play)
     names = [type(s).__name__ for s in function.inputs if not isinstance(s, known) or (isinstance(s, Play) and s.slope)]
-    names += [quantity for axis, quantity in freed if quantity in FRICTION or not axis] + recording
+    names += [quantity for _, quantity in freed if quantity not in LOOP] + recording
     if names:
         raise InputError(
             f"circles with {', '.join(dict.fromkeys(names))} are not refined", remedy="choose among the circles given"

@@ -20,6 +20,7 @@ from symfive.effects.bar_temperature import BarTemperature
 from symfive.effects.counterbalance import Counterbalance
 from symfive.effects.eccentric_mass import EccentricMass
 from symfive.effects.error_motion import ErrorMotion
+from symfive.effects.following_lag import FollowingLag
 from symfive.effects.force_delay import ForceDelay
 from symfive.effects.force_friction import ForceFriction
 from symfive.effects.force_ripple import ForceRipple
@@ -77,6 +78,7 @@ _TABLE: tuple[type[Effect], ...] = (
     Unknown,
     # further forward models, reported under a word of the vocabulary
     ReversalSpike,
+    FollowingLag,
     ForceFriction,
     ForceDelay,
     ForceRipple,

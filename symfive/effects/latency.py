@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from symfive.effects._base import INSTRUMENT, Effect
 from symfive.effects._form import Forms
+from symfive.effects.sensor_low_pass import SensorLowPass
 from symfive.instruments import has_clock_of_its_own
 from symfive.parameters import Parameter
 from symfive.runs import Campaign, Run
@@ -38,13 +39,13 @@ class Latency(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
         """While an axis accelerates the readings are far from linear in the delay: they are looked at about several delays, up to
-        a quarter of the shortest run."""
+        a quarter of the shortest run. A filter of the instrument is late too."""
         shortest = min(
             (run.duration for run in campaign.runs if run.dynamic and has_clock_of_its_own(run)), default=0.0
         )
         (delay,) = cls().parameters(campaign)
         sizes = [sign * times * delay.sigma for times in SIZES for sign in (1.0, -1.0)]
-        yield from cls().forms_about(delay, [size for size in sizes if abs(size) <= 250.0 * shortest])
+        yield from cls().forms_about(delay, [size for size in sizes if abs(size) <= 250.0 * shortest], SensorLowPass())
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("delay_ms", "ms", 10.0),)

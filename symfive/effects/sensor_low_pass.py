@@ -12,10 +12,10 @@ from symfive.effects._base import Effect
 from symfive.effects._form import Forms
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
 from symfive.instruments import has_clock_of_its_own
+from symfive.motion import first_order, first_order_slope
 from symfive.parameters import Parameter
 from symfive.runs import Campaign, Run
 
-NEGLIGIBLE = 1e-18
 SIZES = (4.0, 16.0, 64.0)
 """In units of the usual one, up to a third of a second, at which the readings are looked at."""
 
@@ -54,14 +54,10 @@ class SensorLowPass(Effect):
     ) -> tuple[Array, dict[str, Array]]:
         name = f"{self.key}.time_constant_ms"
         ours = list(columns)
-        weights, slopes = _hold(np.diff(run.time), values[name])
-        given = readings[:, ours]
+        steps, tau = np.diff(run.time), values[name]
         filtered, moved = readings.copy(), np.zeros(readings.shape[:2])
-        filtered[1:, ours] = _weighed(weights[:, 1:], given[1:], given[:-1])
-        filtered[:, ours] = _followed(weights[:, 0], filtered[:, ours])
-        d_keep, rest = slopes[:, :1], _weighed(slopes[:, 1:], given[1:, :, 0], given[:-1, :, 0])
-        moved[1:, ours] = d_keep * filtered[:-1, ours, 0] + rest
-        moved[:, ours] = _followed(weights[:, 0], moved[:, ours])
+        filtered[:, ours] = first_order(readings[:, ours], steps, tau)
+        moved[:, ours] = first_order_slope(readings[:, ours, 0], filtered[:, ours, 0], steps, tau)
         return filtered, {name: moved}
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
@@ -73,35 +69,3 @@ class SensorLowPass(Effect):
             cutoff, std = propagate(lambda x: 1e3 / (2.0 * math.pi * x), (tau.name,), values, covariance)
             found["cutoff_hz"] = Quantity(float(cutoff[0]), float(std[0]), "Hz")
         return found
-
-
-def _weighed(weights: Array, fresh: Array, former: Array) -> Array:
-    """Two tables (N, …) weighted by the columns of `weights` (N, 2)."""
-    spread = weights.reshape(*weights.shape, *(1,) * (fresh.ndim - 1))
-    return np.asarray(spread[:, 0] * fresh + spread[:, 1] * former)
-
-
-def _followed(keep: Array, forcing: Array) -> Array:
-    """s with s[k] = keep[k - 1]·s[k - 1] + forcing[k] and s[0] = forcing[0] (N, …), by recursive doubling."""
-    state = forcing.copy()
-    power = np.append(0.0, keep).reshape(-1, *(1,) * (forcing.ndim - 1))
-    reach = 1
-    while reach < len(state) and np.abs(power).max() > NEGLIGIBLE:
-        state[reach:] = state[reach:] + power[reach:] * state[:-reach]
-        power[reach:] = power[reach:] * power[:-reach]
-        power[:reach] = 0.0
-        reach *= 2
-    return state
-
-
-def _hold(step: Array, tau: float) -> tuple[Array, Array]:
-    """Weights (N - 1, 3) of the last output, the new and the former input, and their slopes in τ."""
-    if tau <= 0.0:
-        still = np.zeros_like(step)
-        return np.stack([still, still + 1.0, still], axis=1), np.stack([still, -1.0 / step, 1.0 / step], axis=1)
-    ratio = step / tau
-    keep = np.exp(-ratio)
-    mean = -np.expm1(-ratio) / ratio  # the average of exp(-t/τ) over the step
-    d_keep = keep * ratio / tau
-    d_mean = (mean - keep) / tau
-    return np.stack([keep, 1.0 - mean, mean - keep], axis=1), np.stack([d_keep, -d_mean, d_mean - d_keep], axis=1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.motion._drives import GAINS, drive_response
+from symfive.motion._first_order import first_order, first_order_slope
 from symfive.motion._gaps import filled, programme_of
 from symfive.motion._loop import LOOP
 
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
     from symfive.machine import Axis, Machine
     from symfive.runs import Run
 
-__all__ = ["AxisMotion", "RunMotion", "Series", "Signal"]
+__all__ = ["LAG", "AxisMotion", "RunMotion", "Series", "Signal"]
 
 T = TypeVar("T")
+LAG = "lag"
+"""The quantity of an axis without a drive that can be a parameter, s."""
 SMOOTHING_S = 0.03
 LATE_S = 5e-3
 """Instants between which a drive's motion is a cubic of position and velocity: a fourth of a fast loop's time constant."""
@@ -204,9 +207,32 @@ class RunMotion:
             return AxisMotion(Series(command), Series(command), rest, rest)
         if axis.drive is not None:
             return self._driven(axis, command)
-        position = self._earlier(command)
+        ahead = self._earlier(command)
+        position = self._lagged(axis, ahead)
         velocity = position.through(self._rate)
-        return AxisMotion(position, position, velocity, velocity.through(self._rate))
+        return AxisMotion(ahead, position, velocity, velocity.through(self._rate))
+
+    def _lagged(self, axis: Axis, command: Series) -> Series:
+        """The position of an axis that follows its command exactly, or with a lag where that is a parameter; where the recording
+        begins in motion the lag has settled."""
+        name = self._freed.get((axis.name, LAG))
+        if name is None:
+            return command
+        time, tau = self.run.time - self.run.time[0], self.values[name]
+        steps, moving = np.diff(time), self.run.options.get("start") == "moving"
+
+        def split(column: Array) -> tuple[Array, float]:
+            speed = float(column[1] - column[0]) / float(steps[0]) if moving else 0.0
+            return column - column[0] - speed * time, speed
+
+        def follow(column: Array) -> Array:
+            rest, speed = split(column)
+            return np.asarray(column - rest + first_order(rest, steps, tau) - tau * speed)
+
+        rest, speed = split(command.value)
+        late = first_order_slope(rest, first_order(rest, steps, tau), steps, tau) - speed
+        followed = command.through(follow)
+        return Series(followed.value, {**followed.tangents, name: late})
 
     def _rate(self, column: Array) -> Array:
         return np.asarray(np.gradient(column, self.run.time))

@@ -104,7 +104,7 @@ class Tables:
         self.fit, self._held = fit, held
         self._varied = [form.effect for form in fresh if isinstance(form.effect, Varying)]
         physical = [form.effect for form in fresh if _sloped(form)]
-        freeing = [effect for effect in physical if effect.frees()]
+        freeing = _disjoint([effect for effect in physical if effect.frees()])
         others = [effect for effect in physical if not effect.frees()]
         campaign = fit.model.campaign
         channels = [channel_of(form) for form in fresh if form.basis is not None]
@@ -113,7 +113,7 @@ class Tables:
         # runs share the function of the same effects: what acts in one run alone is linearised apart
         lone = [e for e in others if len(campaign.runs) > 1 and sum(map(e.applies, campaign.runs)) == 1]
         common = [effect for effect in others if effect not in lone]
-        groups = [group for group in ([*common, *probes(channels)], freeing, lone) if group]
+        groups = [group for group in ([*common, *probes(channels)], *freeing, lone) if group]
         self._models = [fit.model, *(Model(campaign, (*fit.model.added, *group)) for group in groups)]
         values = [fit.named] * len(self._models)
         # where a recording begins has a slope only in an effect that acts: of usual size
@@ -278,6 +278,19 @@ class Tables:
             if p.name in place:
                 total += line.jacobian[:, :, place[p.name]] * (self.fit[p.name] - p.mean)
         return total
+
+
+def _disjoint(effects: Sequence[Effect]) -> list[list[Effect]]:
+    """The effects in groups of which none frees what another one in it does."""
+    groups = list[list[Effect]]()
+    for effect in effects:
+        apart = (group for group in groups if not any(effect.frees().keys() & other.frees().keys() for other in group))
+        group = next(apart, None)
+        if group is None:
+            groups.append([effect])
+        else:
+            group.append(effect)
+    return groups
 
 
 def _sloped(form: Form) -> bool:

@@ -1,0 +1,90 @@
+"""Following lag: an axis whose drive the machine file does not state does not follow its command exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from symfive.effects._base import DRIVE, Effect
+from symfive.effects._form import Forms
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
+from symfive.errors import InputError
+from symfive.motion import LAG
+from symfive.parameters import Parameter
+from symfive.runs import Campaign, Run
+
+SIZES = (2.0, 8.0, 32.0)
+"""In units of the usual one, up to a third of a second, at which the readings are looked at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowingLag(Effect):
+    """τ·dq/dt + q = command, at rest on the first row: what a position loop makes of slow motion, τ = 1/position_gain (M. Weck
+    2006: velocity-proportional following error). Without an axis all that have no drive follow alike, as the position gains of
+    axes that interpolate are set. Where a drive is declared its own gains say so (`ServoMismatch`).
+
+    Typical 5–60 ms, the loops of position gains from 1 to 10 m/min a millimetre.
+    """
+
+    id = "following_lag"
+    reported_as = "servo_mismatch"
+    stage = "drive"
+    acts_in = DRIVE
+    says = "the axis follows its command late, by its position loop"
+    hidden_by = "latency where one axis moves, or all are late alike; location errors of a rotary axis"
+    action = "declare the drive of the axis in the machine file, or switch its feed-forward on in the control"
+    dynamic_only = True
+    axes: tuple[str, ...] = ()
+
+    @property
+    def coordinate(self) -> str:  # type: ignore[override]
+        """Its axis' velocity; time where all are late alike."""
+        return "t" if self.axis is None else "{axis} velocity"
+
+    def prepare(self, campaign: Campaign) -> Self:
+        prepared = super().prepare(campaign)
+        axes = (self.axis,) if self.axis else _without_drive(campaign)
+        driven = [name for name in axes if campaign.machine.axes[name].drive is not None]
+        if driven:
+            remedy = f'write effect = "servo_mismatch", axis = "{driven[0]}"'
+            raise InputError(f"axis {driven[0]} has a drive", remedy=remedy)
+        if not axes:
+            raise InputError(f"{self.key}: every axis that moves has a drive", remedy='write effect = "servo_mismatch"')
+        return replace(prepared, axes=axes)
+
+    def applies(self, run: Run) -> bool:
+        return super().applies(run) and run.options.get("motion_from") != "encoder"
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Forms:
+        """Far from linear in a long lag, the readings are looked at about several."""
+        axes = _without_drive(campaign)
+        for axis in (*axes, *((None,) if axes[1:] else ())):
+            effect = cls(axis=axis)
+            (lag,) = effect.parameters(campaign)
+            yield from effect.forms_about(lag, [size * lag.sigma for size in SIZES])
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return (self.own("lag_ms", "ms", 10.0, lower=0.0, start=0.5),)
+
+    def frees(self) -> Mapping[tuple[str, str], str]:
+        return {(axis, LAG): f"{self.key}.lag_ms" for axis in self.axes}
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """The lag, and the position gain that has it."""
+        (lag,) = self.parameters(campaign)
+        found = {"lag_ms": own_quantity(lag, values, covariance)}
+        if values[lag.name] > 0.0:
+            gain, std = propagate(lambda x: 1e3 / x, (lag.name,), values, covariance)
+            found["position_gain"] = Quantity(float(gain[0]), float(std[0]), "1/s")
+        return found
+
+
+def _without_drive(campaign: Campaign) -> tuple[str, ...]:
+    """Axes that move in a dynamic run and have no drive."""
+    dynamic = [run for run in campaign.runs if run.dynamic]
+    axes = campaign.machine.axes
+    return tuple(a for a in axes if axes[a].drive is None and any(np.ptp(run.commands[a]) > 0.0 for run in dynamic))

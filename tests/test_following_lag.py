@@ -1,0 +1,125 @@
+"""An axis whose drive the machine file does not state need not follow its command exactly: a lag of its own is a candidate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plant
+import pytest
+from plant.campaign import machine_toml
+
+from symfive.arrays import Array
+from symfive.campaign import Campaign, Run, read_campaign
+from symfive.diagnose import diagnose
+from symfive.effects import make_effect
+from symfive.errors import InputError
+from symfive.model import Model
+from symfive.motion import LAG, RunMotion, Series
+
+LAG_S = 0.024
+LOOP = {"position_gain": 1.0 / LAG_S, "velocity_gain": 5e3, "integral_time": 1.0, "viscous": 0.0, "feedforward": 0.0}
+
+
+def circles(
+    folder: Path, slow: Sequence[str] = (), effects: Sequence[dict[str, Any]] = (), instrument: str = "ball_bar"
+) -> Campaign:
+    """Circles both ways at two feeds by the independent plant, read with a machine file that states no drive: the axes `slow`
+    follow late, the others exactly."""
+    machine = plant.planar_table()
+    for name, axis in machine["axes"].items():
+        axis.pop("drive", None)
+        if name in slow:
+            axis["drive"] = LOOP
+    path = {"sweep_deg": 360.0, "centre": (20.0, -10.0, 80.0), "instrument": instrument, "dt": 0.04}
+    runs = [
+        plant.planar_circle(machine, f"{name}-{feed:.0f}", feed=feed, direction=sign, **path)
+        for feed in (1000.0, 3000.0)
+        for name, sign in (("ccw", 1), ("cw", -1))
+    ]
+    plant.write_campaign(folder, machine, runs, effects=effects, seed=7)
+    told = deepcopy(machine)
+    for axis in told["axes"].values():
+        axis.pop("drive", None)
+    (folder / "machine.toml").write_text(machine_toml(told))
+    return read_campaign(folder)
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """Nothing is wrong."""
+    return circles(tmp_path_factory.mktemp("still"))
+
+
+def followed(campaign: Campaign, run: Run, lag: float) -> Series:
+    """Y with a lag, s."""
+    return RunMotion(run, campaign.machine, {("Y", LAG): "lag"}, {"lag": lag}).axis("Y").position
+
+
+def in_small_steps(command: Array, interval: float, parts: int = 400) -> Array:
+    """τ·dy/dt + y = x by the rule of the middle, x linear between rows."""
+    found, h = [command[0]], interval / parts / LAG_S
+    for before, after in pairwise(command):
+        y = found[-1]
+        for k in range(parts):
+            x = before + (after - before) * (k + 0.5) / parts
+            y += h * (x - (y + 0.5 * h * (x - y)))
+        found.append(y)
+    return np.array(found)
+
+
+def test_the_lag_is_that_of_its_differential_equation(still: Campaign) -> None:
+    run = still.runs[2]
+    lagged, rows = followed(still, run, LAG_S), 150
+    assert lagged.value[:rows] == pytest.approx(in_small_steps(run.commands["Y"][:rows], run.interval), abs=1e-5)
+    h = 1e-6
+    slope = (followed(still, run, LAG_S + h).value - followed(still, run, LAG_S - h).value) / (2.0 * h)
+    assert lagged.tangents["lag"] == pytest.approx(slope, rel=1e-6, abs=1e-6)
+    assert followed(still, run, 0.0).value == pytest.approx(run.commands["Y"], abs=1e-12)
+
+
+def test_where_a_recording_begins_in_motion_the_lag_has_settled(still: Campaign) -> None:
+    run = still.runs[2]
+    time, speed = run.time, 40.0
+    ramp = {**run.commands, "Y": 5.0 + speed * (time - time[0])}
+    moving = replace(run, commands=ramp, options={**run.options, "start": "moving"})
+    assert followed(still, moving, LAG_S).value == pytest.approx(ramp["Y"] - speed * LAG_S, abs=1e-9)
+
+
+def test_a_concealed_loop_is_named_with_its_gain(tmp_path: Path) -> None:
+    found = diagnose(circles(tmp_path, slow=["Y"]))
+    (finding,) = found.findings
+    assert (finding.name, finding.axis, finding.confidence > 0.9) == ("servo_mismatch", "Y", True)
+    gain = finding.parameters["position_gain"]
+    assert isinstance(gain.value, float) and isinstance(gain.std, float)
+    assert abs(gain.value - 1.0 / LAG_S) < 0.02 / LAG_S
+    assert found.fit.rms_after_um < 0.02 * found.fit.rms_before_um
+
+
+@pytest.mark.slow
+def test_axes_that_are_all_late_are_a_late_clock(tmp_path: Path) -> None:
+    late = {"effect": "latency", "delay_ms": 40.0}  # a row of the plant, whose command is a chord between rows
+    (finding,) = diagnose(circles(tmp_path, effects=[late], instrument="grid_encoder")).findings
+    assert finding.name == "latency"
+    assert finding.parameters["delay_ms"].value == pytest.approx(40.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_axes_that_follow_alike_are_one_finding_of_all_drives(tmp_path: Path) -> None:
+    """A low-pass of the instrument is its rival; but the law of the loop is not quite first order, as that of the filter is."""
+    found = diagnose(circles(tmp_path, slow=["X", "Y"], instrument="grid_encoder")).by_share[0]
+    assert (found.name, found.axis) == ("servo_mismatch", None)
+    assert found.parameters["lag_ms"].value == pytest.approx(1e3 * LAG_S, abs=0.05)
+    assert "latency" in {rival.effect for rival in found.rivals}
+
+
+def test_an_axis_with_a_drive_has_its_gains_instead(tmp_path: Path) -> None:
+    machine = plant.planar_table()
+    plant.write_campaign(tmp_path, machine, [plant.planar_circle(machine, "ccw")])
+    with pytest.raises(InputError, match="servo_mismatch"):
+        Model(read_campaign(tmp_path), [make_effect("following_lag", "X")])
