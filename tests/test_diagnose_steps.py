@@ -280,3 +280,13 @@ def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for
     plant.write_campaign(tmp_path / "next", machine, [run], {}, None, play, seed=9)
     both = diagnose(campaign.joined(read_campaign(tmp_path / "next")))
     assert (both.findings[0].name, both.findings[0].axis) == ("backlash", "X") and both.findings[0].confidence > 0.95
+
+
+@pytest.mark.parametrize(("tilt", "sags"), [(0.0, False), (30.0, True)])
+def test_an_axis_that_stays_upright_has_no_sag_among_its_candidates(tilt, sags):
+    """A table that turns about the vertical carries nothing in whose frame gravity turns."""
+    machine = preset("table-bc")
+    plan = campaign_of(machine, r_test_grid(machine, grid={"B": (tilt,), "C": tuple(range(0, 360, 30))}))
+    stated = {(form.effect.id, form.effect.axis) for form in candidates(plan).forms}
+    assert ("backlash", "C") in stated
+    assert (("gravity_sag", "C") in stated) == sags

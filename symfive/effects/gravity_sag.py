@@ -65,7 +65,7 @@ class GravitySag(Effect):
             raise InputError(f"{self.key}: parts {self.parts!r} are unknown", remedy=f"use {' and '.join(PARTS)}")
         if not machine.axes[str(self.axis)].rotary:
             raise InputError(f"{self.key}: a linear axis does not tilt", remedy="name the tilting axis")
-        if not self._tilted(machine) and _upright(machine, str(self.axis), self.down):
+        if not self._tilted(campaign) and _upright(machine, str(self.axis), self.down):
             raise InputError(f"{self.key}: gravity does not turn in its frame", remedy="name the tilting axis")
         held = machine.errors.get(self.component)
         if held is not None and held.over == (self.axis,) and held.basis == ("fourier",):
@@ -123,15 +123,17 @@ class GravitySag(Effect):
         upright = direction * (direction @ down) - down
         return across, upright / np.linalg.norm(upright)
 
-    def _tilted(self, machine: Machine) -> bool:
+    def _tilted(self, campaign: Campaign) -> bool:
         """Whether an axis in front of it turns gravity in its frame."""
-        return not all(_upright(machine, name, self.down) for name in carriers(machine, str(self.axis)))
+        machine = campaign.machine
+        tilting = [name for name in carriers(machine, str(self.axis)) if not _upright(machine, name, self.down)]
+        return any(np.any(run.commands[name]) for run in campaign.runs for name in tilting)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`amplitude` is that of sin (or of the only part), `amplitude_one_minus_cos` the other one, both at sin q = 1: of an
         axis that no tilting one carries the sine of its angle to gravity times that of 1 g."""
         machine, found = campaign.machine, super().describe(campaign, values, covariance)
-        reach = 1.0 if self._tilted(machine) else _sine(machine, str(self.axis), self.down)
+        reach = 1.0 if self._tilted(campaign) else _sine(machine, str(self.axis), self.down)
         times = dict(zip(PARTS, (reach, reach, reach**3, 1.0), strict=True))
         names = {part: "amplitude" if part == self.parts[0] else f"amplitude_{part}" for part in self.parts}
         sizes = {names[part]: found[part].times(times[part]) for part in self.parts}
