@@ -151,6 +151,8 @@ def place_words(finding: Finding, machine: Machine) -> str:
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
     if finding.effect.in_the_drive:
         return f"the drive of {axis}" if axis else "all drives alike"
+    if stage == "drive":
+        return "the instrument's clock"
     if stage in ("reading", "recording"):
         return "the instrument's reading" if stage == "reading" else "the recorder"
     if axis is None:

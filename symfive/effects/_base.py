@@ -86,7 +86,7 @@ class Effect:
     @property
     def in_the_drive(self) -> bool:
         """Whether it acts in the position loops, or shows in the force of a drive."""
-        return DRIVE in (self.stage, self.link)
+        return self.link == DRIVE
 
     @property
     def rate(self) -> float:

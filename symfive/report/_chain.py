@@ -40,7 +40,7 @@ def affected_link(finding: Finding, machine: Machine) -> _Place:
     stage, axis = finding.effect.stage, finding.axis if finding.axis in machine.axes else None
     if finding.effect.in_the_drive:
         part = "drive"
-    elif stage in ("reading", "recording"):
+    elif stage in ("drive", "reading", "recording"):  # of the stage `drive`, and in none: a clock
         part, axis = "instrument", None
     else:
         part = ("axis" if stage == "axis" else "structure") if axis else "loop"
