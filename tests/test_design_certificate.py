@@ -9,13 +9,11 @@ import pytest
 from lean import location_only
 
 from symfive.design._certificate import certify, generate
-from symfive.design._criteria import Worst
-from symfive.design._information import Task
 from symfive.design._optimise import optimise, value_of
-from symfive.design._refine import Rows
 from symfive.design._request import task_of
 from symfive.design._space import Space, make_space
 from symfive.machine import Machine, preset
+from symfive.optimal import Rows, Task, Worst
 
 
 def _locations(name: str) -> Machine:

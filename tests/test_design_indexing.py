@@ -13,12 +13,12 @@ from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_cam
 from symfive.design import Plan, assess, plan
 from symfive.design._dominance import what_dominates
 from symfive.design._indexing import indexed
-from symfive.design._refine import Rows
 from symfive.design._request import task_of
 from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.nc import DIALECTS, Post, program, program_steps
+from symfive.optimal import Rows
 from symfive.simulate import simulate
 from tests.plan_checker import check
 from tests.plan_checker.dialects import DIALECTS as WORDS

@@ -15,14 +15,13 @@ import pytest
 from symfive.campaign import Campaign, read_campaign
 from symfive.cli import main
 from symfive.design import assess, certify_joint, plan, plan_together
-from symfive.design._criteria import criterion_of
-from symfive.design._information import Task
 from symfive.design._joint_certificate import merged
 from symfive.design._minutes import GAP, Mixes
 from symfive.design._mountings import Mounting
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.model import Model
+from symfive.optimal import Task, criterion_of
 from tests.plan_checker import check
 
 POSES, SHARED, OWN, PACE, SETUP = 3, 3, 2, 25.0, 300.0

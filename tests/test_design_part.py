@@ -22,12 +22,12 @@ from symfive.design import Plan, plan
 from symfive.design._candidates import candidates_in, pose_grid, setup_options
 from symfive.design._indexing import worth_indexing
 from symfive.design._part import Part, part_criterion
-from symfive.design._refine import Rows
 from symfive.design._request import task_of
 from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.machine import Machine, preset
+from symfive.optimal import Rows
 from symfive.simulate import simulate
 from symfive.toolpath import ToolPath, read_tool_path
 

@@ -31,23 +31,20 @@ from symfive.design import (
 )
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._certificate import certify
-from symfive.design._clearances import Clearances
 from symfive.design._discriminate import _Explained
-from symfive.design._moves import blocked_moves
 from symfive.design._optimise import value_of
-from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
 from symfive.design._pose_table import mounted_before, pose_table
-from symfive.design._refine import Rows
 from symfive.design._request import task_of
 from symfive.design._robust import over_prior, robust_exchange
 from symfive.design._rounding import not_rounded, rounded
 from symfive.design._space import Space, make_space
-from symfive.design._ways import cleared
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Workspace, preset, presets, write_machine
 from symfive.model import Model
+from symfive.moves import Clearances, blocked_moves, cleared, kept_apart, out_and_back, round_trip, there_and_back
 from symfive.nc import Post, Step, program_steps
+from symfive.optimal import Rows
 from symfive.procedures import campaign_of, planar_circle, r_test_grid, static_ball_bar
 
 OYAMA = location_only("oyama-2010")

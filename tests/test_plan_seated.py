@@ -13,15 +13,15 @@ from lean import location_only
 
 from symfive.campaign import Run
 from symfive.design import Plan, plan
-from symfive.design._information import Task
 from symfive.design._joint import chosen_with_moves, price
-from symfive.design._moves import blocked_moves
 from symfive.design._schedule import Schedule
 from symfive.design._seated import Seated
 from symfive.design._space import Space, make_space
 from symfive.machine import machine_from_data, preset, presets
 from symfive.motion import approach
+from symfive.moves import blocked_moves
 from symfive.nc import DIALECTS, Positions, Post, Seat, Way, program_steps
+from symfive.optimal import Task
 from symfive.procedures import Nominal, r_test_grid
 from tests.plan_checker import check
 

@@ -4,7 +4,6 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._certificate import Certificate
 from symfive.design._circular_test import CircularTest, circular_test
-from symfive.design._criteria import CRITERIA, Criterion, criterion_of
 from symfive.design._discriminate import (
     APART,
     PAUSE_S,
@@ -23,6 +22,7 @@ from symfive.design._sweep_plan import SweepCertificate, SweepPlan, plan_sweeps
 from symfive.design._together import JointPlan, plan_together
 from symfive.design._until import plan_until
 from symfive.design._write import write_test
+from symfive.optimal import CRITERIA, Criterion, criterion_of
 
 __all__ = [
     "APART", "CRITERIA", "FAMILIES", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "CircularTest",

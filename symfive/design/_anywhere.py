@@ -19,11 +19,8 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.design._candidates import candidates_in, pose_grid
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
-from symfive.design._refine import Rows
-from symfive.design._relaxed import marginal_sensitivity, relax
 from symfive.design._space import Space
+from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity, relax
 
 __all__ = ["bound_anywhere"]
 

@@ -7,13 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from symfive.design._information import Task
 from symfive.design._optimise import value_of
-from symfive.design._refine import Rows
 from symfive.design._schedule import SETUP_S, Schedule
 from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.optimal import Rows, Task
 
 __all__ = ["affordable", "most_per_minute", "shortened"]
 

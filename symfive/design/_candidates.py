@@ -8,11 +8,9 @@ import math
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
-from symfive.design._relaxed import marginal_sensitivity
 from symfive.design._space import Space
 from symfive.errors import InputError
+from symfive.optimal import Candidates, Task, inverse, marginal_sensitivity
 
 __all__ = ["best_setups", "candidates_in", "pose_grid", "setup_options"]
 

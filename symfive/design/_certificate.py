@@ -18,13 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task
 from symfive.design._proof import bounded_sensitivity
-from symfive.design._refine import Rows
-from symfive.design._relaxed import Relaxed, marginal_sensitivity, relax
 from symfive.design._search import COARSE, FEW, MANY, Search
 from symfive.design._space import Space
+from symfive.optimal import Candidates, Relaxed, Rows, Task, marginal_sensitivity, relax
 
 __all__ = ["Certificate", "certify", "generate"]
 

@@ -9,12 +9,11 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
-from symfive.design._criteria import Criterion
-from symfive.design._information import inverse
 from symfive.design._paths import CircleShape, circle_runs
 from symfive.effects import Effect
 from symfive.machine import Machine
 from symfive.model import Model
+from symfive.optimal import Criterion, inverse
 from symfive.procedures import heights
 
 __all__ = ["Circle", "Goal", "circle_information", "circle_of_runs", "measured", "true_values", "typical_values"]

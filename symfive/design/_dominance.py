@@ -12,11 +12,10 @@ import math
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._information import Task
-from symfive.design._refine import Rows
 from symfive.design._setup_errors import NOISE_HARDLY, SETUP_ERRORS
 from symfive.design._space import Space
 from symfive.numbers import plain_number
+from symfive.optimal import Rows, Task
 
 __all__ = ["what_dominates"]
 

@@ -26,7 +26,6 @@ from symfive.design._choose_circles import check_clear, chosen_clear
 from symfive.design._circle_certificate import CircleCertificate, certify_circles, farthest, fastest
 from symfive.design._circle_words import circle_words, gain_words, limit_words, list_end_words, sigma_words, warnings_of
 from symfive.design._circles import ROBUST, Circle, Goal, circle_information, circle_of_runs, measured
-from symfive.design._criteria import criterion_of
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
 from symfive.design._write import SCHEMA, write_circles
@@ -36,6 +35,7 @@ from symfive.given import machine_given
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.nc import Post
+from symfive.optimal import criterion_of
 from symfive.outputs import output_folder
 from symfive.parameters import Parameter
 from symfive.procedures import PLANES, campaign_of, circle_frame, heights, senses

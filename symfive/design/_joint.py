@@ -11,13 +11,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task
 from symfive.design._optimise import value_of
-from symfive.design._refine import Rows
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
 from symfive.nc import Post
+from symfive.optimal import Candidates, Rows, Task
 
 __all__ = ["chosen_with_moves", "price"]
 

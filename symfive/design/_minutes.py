@@ -24,11 +24,9 @@ from functools import cached_property
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
 from symfive.design._mountings import Mounting
-from symfive.design._relaxed import marginal_sensitivity, relax
 from symfive.design._schedule import SETUP_S
+from symfive.optimal import Candidates, Task, inverse, marginal_sensitivity, relax
 
 __all__ = ["Mix", "Mixes"]
 

@@ -11,11 +11,9 @@ import numpy as np
 from symfive.arrays import Indices
 from symfive.design._candidates import PER_SETUP, best_setups, candidates_in, pose_grid, setup_options
 from symfive.design._certificate import generate
-from symfive.design._exchange import Candidates, both_ways, choose, exchange, greedy
-from symfive.design._information import Task
-from symfive.design._refine import Rows, refine
 from symfive.design._space import Space
 from symfive.design._starts import each
+from symfive.optimal import Candidates, Rows, Task, both_ways, choose, exchange, greedy, refine
 
 __all__ = ["optimise", "value_of"]
 

@@ -17,15 +17,12 @@ from symfive.design._anywhere import bound_anywhere
 from symfive.design._assess import Assessment, assess
 from symfive.design._budget import affordable
 from symfive.design._certificate import Certificate, certify
-from symfive.design._criteria import Criterion, name_of
 from symfive.design._indexing import indexed, worth_indexing
-from symfive.design._information import Task
 from symfive.design._optimise import optimise, value_of
 from symfive.design._part import part_criterion
 from symfive.design._part_plan import PartPlan, compared, mountings_in, part_given
 from symfive.design._plan_notes import plan_notes
 from symfive.design._plan_search import PlanSearch
-from symfive.design._refine import Rows
 from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior
 from symfive.design._schedule import Schedule
@@ -34,6 +31,7 @@ from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import Post
+from symfive.optimal import Criterion, Rows, Task, name_of
 from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread

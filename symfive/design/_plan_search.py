@@ -11,18 +11,16 @@ import numpy as np
 
 from symfive.design._budget import most_per_minute, shortened
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task
 from symfive.design._joint import chosen_with_moves
 from symfive.design._optimise import optimise, value_of
 from symfive.design._reach import Reach, with_ways_out
-from symfive.design._refine import Rows
 from symfive.design._robust import robust_exchange, survive_a_lost_pose
 from symfive.design._rounding import on_grid, one_tool, rounded
 from symfive.design._schedule import Schedule, retimed, scheduled
 from symfive.design._space import Space
-from symfive.design._ways import cleared
+from symfive.moves import cleared
 from symfive.nc import LETTERS, Post
+from symfive.optimal import Candidates, Rows, Task
 
 __all__ = ["PlanSearch"]
 

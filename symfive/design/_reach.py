@@ -7,13 +7,11 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
-from symfive.design._exchange import Candidates, exchange
-from symfive.design._information import Task
-from symfive.design._refine import Rows
 from symfive.design._rounding import on_grid
 from symfive.design._space import Space
-from symfive.design._ways import REMEDY, Ways
 from symfive.errors import InputError
+from symfive.moves import REMEDY, Ways
+from symfive.optimal import Candidates, Rows, Task, exchange
 
 __all__ = ["Reach", "with_ways_out"]
 

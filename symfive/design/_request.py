@@ -10,11 +10,10 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.design._assess import machine_information, workspace_places
 from symfive.design._candidates import candidates_in, pose_grid, setup_options
-from symfive.design._criteria import Criterion, criterion_of
-from symfive.design._information import Task
 from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.optimal import Criterion, Task, criterion_of
 
 __all__ = ["check_counts", "interest_of", "refuse_unseen", "task_of", "with_bars"]
 

@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
-from symfive.design._refine import Rows
 from symfive.design._space import Space, make_space
 from symfive.machine import Machine
+from symfive.optimal import Candidates, Rows, Task, inverse
 
 __all__ = ["drawn_spaces", "lost_pose", "over_prior", "robust_exchange", "survive_a_lost_pose"]
 

@@ -21,8 +21,8 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._information import Task
-from symfive.design._kernel import Kernel
+from symfive.optimal._information import Task
+from symfive.optimal._kernel import Kernel
 
 __all__ = ["Objective", "Rows", "refine"]
 

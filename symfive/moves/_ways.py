@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.campaign import FIRST_LINE, Run
-from symfive.design._moves import ROUNDING_MM, Moves, blocked_moves
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.moves._moves import ROUNDING_MM, Moves, blocked_moves
 from symfive.nc import (
     Positions,
     Post,

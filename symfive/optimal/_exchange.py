@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._information import Layout, Task, inverse
+from symfive.optimal._information import Layout, Task, inverse
 
 __all__ = ["Candidates", "choose", "exchange", "greedy"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._criteria import Criterion
+from symfive.optimal._criteria import Criterion
 
 __all__ = ["Layout", "Task", "inverse"]
 
