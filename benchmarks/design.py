@@ -28,10 +28,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.campaign import Run, SetupSigma
-from symfive.design import assess, circle_information, plan
-from symfive.design._certificate import certify
-from symfive.design._optimise import optimise
-from symfive.design._space import make_space
+from symfive.design import assess, certify, circle_information, make_space, optimise, plan
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.kinematics import ball_in_workpiece

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.design import plan_circles
+from symfive.design import Circle, CircleShape, plan_circles
 from symfive.design._circle_certificate import relaxed_bound
-from symfive.design._circles import Circle, Goal
-from symfive.design._paths import CircleShape
+from symfive.design._circles import Goal
 from symfive.effects import make_effect
 from symfive.machine import preset
 from symfive.optimal import criterion_of

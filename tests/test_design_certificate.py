@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from lean import location_only
 
-from symfive.design._certificate import certify, generate
-from symfive.design._optimise import optimise, value_of
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
+from symfive.design import Space, certify, make_space, optimise, task_of, value_of
+from symfive.design._certificate import generate
 from symfive.machine import Machine, preset
 from symfive.optimal import Rows, Task, Worst
 

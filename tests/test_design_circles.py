@@ -15,12 +15,11 @@ from pages import HOSTILE, Page
 
 from symfive import design
 from symfive.campaign import Campaign, Run, read_campaign
-from symfive.design import circle_information
+from symfive.design import FAMILIES, Circle, CircleShape, Sheet, circle_information, setup_sheet
 from symfive.design._circle_words import list_end_words
-from symfive.design._circles import Circle, typical_values
+from symfive.design._circles import typical_values
 from symfive.design._moved_run import MovedRun
-from symfive.design._paths import FAMILIES, CircleShape, circle_runs, make_path
-from symfive.design._sheet import Sheet, setup_sheet
+from symfive.design._paths import circle_runs, make_path
 from symfive.design._write import write_circles
 from symfive.effects import make_effect
 from symfive.errors import InputError

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign
-from symfive.design import Plan, assess, plan
+from symfive.design import Plan, Space, assess, make_space, plan, task_of
 from symfive.design._dominance import what_dominates
 from symfive.design._indexing import indexed
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.nc import DIALECTS, Post, program, program_steps

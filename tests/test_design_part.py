@@ -18,12 +18,10 @@ from lean import location_only
 
 from symfive.campaign import SetupSigma
 from symfive.cli import main
-from symfive.design import Plan, plan
+from symfive.design import Part, Plan, Space, make_space, plan, task_of
 from symfive.design._candidates import candidates_in, pose_grid, setup_options
 from symfive.design._indexing import worth_indexing
-from symfive.design._part import Part, part_criterion
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
+from symfive.design._part import part_criterion
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.machine import Machine, preset

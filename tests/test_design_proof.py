@@ -8,10 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symfive.design._certificate import certify
+from symfive.design import Space, certify, make_space, task_of
 from symfive.design._proof import bounded_sensitivity
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
 from symfive.machine import ErrorTerm, Machine, preset
 from symfive.optimal import Rows, sensitivity, spectrum_of
 

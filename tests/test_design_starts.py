@@ -15,9 +15,7 @@ import numpy as np
 import pytest
 
 from symfive.cli import main
-from symfive.design._optimise import optimise
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
+from symfive.design import Space, make_space, optimise, task_of
 from symfive.design._starts import each
 from symfive.errors import InputError
 from symfive.executors import Processes, connect

@@ -12,11 +12,10 @@ import pytest
 from lean import location_only
 
 from symfive.campaign import Run
-from symfive.design import Plan, plan
+from symfive.design import Plan, Space, make_space, plan
 from symfive.design._joint import chosen_with_moves, price
 from symfive.design._schedule import Schedule
 from symfive.design._seated import Seated
-from symfive.design._space import Space, make_space
 from symfive.machine import machine_from_data, preset, presets
 from symfive.motion import approach
 from symfive.moves import blocked_moves
