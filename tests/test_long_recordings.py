@@ -17,9 +17,8 @@ from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import Identification, fitted_model, identify, predict
-from symfive.inference import Noise, Problem, whiten
+from symfive.inference import Noise, Problem, Whitening, whiten
 from symfive.inference import _windows as windows
-from symfive.inference._whitening import Whitening
 from symfive.machine import preset
 from symfive.model import Model
 from symfive.procedures import campaign_of, planar_circle, r_test_grid

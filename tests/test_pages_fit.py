@@ -79,7 +79,7 @@ def test_no_page_is_wider_than_its_window_nor_cuts_a_table(pages, tmp_path, name
 def test_every_page_has_the_one_style():
     """Quick and without a browser: each kind of page is written with the shared style and for a telephone."""
     from symfive.codegen._sources import filled
-    from symfive.design._sheet import Sheet, setup_sheet
+    from symfive.design import Sheet, setup_sheet
     from symfive.drawing import PAGE_STYLE
     from symfive.nc import Post
 

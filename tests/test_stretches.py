@@ -17,7 +17,7 @@ from symfive.machine import preset
 from symfive.model import Model
 from symfive.motion import approach
 from symfive.procedures import campaign_of, planar_circle
-from symfive.report._visible import visible_parts
+from symfive.report import visible_parts
 from symfive.simulate import simulate
 
 PLAY = {"backlash.X.width": 12.0}
