@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from symfive.compiled import Mapped, _mapped
-from symfive.model import _assembly
+from symfive.model import _assembly  # its memory is emptied
 
 SWITCH = "SYMFIVE_COMPILER"
 PROGRAM = next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)

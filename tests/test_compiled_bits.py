@@ -28,7 +28,7 @@ from test_effects import CASES, around, model_of
 
 from symfive.campaign import read_campaign
 from symfive.compiled import Mapped, _mapped, status
-from symfive.compiled._columns import Columns
+from symfive.compiled._columns import Columns  # array operations for any number of rows
 from symfive.design import plan
 from symfive.identify import identify
 from symfive.machine import preset, presets

@@ -9,7 +9,7 @@ import pytest
 from scipy.io import savemat
 
 from symfive.convert import CONVERTERS, VARIABLE, convert, data_folder
-from symfive.convert._files import Channel, sampling_times
+from symfive.convert._files import Channel, sampling_times  # arrivals whose true times are known
 from symfive.convert.irb120_tracker import AXES as IRB_AXES
 from symfive.convert.mukca import AXES as PANDA_AXES
 from symfive.convert.mukca import TOOL_BALL

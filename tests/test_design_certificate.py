@@ -9,7 +9,7 @@ import pytest
 from lean import location_only
 
 from symfive.design import Space, certify, make_space, optimise, task_of, value_of
-from symfive.design._certificate import generate
+from symfive.design._certificate import generate  # what the search found, before the proof
 from symfive.machine import Machine, preset
 from symfive.optimal import Rows, Task, Worst
 

@@ -16,7 +16,7 @@ from pages import HOSTILE, Page
 from symfive import design
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.design import FAMILIES, CircleShape, Sheet, circle_information, setup_sheet
-from symfive.design._circles import typical_values
+from symfive.design._circles import typical_values  # exact derivatives against differences need all three
 from symfive.design._moved_run import MovedRun
 from symfive.design._paths import circle_runs, make_path
 from symfive.effects import make_effect

@@ -15,8 +15,8 @@ import pytest
 from symfive.campaign import Campaign, read_campaign
 from symfive.cli import main
 from symfive.design import assess, certify_joint, plan, plan_together
-from symfive.design._minutes import GAP, Mixes
-from symfive.design._mountings import Mounting
+from symfive.design._minutes import GAP, Mixes  # brute force needs mountings without a machine
+from symfive.design._mountings import Mounting  # as above
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.model import Model

@@ -26,7 +26,7 @@ from symfive.design import (
     task_of,
     value_of,
 )
-from symfive.design._rounding import not_rounded, rounded
+from symfive.design._rounding import not_rounded, rounded  # no plan was found that cannot be rounded
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import preset, presets

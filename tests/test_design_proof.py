@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from symfive.design import Space, certify, make_space, task_of
-from symfive.design._proof import bounded_sensitivity
+from symfive.design._proof import bounded_sensitivity  # the bound itself, of chosen sensitivities
 from symfive.machine import ErrorTerm, Machine, preset
 from symfive.optimal import Rows, sensitivity, spectrum_of
 

@@ -16,7 +16,7 @@ import pytest
 
 from symfive.cli import main
 from symfive.design import Space, make_space, optimise, task_of
-from symfive.design._starts import each
+from symfive.design._starts import each  # starts that fail at will
 from symfive.errors import InputError
 from symfive.executors import Processes, connect
 from symfive.machine import Machine, preset

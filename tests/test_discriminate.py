@@ -12,7 +12,7 @@ import pytest
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.design import APART, Discrimination, Separation, discriminate, in_addition, in_common, write_test
-from symfive.design._discriminate import _Explained
+from symfive.design._discriminate import _Explained  # a rival that levels off, as no model does
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import preset

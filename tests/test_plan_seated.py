@@ -12,7 +12,7 @@ from lean import location_only
 
 from symfive.campaign import Run
 from symfive.design import Plan, make_space, plan
-from symfive.design._seated import Seated
+from symfive.design._seated import Seated  # moves that are refused at will
 from symfive.machine import machine_from_data, preset, presets
 from symfive.motion import approach
 from symfive.moves import blocked_moves

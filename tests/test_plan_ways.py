@@ -17,7 +17,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine, preset
 from symfive.moves import Clearances, Moves, Rod, Ways, apart, blocked_moves, cleared, least_elevation
 from symfive.nc import CAUTION, Post, Step, arrival_times, pace, program, program_steps, top_of
-from symfive.nc._pace import spread
+from symfive.nc._pace import spread  # a closed form that programs only round
 from symfive.procedures import Nominal, planar_circle, r_test_grid, static_ball_bar
 
 

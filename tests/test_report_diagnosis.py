@@ -37,8 +37,8 @@ from symfive.report import (
     save_figures,
     visible_parts,
 )
-from symfive.report._chain import affected_link, chain_picture
-from symfive.report._evidence import gap_table
+from symfive.report._chain import affected_link, chain_picture  # stages that no fixture finds
+from symfive.report._evidence import gap_table  # lost rows
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Campaign, Run
-from symfive.diagnose import _stretches, cross_validated, detect, diagnose
+from symfive.diagnose import _stretches, cross_validated, detect, diagnose  # what is long is made short
 from symfive.effects import Effect, make_effect
 from symfive.identify import Identification, identify
-from symfive.inference import _windows
+from symfive.inference import _windows  # likewise
 from symfive.machine import preset
 from symfive.model import Model
 from symfive.motion import approach
