@@ -9,7 +9,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.codegen._subject import Subject
 
-GOLDEN = 0.6180339887498949
+GOLDEN, COUNT = 0.6180339887498949, 8
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class Vectors:
     by_p: Array
 
 
-def spread_vectors(subject: Subject, count: int = 8) -> Vectors:
+def spread_vectors(subject: Subject) -> Vectors:
     """Positions spread over the travels (rotary axes over one turn at most), parameters of the size of their priors."""
-    spread = np.modf(np.outer(np.arange(1, count + 1), GOLDEN ** np.arange(1, len(subject.axes) + 1)))[0]
+    spread = np.modf(np.outer(np.arange(1, COUNT + 1), GOLDEN ** np.arange(1, len(subject.axes) + 1)))[0]
     spread = np.modf(spread * 7.0 + 0.5)[0]
-    q = np.empty((count, len(subject.axes)))
+    q = np.empty((COUNT, len(subject.axes)))
     for i, name in enumerate(subject.axes):
         axis = subject.machine.axes[name]
         low, high = (v * axis.to_internal for v in axis.travel)

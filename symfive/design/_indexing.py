@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symfive.design._optimise import value_of
+from symfive.design._candidates import value_of
 from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.optimal import Rows, Task

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from symfive.arrays import Array, Flags
-from symfive.design._optimise import value_of
+from symfive.design._candidates import value_of
 from symfive.design._space import UNIT_MM, Space
 from symfive.optimal import Rows, Task
 

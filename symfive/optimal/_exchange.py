@@ -32,6 +32,12 @@ class Candidates:
         """Some of them, in that order."""
         return Candidates(self.z[chosen], self.k[chosen], self.group[chosen], self.rows[chosen])
 
+    def joined(self, other: Candidates) -> Candidates:
+        """These, then the others."""
+        return Candidates(
+            *(np.concatenate([getattr(c, n) for c in (self, other)]) for n in ("z", "k", "group", "rows"))
+        )
+
 
 class _State:
     """Covariance of the present design and, for every candidate, what one more reading of it would bring.
