@@ -22,9 +22,9 @@ from compiled_world import (
     same,
     small,
 )
+from effects_world import CASES, around, model_of
 from test_codegen import compiles
 from test_codegen_lanes import cpu_flags
-from test_effects import CASES, around, model_of
 
 from symfive.campaign import read_campaign
 from symfive.compiled import Mapped, _mapped, status

@@ -14,7 +14,7 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from test_effects import assert_exact
+from effects_world import assert_exact
 
 from symfive.campaign import Campaign, Run, write_campaign
 from symfive.cli import app, main
